@@ -66,6 +66,7 @@ _HOMES = {
     "Termination": "mjrun.task.task",
     "Trace": "mjrun.outputs.trace",
     "TraceResult": "mjrun.outputs.trace",
+    "VariedPlot": "mjrun.study.varied_plot",
     "VerificationResult": "mjrun.simulation.verification",
     "Video": "mjrun.outputs.video",
     "VideoResult": "mjrun.outputs.video",

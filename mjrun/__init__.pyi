@@ -67,6 +67,7 @@ from mjrun.study.episode_dataset import EpisodeDataset as _EpisodeDataset
 from mjrun.study.episode_dataset import EpisodeDatasetResult as EpisodeDatasetResult
 from mjrun.study.study import Study as _Study
 from mjrun.study.study import StudyResult as StudyResult
+from mjrun.study.varied_plot import VariedPlot as _VariedPlot
 from mjrun.task.task import Action as _Action
 from mjrun.task.task import Command as _Command
 from mjrun.task.task import Observation as _Observation
@@ -124,6 +125,7 @@ __all__ = [
     "Termination",
     "Trace",
     "TraceResult",
+    "VariedPlot",
     "VerificationResult",
     "Video",
     "VideoResult",
@@ -1615,6 +1617,99 @@ class Trace(_Trace):
         keep_partial: bool = ...,
         contacts: str | PathLike[str] | None = ...,
         written: bool = ...,
+    ) -> None: ...
+
+class VariedPlot(_VariedPlot):
+    """A plot of a simulation with varied parameters, with a curve for each point: its options are keywords.
+
+    The numbers of a point are exactly those of its trace. A point that becomes unstable is drawn up to there.
+
+    Args:
+      controllers: functions by the values of `controller`, where the controller varies.
+
+    Options:
+      output: The image to write: png, jpg, webp, tiff, svg, pdf.
+      vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
+        opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
+        scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
+        objects that match a wildcard separately; or an option of the simulation, such as
+        controller=a.py:act,b.py:act.
+      points: Table of points: one column per parameter, one row per point.
+      design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
+        grid, zip. [default: 'grid']
+      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
+        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
+        random. [default: 'sobol']
+      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      where: Include only points for which this condition holds: mass < 10.
+      probe: Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use
+        adds a panel below the others; values with different units get separate panels. [default: the
+        columns of y, or those of a trace]
+      y: A panel and its curves: columns, qpos/knee; wildcards, qpos/*; or expressions over columns,
+        contact_force/normal/z / 87.36. A curve may have a label and a unit: depth
+        [mm]=penetration/deepest*1000. [default: a panel for each group of columns and each of its
+        units]
+      x: Column or expression on the x axis. [default: time]
+      log: Logarithmic axes: y in all panels, or 2:y in the second panel only.
+      xlim: Range of the x axis, of which the curves then show all details. [default: all values]
+      ylim: Range of the y axis in all panels, -1..1, or in the second panel only, 2:-1..1. [default:
+        all values]
+      mark: Draw a horizontal line in all panels, m·g=87.356, or in the second panel only, 2:m·g=87.356;
+        or a vertical line, x:impact=0.52.
+      mark_event: Draw a vertical line wherever a condition over columns becomes true:
+        landed=contact/ncon > 0.
+      title: Title above all panels.
+      legend_title: Title of the legend, such as the quantity that it lists.
+      xlabel: Label of the x axis. [default: the column of the x axis]
+      ylabel: Label of the y axis of all panels, force [N], or of the second panel only, 2:force [N];
+        each panel has a title already.
+      style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
+        of light, dark, print. [default: 'light']
+      size: Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch. [default: 1280
+        to 1920 wide, and as high as the panels require]
+      font_size: Size of letters [pt], for figures in papers. [default: chosen by the size]
+      columns: Number of panels side by side. [default: chosen by the number of panels]
+      every: Write a row every N steps. [default: 1]
+      rate: Rows per simulated second [Hz], at most one per step, instead of every N steps.
+      format: File format. [default: the output's suffix]
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
+    def __init__(
+        self,
+        simulation: _Simulation,
+        output: str | PathLike[str],
+        *,
+        manifest: str | PathLike[str] | None = ...,
+        command: str = ...,
+        every: int = ...,
+        rate: float | str | Fraction | None = ...,
+        format: str | None = ...,
+        y: str | Sequence[str] = ...,
+        x: str | None = ...,
+        log: str | Sequence[str] = ...,
+        xlim: Sequence[float] | None = ...,
+        ylim: str | Sequence[str] = ...,
+        mark: str | Sequence[str] = ...,
+        mark_event: str | Sequence[str] = ...,
+        title: str | None = ...,
+        legend_title: str | None = ...,
+        xlabel: str | None = ...,
+        ylabel: str | Sequence[str] = ...,
+        style: Literal["light", "dark", "print"] = ...,
+        size: Sequence[int] | None = ...,
+        font_size: float | None = ...,
+        columns: int | None = ...,
+        probe: str | Sequence[str] = ...,
+        vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+        points: str | PathLike[str] | None = ...,
+        design: Literal["grid", "zip"] = ...,
+        samples: int = ...,
+        sampler: Literal["sobol", "lhs", "random"] = ...,
+        repeats: int = ...,
+        where: str | Sequence[str] = ...,
+        controllers: Mapping[str, Callable[..., object]] = ...,
     ) -> None: ...
 
 class Video(_Video):

@@ -39,7 +39,6 @@ SMALLER = {
 }
 SHORTER = {
     r"--duration 1 (.*--engine warp)": r"--duration 0.02 \1",  # each step is slow on a CPU
-    r"seed in 1 2 [\d ]+;": "seed in 1 2;",  # the eight are compared below, without a process for each
 }
 ACCURATE = np.power(10, np.linspace(-2, -4, 5)).tolist()  # [s]
 DIVERGENT = np.power(10, np.linspace(-2, -1.5, 7)).tolist()  # [s]

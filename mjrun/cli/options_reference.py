@@ -75,7 +75,7 @@ class Section:
         """Adds options of an owner; `classes` are the Python classes of options that have another one."""
         for each in options:
             self.options.setdefault(each.name, each)
-            own = replace(owner, python=classes.get(each.name, owner.python))
+            own = replace(owner, python=classes[each.name], key="") if each.name in classes else owner
             self.owners.setdefault(each.name, []).append(own)
 
     def fits(self, options: Sequence[Option]) -> bool:

@@ -22,6 +22,7 @@ from mjrun.options.console import ConsoleOptions
 from mjrun.options.model import ServoOptions
 from mjrun.options.output import LAST_INSTANT, CommandOptions
 from mjrun.options.policy import ZERO
+from mjrun.options.sweep import VariationOptions
 from mjrun.options.trace import TraceOptions
 from mjrun.python_code import RedirectedFunction, load_code, made
 from mjrun.suffixes import is_yaml
@@ -116,6 +117,14 @@ def load_controller(code: str) -> Callable[..., object]:
         kind = type(controller).__name__
         raise UsageError(f"{option('controller')} {quoted(code)} is of type {kind} and cannot be called\n{CONTROLLER}")
     return RedirectedFunction(controller)
+
+
+def varied_controllers(command_line: CommandLine) -> dict[str, Callable[..., object]]:
+    """Loads the controllers among the values of parameters, by what names them."""
+    from mjrun.experiment.design import value_list
+
+    varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]
+    return {name: load_controller(name) for text in varied for name in value_list("controller", text, "vary")}
 
 
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:

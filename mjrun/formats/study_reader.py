@@ -22,6 +22,7 @@ FIRST, STATUS = "point", "status"  # columns around the parameters and the metri
 NAME = "point.json"  # the manifest of a point
 Numbers = Mapping[str, np.ndarray]  # columns (n,), by name
 Texts = Mapping[str, Sequence[str]]
+NO_UNITS: Mapping[str, str] = {}
 _HINT = "a study is a folder that mjrun sweep has written"
 
 
@@ -149,10 +150,27 @@ def point_values(folder: Path) -> Mapping[str, str]:
     return {str(name): str(text) for name, text in values.items()} if isinstance(values, dict) else {}
 
 
-def values_in_words(values: Mapping[str, str]) -> list[str]:
-    """Returns `timestep 0.01`, `floor.friction[0] 0.5`: each value after the shortest unique end of its name."""
+def values_in_words(values: Mapping[str, str], units: Mapping[str, str] = NO_UNITS, digits: int = 4) -> list[str]:
+    """Returns `timestep 0.01 s`, `floor.friction[0] 0.5`: each value after the shortest unique end of its name, with
+    its unit if that is known.
+    """
     names = list(values)
-    return [f"{_short(name, names)} {_rounded(text)}" for name, text in values.items()]
+    return [f"{_short(name, names)} {_rounded(values[name], digits)} {units.get(name, '')}".rstrip() for name in names]
+
+
+def point_names(points: Sequence[Mapping[str, str]], units: Mapping[str, str] = NO_UNITS) -> list[str]:
+    """Returns the name of each of several points: the values that differ among them, with more digits where two would
+    be equal. The names are empty if the points have different parameters.
+    """
+    if any(values.keys() != points[0].keys() for values in points):
+        return [""] * len(points)
+    differing = [name for name in points[0] if len({values[name] for values in points}) > 1]
+    chosen = [{name: values[name] for name in differing} for values in points]
+    for digits in (4, 9):
+        made = [", ".join(values_in_words(values, units, digits)) for values in chosen]
+        if len(set(made)) == len(made):
+            return made
+    return [", ".join(f"{name} {text}" for name, text in values.items()) for values in chosen]
 
 
 def _short(name: str, names: Sequence[str]) -> str:
@@ -163,8 +181,8 @@ def _short(name: str, names: Sequence[str]) -> str:
     return name
 
 
-def _rounded(text: str) -> str:
+def _rounded(text: str, digits: int) -> str:
     try:
-        return f"{float(text):.4g}"
+        return f"{float(text):.{digits}g}"
     except ValueError:
         return Path(text).stem if text.endswith(MODELS) else text

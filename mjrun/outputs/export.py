@@ -338,7 +338,7 @@ class ExportedScene:
         return self._with_shots(graph, motion)
 
     def _unused(self) -> list[str]:
-        """Returns a warning about flags that only change images, if there are none."""
+        """Returns a warning about flags that only change images, which no export shows."""
         names = [name for name in (*self.job.show, *self.job.hide) if name in enum_members(mujoco.mjtRndFlag)]
         if not names or self.job.renderer_request is not None:
             return []

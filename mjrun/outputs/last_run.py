@@ -174,6 +174,10 @@ class LastRun:
         paths += [path for job in self._jobs for _, path in job.inputs]
         return list(dict.fromkeys(os.path.normpath(path) for path in [*map(str, self._documents), *paths]))
 
+    def _code(self) -> list[object]:
+        """Returns the functions and objects that the user has written, each once."""
+        return [*{id(part): part for job in self._jobs for part in job.code}.values()]
+
     def _present_facts(self) -> Facts:
         """Returns everything that the outputs depend on, as plain values for JSON."""
         simulation = self._jobs[0].simulation
@@ -181,7 +185,7 @@ class LastRun:
             "files": {path: self._digests.of(path) for path in self._inputs()},
             "options": [_options(job) for job in self._jobs],
             "page": self._page,
-            "code": code_hash(simulation.code),
+            "code": code_hash(self._code()),
             "environment": [simulation.source.code, *(os.environ.get(name) for name in VARIABLES)],
             "versions": installed_versions(),
             "program": program_facts(),
@@ -199,7 +203,7 @@ class LastRun:
         """Writes the file for the build system, unless it has this content already."""
         if self._writer is None:
             return
-        code = [source.path for source in module_sources(self._jobs[0].simulation.code)]
+        code = [source.path for source in module_sources(self._code())]
         content = dependencies(self._outputs, [*self._inputs(), *code]).encode(errors="surrogateescape")
         target = Path(str(self._options.depfile))
         if not target.is_file() or target.read_bytes() != content:

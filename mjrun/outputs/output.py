@@ -265,6 +265,11 @@ class Job(OutputOptions, ABC, Generic[R_co]):
         return ()
 
     @property
+    def code(self) -> Sequence[object]:
+        """Functions and objects that the user has written."""
+        return self.simulation.code
+
+    @property
     def rewritten_inputs(self) -> Sequence[str]:
         """Written files that may replace files that the simulation reads."""
         return ()

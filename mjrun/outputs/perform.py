@@ -147,9 +147,11 @@ class Pass(Generic[R]):
 
     @property
     def episode(self) -> EpisodeResult | None:
-        """The result of the policy's episode so far; None if there is no policy."""
+        """The result of the policy's episode so far; None if there is no policy, or the outputs play others."""
         episode, stepper = self._context.simulation.episode, self._stepper
-        return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
+        if episode is None or not isinstance(stepper, EpisodeStepper) or not any(plan.until for plan in self._plans):
+            return None
+        return episode.result(stepper)
 
     def finish(self) -> None:
         """Completes the outputs that can be completed."""

@@ -1,7 +1,8 @@
 """Plot output: measured values over time, as a figure."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from mjrun.options.trace import PROBES
 from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace import row_steps
-from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer
+from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, feed_rows
 from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.stepper import Stepper
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib
 from mjrun.plotting.panel import Panel, panels_by_unit
@@ -55,11 +57,8 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
 
     def plan(self, context: output.Context) -> "output.Plan[PlotResult]":
         """Resolves the probes in the model and the curves among their columns."""
-        panels = self._panels(context) if self.probe else None
-        # One table for all panels, so that each instant is computed once.
-        probes = [part for text in self.probe for part in split(text)] or self._usual_probes(context)
-        table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
-        figure = FigurePlan(self, [_columns(table.columns)], panels)
+        table = self.probe_sampler(context)
+        figure = FigurePlan(self, [table_columns(table.columns)], self.probe_panels(context))
         steps = row_steps(context.timeline, self.every, self.rate)
 
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
@@ -67,8 +66,15 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
         opened = partial(PlotOutput, self, context, table, steps, figure)
         return output.Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
 
-    def _panels(self, context: output.Context) -> list[Panel]:
-        """Returns the panels of each probe."""
+    def probe_sampler(self, context: output.Context) -> ProbeSampler:
+        """Returns the sampler of the columns of all panels, so that each instant is computed once."""
+        probes = [part for text in self.probe for part in split(text)] or self._usual_probes(context)
+        return ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
+
+    def probe_panels(self, context: output.Context) -> list[Panel] | None:
+        """Returns the panels of each probe; None if there are no probes."""
+        if not self.probe:
+            return None
         panels: list[Panel] = []
         for index, text in enumerate(self.probe):
             with concerning("probe", index):
@@ -83,7 +89,7 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
         if not self.y:
             return PROBES
         available = [TIME, *available_columns(context.model, context.episode)]
-        return [name for name in FigurePlan(self, [_columns(available)]).columns if name != TIME.name]
+        return [name for name in FigurePlan(self, [table_columns(available)]).columns if name != TIME.name]
 
 
 @dataclass(frozen=True)
@@ -93,11 +99,12 @@ class PlotResult(output.OutputResult):
     Attributes:
       path: path of the plot.
       size: width and height [pixels].
-      samples: the number of samples of each curve.
+      samples: the number of samples of each curve; of all points, if parameters vary.
       panels: their labels, in order.
       curves: total number of curves.
       wall: total wall time [s].
       warnings: MuJoCo's warnings.
+      points: the samples of each point, by its values; empty unless parameters vary.
     """
 
     size: tuple[int, int]
@@ -106,6 +113,7 @@ class PlotResult(output.OutputResult):
     curves: int
     wall: float
     warnings: Sequence[str]
+    points: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
 class PlotOutput(output.Output[PlotResult]):
@@ -127,10 +135,9 @@ class PlotOutput(output.Output[PlotResult]):
         stack: ExitStack,
         _: output.SharedRendering,
     ) -> None:
-        self._job, self._reporter, self._table, self._steps, self._figure = job, context.reporter, table, steps, figure
-        self._names = [column.name for column in table.columns]
-        self._collector = figure.collector(0)
-        self._buffer = RowBuffer(table, steps, lambda block: self._take(block.values))
+        self._job, self._context, self._table, self._steps, self._figure = job, context, table, steps, figure
+        self._collectors = [figure.collector(index) for index in range(len(figure.tables))]
+        self._buffer = RowBuffer(table, steps, lambda block: self.feed(0, table.names, block.values))
         self.facts = context.facts(job)
         tags, form = output.metadata_tags(job.output, self.facts), job.figure_format
         self._writer = stack.enter_context(FigureWriter(job.target, form, figure.grid.size, tags))
@@ -138,11 +145,16 @@ class PlotOutput(output.Output[PlotResult]):
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return [Tap(self._steps, self._table.read, self._buffer.add)]
 
+    def simulate(self, stepper: Stepper, until: int) -> None:
+        """Steps physics in C, block by block."""
+        feed_rows(self._table, stepper, self._steps, partial(self.feed, 0, self._table.names))
+        stepper.advance(until)
+
     def finish(self) -> Sequence[FigureWriter]:
         self._buffer.flush()
-        for text in (*self._figure.notes, *self._collector.notes()):
-            self._reporter.note(text)
-        self._writer.write(self._figure.drawing([self._collector]), self._figure.grid, self._job.style)
+        for text in (*self._figure.notes, *(text for collector in self._collectors for text in collector.notes())):
+            self._context.reporter.note(text)
+        self._writer.write(self._figure.drawing(self._collectors), self._figure.grid, self._job.style)
         self._writer.finish()
         return [self._writer]
 
@@ -150,16 +162,23 @@ class PlotOutput(output.Output[PlotResult]):
         return PlotResult(
             path=self._job.output,
             size=self._figure.grid.size,
-            samples=self._collector.rows,
+            samples=sum(self.rows),
             panels=[panel.label for panel in self._figure.panels],
-            curves=sum(len(panel.curves) for panel in self._figure.panels),
+            curves=sum(len(panel.curves) for panel in self._figure.panels) * len(self._collectors),
             wall=summary.wall,
             warnings=summary.warnings,
         )
 
-    def _take(self, rows: np.ndarray) -> None:
-        self._collector.feed(dict(zip(self._names, rows.T, strict=True)))
+    @property
+    def rows(self) -> list[int]:
+        """The number of rows of each table."""
+        return [collector.rows for collector in self._collectors]
+
+    def feed(self, table: int, names: Sequence[str], rows: np.ndarray) -> None:
+        """Adds rows `(n, ncolumns)` of a table whose columns have these names."""
+        self._collectors[table].feed(dict(zip(names, rows.T, strict=True)))
 
 
-def _columns(columns: Iterable[Column]) -> TableColumns:
-    return TableColumns("", {column.name: column.unit for column in columns})
+def table_columns(columns: Iterable[Column], name: str = "") -> TableColumns:
+    """Returns the columns of a table with this name in the legend."""
+    return TableColumns(name, {column.name: column.unit for column in columns})

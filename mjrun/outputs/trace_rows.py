@@ -17,6 +17,7 @@ from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
+from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
@@ -248,6 +249,25 @@ class RowBuffer:
         if self._rows:
             self._write(self._table.stack(self._steps[self._written :][: len(self._rows)], self._rows))
             self._written, self._rows = self._written + len(self._rows), []
+
+
+def feed_rows(
+    table: ProbeSampler, stepper: Stepper, steps: Sequence[int], feed: Callable[[np.ndarray], object]
+) -> None:
+    """Moves `stepper` to the last of `steps`, and feeds the rows at `steps`, block by block `(n, ncolumns)`.
+
+    Raises:
+      SimulationError: a step fails; the rows before it have been fed.
+    """
+    if isinstance(stepper, PhysicsStepper):
+        for part in table.blocks(stepper, steps):
+            feed(part().values)
+        return
+    buffer = RowBuffer(table, steps, lambda block: feed(block.values))
+    try:
+        observe(stepper, [Tap(steps, table.read, buffer.add)], steps[-1])
+    finally:
+        buffer.flush()
 
 
 def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str:

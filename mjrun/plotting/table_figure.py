@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjrun.errors import CellError, FileError, UsageError, listing, option
-from mjrun.formats.study_reader import point_values, values_in_words
+from mjrun.formats.study_reader import point_names, point_values
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_data import Drawing
@@ -136,8 +136,5 @@ def table_names(paths: Sequence[str]) -> list[str]:
 def _point_names(paths: Sequence[str]) -> list[str]:
     """Returns the values that differ among points of a study; empty if a file is not of a point, or two are equal."""
     points = [point_values(Path(path).parent) for path in paths]
-    if any(set(values) != set(points[0]) or not values for values in points):
-        return []
-    differing = [name for name in points[0] if len({values[name] for values in points}) > 1]
-    values_of_points = [", ".join(values_in_words({name: values[name] for name in differing})) for values in points]
-    return values_of_points if len(set(values_of_points)) == len(values_of_points) else []
+    named = point_names(points)
+    return named if len(set(named)) == len(named) else []

@@ -17,7 +17,7 @@ from mjrun.experiment.design import Design, design
 from mjrun.experiment.results_table import Requirements, check_metric_names, metric_columns, parse_metrics
 from mjrun.model.setting_units import setting_unit
 from mjrun.model.variants import ModelVariants
-from mjrun.options.sweep import ExecutionOptions, StudyOptions
+from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.probe.expression_units import expression_unit
 from mjrun.probe.metric import Metric
 from mjrun.probe.select import available_columns
@@ -84,8 +84,8 @@ class PreparedStudy:
         assert base.snapshot
         with base.snapshot.original_names_in_errors():
             source, self.model = base.compile()
-            self.points = _checked_design(options, spec, source, self.model) if points is None else points
-            snapshot = base.snapshot.with_files(_varied_files(spec.base, self.points))
+            self.points = checked_design(options, spec, source, self.model) if points is None else points
+            snapshot = base.snapshot.with_files(varied_files(spec.base, self.points))
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
             metrics = self._check(options.require)
@@ -278,17 +278,34 @@ class PreparedStudy:
         episode = self.first.episode
         available = available_columns(self.model, episode.columns if episode else None)
         columns = {"time": "s"} | {each.name: each.unit for each in available}
-        parameters = {
-            name: columns.get(name) or (name in IN_SECONDS and "s") or setting_unit(self.model, name)
-            for name in self.points.names
-        }
         named = zip(self.spec.metrics, metrics, strict=True)
-        return parameters | {name: expression_unit(metric.root, columns) for (name, _), metric in named}
+        of_metrics = {name: expression_unit(metric.root, columns) for (name, _), metric in named}
+        return parameter_units(self.points.names, columns, self.model) | of_metrics
 
 
-def _checked_design(
-    options: StudyOptions, spec: StudySpec, source: mujoco.MjSpec | None, model: mujoco.MjModel
+def parameter_units(names: Sequence[str], columns: Mapping[str, str], model: mujoco.MjModel) -> dict[str, str]:
+    """Returns the units of parameters; empty where unknown.
+
+    Args:
+      columns: the units of the columns of a trace.
+    """
+    return {
+        name: columns.get(name) or (name in IN_SECONDS and "s") or setting_unit(model, name) or "" for name in names
+    }
+
+
+def checked_design(
+    options: VariationOptions, spec: StudySpec, source: mujoco.MjSpec | None, model: mujoco.MjModel
 ) -> Design:
+    """Returns the points that `options` describe, with their names and values checked.
+
+    Args:
+      source: the specification of the base model, or None if it is compiled already.
+      model: the base model.
+
+    Raises:
+      UsageError: a name is unknown, or a value is invalid.
+    """
     points = design(options, model, spec.base.seed)
     try:
         shared = None if MODEL in points.names else source
@@ -304,7 +321,7 @@ def _checked_design(
     return points
 
 
-def _varied_files(base: Simulation, points: Design) -> Iterator[Path]:
+def varied_files(base: Simulation, points: Design) -> Iterator[Path]:
     """Yields the files that values of points name. A value that names no valid model fails at its points."""
     for index, name in enumerate(points.names):
         if name in FILES:

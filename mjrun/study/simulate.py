@@ -20,12 +20,11 @@ from mjrun.model import state
 from mjrun.model.copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import BYTES, ModelVariant, ModelVariants, SharedCompilation
-from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
+from mjrun.outputs.trace_rows import ProbeSampler, feed_rows
 from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
 from mjrun.physics.engine import Engine, joined
 from mjrun.physics.initial_state import InitialState
-from mjrun.physics.observe import Tap, observe
-from mjrun.physics.stepper import SLEEP, PhysicsStepper
+from mjrun.physics.stepper import SLEEP
 from mjrun.physics.warp_device import WarpDevice, WarpFields
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
@@ -149,13 +148,7 @@ class PointSimulator:
             stepper = ready.simulation.stepper(ready.variant.model)
             rows = ready.timeline.rows(every=self._spec.every)
             metrics = MetricEvaluation(ready.compiled.metrics, ready.sampler.names)
-            if isinstance(stepper, PhysicsStepper):
-                for part in ready.sampler.blocks(stepper, rows):
-                    metrics.feed(part().values)
-            else:
-                buffer = RowBuffer(ready.sampler, rows, lambda block: metrics.feed(block.values))
-                observe(stepper, [Tap(rows, ready.sampler.read, buffer.add)], rows[-1])
-                buffer.flush()
+            feed_rows(ready.sampler, stepper, rows, metrics.feed)
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)

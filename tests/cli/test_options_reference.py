@@ -44,7 +44,7 @@ def test_keys_are_those_of_the_schema_of_run_documents() -> None:
 
 def test_every_key_of_run_documents_is_there() -> None:
     definitions = json_schema("run")
-    outputs = ("videos", "images", "traces", "plots", "recordings", "keyframes")
+    outputs = ("videos", "images", "traces", "plots", "exports", "recordings", "keyframes")
     for key in (TOP_LEVEL, *outputs):
         listed = {each.name for _, each, owners in ROWS if key in {owner.key for owner in owners}}
         assert _keys(definitions, key) - {"model", "vars", "defaults", *outputs} <= listed

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.study_reader import NAME, point_values, read_point, read_study, values_in_words
+from mjrun.formats.study_reader import NAME, point_names, point_values, read_point, read_study, values_in_words
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
 
@@ -57,6 +57,13 @@ def test_values_have_the_shortest_names_that_tell_them_apart() -> None:
     assert values_in_words({"model": "models/car.xml", "seed": "3"}) == ["model car", "seed 3"]
     assert values_in_words({"model": "models/arm.urdf", "ctrl_from": "a/b.csv"}) == ["model arm", "ctrl_from a/b.csv"]
     assert values_in_words({"qpos/hip": "1", "qvel/hip": "2"}) == ["qpos/hip 1", "qvel/hip 2"]
+
+
+def test_points_are_named_by_the_values_that_differ_with_as_many_digits_as_that_takes() -> None:
+    points = [{"opt.timestep": step, "seed": "1"} for step in ("0.01", "0.02")]
+    assert point_names(points, {"opt.timestep": "s"}) == ["timestep 0.01 s", "timestep 0.02 s"]
+    assert point_names([{"qvel/hip": text} for text in ("1", "1.0000001")]) == ["hip 1", "hip 1.0000001"]
+    assert point_names([{"seed": "1"}, {"mass": "1"}]) == ["", ""]
 
 
 def test_a_manifest_that_is_not_there_or_broken_tells_nothing(tmp_path: Path) -> None:

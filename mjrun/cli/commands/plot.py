@@ -16,6 +16,7 @@ from mjrun.cli.simulation_command import (
     reported_failures,
     simulation,
     stem,
+    varied_controllers,
 )
 from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted
 from mjrun.formats.input_file import is_folder
@@ -25,35 +26,39 @@ from mjrun.options.option import options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.simulation import SimulationOptions
+from mjrun.options.sweep import VariationOptions
 
 if TYPE_CHECKING:
-    from mjrun.outputs.plot import PlotResult
+    from mjrun.outputs.plot import Plot, PlotResult
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
 TABLES = ModelArgument("tables", tables=True, nargs=-1, required=True, type=click.Path(), metavar="TABLE...|MODEL")
 OF_TABLES = ("html", "include", "assert", "label")
 OF_MODELS = ("probe", "every", "rate", "manifest")
+OF_ONE = ("recording", "save_key", "print_document")  # options that do not apply if parameters vary
 
 
 @command(
     PlotOptions,
     TablePlotOptions,
+    VariationOptions,
     CommandOptions,
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,
     arguments=[TABLES],
     python="TablePlot",
-    classes={PlotOptions: "Plot"},
+    classes={PlotOptions: "Plot", VariationOptions: "VariedPlot"},
     reports={"plot": "mjrun.plotting.table_and_study_plot:TablePlotResult"},
 )
 def plot(console: Console, command_line: CommandLine) -> None:
-    """Plot one TABLE, or several in the same panels; or simulate MODEL and plot what is measured. - is standard input,
-    as csv or jsonl; a folder is a study.
+    """Plot one TABLE, or several in the same panels; or simulate MODEL and plot what is measured, once or for several
+    values of its parameters. - is standard input, as csv or jsonl; a folder is a study.
 
     \b
     mjrun plot run.parquet -o run.png
     mjrun plot scene.xml --duration 3 --y 'energy/*' --y qpos/root/z
+    mjrun plot scene.xml --vary opt.timestep=0.01,0.005,0.002 --y energy/total
     mjrun plot run.csv -o knee.svg --y 'qpos/*knee' --y 'energy/total, energy/drift'
     mjrun plot kick_*.csv -o kicks.pdf --y qpos/root --style print
     mjrun trace scene.xml --csv | mjrun plot - -o scene.png
@@ -74,7 +79,6 @@ def plot(console: Console, command_line: CommandLine) -> None:
 
 
 def _plot_simulation(console: Console, command_line: CommandLine, models: Sequence[str]) -> None:
-    from mjrun.outputs.plot import Plot
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
     if len(models) > 1:
@@ -85,20 +89,35 @@ def _plot_simulation(console: Console, command_line: CommandLine, models: Sequen
     command_line = command_line.with_defaults(model=models[0])
     command_line = command_line.with_defaults(output=f"{stem(command_line)}.png")
     is_piped = payload_on_stdout(command_line)
-    job = command_line.make(Plot, simulation=simulation(command_line), command=console.command)
+    job = _plot_job(console, command_line)
 
     def report(made: "PlotResult") -> Report:
-        size, rows = made.size, [made.samples]
-        result = TablePlotResult(made.path, job.figure_format, size, models, rows, made.panels, made.curves, notes=())
+        tables, rows = ([*made.points], [*made.points.values()]) if made.points else (models, [made.samples])
+        form, curves = job.figure_format, made.curves
+        result = TablePlotResult(made.path, form, made.size, tables, rows, made.panels, curves, notes=())
         return _report(result, is_piped)
 
     console.answer(report(make(console, command_line, job, report=report)))
 
 
+def _plot_job(console: Console, command_line: CommandLine) -> "Plot":
+    """Returns the plot of a simulation, or of several if parameters vary."""
+    from mjrun.outputs.plot import Plot
+
+    facts = {"simulation": simulation(command_line), "command": console.command}
+    if not command_line.explicit(VariationOptions):
+        return command_line.make(Plot, **facts)
+    from mjrun.study.varied_plot import VariedPlot
+
+    _require_none(command_line, OF_ONE, f"applies to one simulation, and {option('vary')} requests several")
+    return command_line.make(VariedPlot, controllers=varied_controllers(command_line), **facts)
+
+
 def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[str]) -> None:
     from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 
-    names = (*OF_MODELS, *(each.name for cls in (SimulationOptions, CommandOptions) for each in options_of(cls)))
+    classes = (SimulationOptions, CommandOptions, VariationOptions)
+    names = (*OF_MODELS, *(each.name for cls in classes for each in options_of(cls)))
     _require_none(command_line, names, f"applies to models, and {quoted(tables[0])} is not one")
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())

@@ -19,6 +19,7 @@ from mjrun.cli.simulation_command import (
     reported_failures,
     simulation,
     stem,
+    varied_controllers,
 )
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
@@ -37,7 +38,6 @@ from mjrun.options.sweep import (
     KeepOptions,
     StudyCommandOptions,
     StudyOptions,
-    VariationOptions,
 )
 from mjrun.platform.cores import available_cores
 from mjrun.suffixes import is_yaml
@@ -135,7 +135,6 @@ def _start_early(command_line: CommandLine) -> None:
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
     """Returns the study of a command line or of its file, and the context that locates its errors."""
-    from mjrun.experiment.design import value_list
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
@@ -160,8 +159,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
-    varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]
-    code = {name: load_controller(name) for text in varied for name in value_list("controller", text, "vary")}
+    code = varied_controllers(command_line)
     facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
     return command_line.make(Study, **facts), nullcontext
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.study_reader import StudyResults, point_values, values_in_words
+from mjrun.formats.study_reader import StudyResults, point_names, point_values
 from mjrun.formats.table_reader import Table, open_table, read_table
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
 from mjrun.plotting.figure_data import MARGIN, Scale, scale
@@ -103,7 +103,7 @@ class Trajectories:
         """Returns the name of each trajectory in the key; empty if they are too many."""
         if not 1 < len(points) <= NAMED:
             return [""] * len(points)
-        return [", ".join(values_in_words(point_values(self._traces[point].parent))) for point in points]
+        return point_names([point_values(self._traces[point].parent) for point in points], self._results.units)
 
 
 def _thinned(table: Table) -> Table:

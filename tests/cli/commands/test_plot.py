@@ -131,6 +131,9 @@ def test_formats_of_a_pipe(mjrun_here: Command) -> None:
         (["run.csv", "-o", "a.png", "--probe", "energy"], 2, "--probe applies to models"),
         ([str(PENDULUM), "--html", "a.html"], 2, "--html applies to tables, which `mjrun trace` writes, and"),
         ([str(PENDULUM), "run.csv"], 2, "a plot shows one model, or tables"),
+        (["run.csv", "-o", "a.png", "--vary", "seed=1,2"], 2, "--vary applies to models"),
+        ([str(PENDULUM), "--vary", "seed=1,2", "--print-document"], 2, "--print-document applies to one simulation"),
+        ([str(PENDULUM), "--samples", "3"], 2, "nothing varies: give --vary NAME=VALUES or --repeats N"),
         (
             [str(PENDULUM), "--y", "energy/totl"],
             2,
