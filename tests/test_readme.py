@@ -37,6 +37,7 @@ SMALLER = {
     "view": SHORT,
     "eval": f"--episodes 3 --jobs 1 --fps 5 {IMAGE}",
     "sweep": "--jobs 1",
+    "export": SHORT,
     "dataset": "--jobs 1 --size 48x36 --quality draft",
     "bench": "--budget 0.2",
 }
@@ -64,6 +65,7 @@ EXCITED = [block for block in SHELL if "--excite" in block]
 EVALUATIONS = [line for line in COMMANDS if line.startswith("mjrun eval")]
 STUDIES = [block for block in SHELL if block.startswith("mjrun sweep")]
 DATASETS = [line for line in COMMANDS if line.startswith("mjrun dataset")]
+EXPORTS = [line for line in COMMANDS if line.startswith("mjrun export") and "--format" not in line]
 EPISODES = [block for block in SHELL if re.search("--format (lerobot|minari)", block)]
 DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
 
@@ -190,6 +192,14 @@ def test_studies_of_the_readme_make_their_tables(commands: str, execute: Executi
         assert (tmp_path / folder / "results.parquet").exists()
 
 
+@pytest.mark.parametrize("command", EXPORTS)
+def test_an_export_of_the_readme_is_made(command: str, execute: Execution, tmp_path: Path) -> None:
+    shorter = command.replace(" --steps 1", "")  # which a duration contradicts
+    done = execute(shorter)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / command.split(" -o ")[1].split()[0]).stat().st_size > 1000
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize("block", EPISODES)
 def test_a_dataset_of_episodes_of_the_readme_is_made(block: str, execute: Execution, tmp_path: Path) -> None:
@@ -299,9 +309,9 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    names = "video|image|dataset|trace|plot|run|schema|info|check|bench|diff|view|sweep|eval|fit"
-    packages = r"pip install ('?\.|mujoco-menagerie)|mujoco-menagerie "
-    known = rf"mjrun ({names}) |mjrun doctor|for |make |{packages}|cat |seq |sed |eval "
+    names = "video|image|dataset|export|trace|plot|run|schema|info|check|bench|diff|view|sweep|eval|fit"
+    packages = r"pip install ('?\.|mujoco-menagerie|'mjrun\[)|mujoco-menagerie "
+    known = rf"mjrun ({names}) |mjrun doctor|for |make |{packages}|cat |seq |sed |eval |echo "
     assert all(re.match(known, command) for command in COMMANDS)
 
 

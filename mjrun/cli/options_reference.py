@@ -72,7 +72,7 @@ class Section:
     owners: dict[str, list[Owner]] = field(default_factory=dict[str, list[Owner]])
 
     def add(self, owner: Owner, options: Sequence[Option], classes: Mapping[str, str]) -> None:
-        """Adds options of an owner; `classes` are the Python classes of options that have another one."""
+        """Adds options of an owner; `classes` are the Python classes of options that have another one, and no key."""
         for each in options:
             self.options.setdefault(each.name, each)
             own = replace(owner, python=classes[each.name], key="") if each.name in classes else owner

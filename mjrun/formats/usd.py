@@ -122,7 +122,7 @@ class _Writer:
         return path
 
     def _set_mesh(self, prim: Any, node: Node, shapes: Deformation | None) -> None:
-        """Lets a mesh refer to the vertices that it shares with others, or gives it vertices of its own."""
+        """Lets a mesh refer to the vertices that it shares with others, or gives it separate vertices."""
         mesh = node.mesh
         assert mesh is not None
         if shapes is not None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mjrun.cli.result_summary import SUMMARIES, summary
+from mjrun.outputs.export import ExportResult
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import OutputResult
@@ -48,6 +49,20 @@ IMAGE = ImageResult(
     wall=0.25,
     warnings=[],
 )
+EXPORT = ExportResult(
+    path="a.glb",
+    format="glb",
+    frames=30,
+    fps=30.0,
+    duration=1.0,
+    simulated=1.0,
+    steps=500,
+    size=12_345,
+    simulation_wall=0.01,
+    wall=0.2,
+    assertions=[],
+    warnings=[],
+)
 TRACE = TraceResult(
     path="a.csv",
     format="csv",
@@ -88,6 +103,7 @@ KEYFRAME = KeyframeResult(path="a.xml", name="rest", time=1.0, step=500, wall=0.
         (KEYFRAME, "a.xml: keyframe rest of step 500, 1 s"),
         (TABLES, "a.svg: 640x480, 3 curves in 2 panels, 30 rows"),
         (RECORDING, "a.npz: 501 states of 20 numbers, 1 s"),
+        (EXPORT, "a.glb: glb, 30 frames, 1 s at 30 fps, 0.0123 MB; made in 0.2 s"),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -97,7 +113,7 @@ def test_a_result_is_one_line(result: OutputResult | TablePlotResult, line: str)
 
 def test_every_kind_of_result_has_its_line() -> None:
     kinds = (VideoResult, ImageResult, TraceResult, PlotResult, TablePlotResult, RecordingResult, KeyframeResult)
-    assert set(SUMMARIES) == {kind.__name__ for kind in kinds}
+    assert set(SUMMARIES) == {kind.__name__ for kind in (*kinds, ExportResult)}
 
 
 @pytest.mark.parametrize(("fps", "shown"), [(0.125, "0.125"), (29.97, "29.97"), (1000.4, "1000"), (10000.0, "10000")])

@@ -17,7 +17,7 @@ MODEL = """
 <mujoco>
   <worldbody>
     <geom name="floor" type="plane" size="1 1 1"/>
-    <body name="box"><freejoint/><geom size=".1"/></body>
+    <body name="box"><freejoint/><geom name="ball" size=".1"/></body>
   </worldbody>
 </mujoco>
 """
@@ -31,8 +31,8 @@ def test_every_example_in_help_changes_a_model(tmp_path: Path) -> None:
     path = tmp_path / "floor.xml"
     path.write_text(MODEL)
     (declared,) = (each for each in options_of(ModelOptions) if each.name == "set")
-    examples = dict(re.findall(r"([\w./:*[\]]+)=(\S+?)(?=, |; |\.$)", declared.help))
-    assert len(examples) == 7
+    examples = dict(re.findall(r"([\w./:*[\]]+)=(\S+?)(?=, |; |\.(?: |$))", declared.help))
+    assert len(examples) == 8
     model = parse_source(str(path), overrides_of(ModelOptions(set=examples))).load()
     assert model.opt.gravity.tolist() == [0, 0, 10]
     assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -40,4 +40,5 @@ def test_every_example_in_help_changes_a_model(tmp_path: Path) -> None:
     assert model.geom("floor").friction.tolist() == [0.1, 0.005, 0.0001]
     assert model.vis.quality.shadowsize == 1024
     assert model.body("box").pos.tolist() == [0, 0, 0.1]
-    assert model.body("box").mass[0] == pytest.approx(1200 * 4 / 3 * math.pi * 0.1**3)
+    assert model.geom("ball").size[0] == 0.025
+    assert model.body("box").mass[0] == pytest.approx(1200 * 4 / 3 * math.pi * 0.025**3)

@@ -172,7 +172,7 @@ TERMINAL |= {"open", "list", "all", "csv", "verify", "update"}
 MACHINE = {"gl", "require_gpu"}
 CONFINEMENT = {"untrusted", "root", "limit"}  # which no document may loosen
 CODE = {"controller", "control_dt", "trust"}
-LISTS = {"videos", "images", "traces", "plots", "recordings", "keyframes"}
+LISTS = {"videos", "images", "traces", "plots", "recordings", "keyframes", "exports"}
 PAGE = {"html", "embed_up_to"}  # about all outputs of a document
 
 
