@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from mjrun.cli.table_cells import byte_size
 from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def keyframe(result: "KeyframeResult") -> str:
 def export(result: "ExportResult") -> str:
     frames = counted(result.frames, "frame")
     length = f"{frames}, {result.duration:.4g} s at {_figure(result.fps, 4)} fps"
-    size = f", {result.size / 1e6:.3g} MB" if result.size else ""
+    size = f", {byte_size(result.size)}" if result.size else ""
     return f"{clean(result.path)}: {result.format}, {length}{size}; made in {result.wall:.1f} s"
 
 

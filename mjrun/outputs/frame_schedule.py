@@ -148,7 +148,7 @@ def _check_count(fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> 
         return
     slowest = pieces[lengths.index(max(lengths))][1]
     raise UsageError(
-        f"{option('speed')} {_rounded(slowest)} at {option('fps')} {_rounded(fps)} makes a video of "
+        f"{option('speed')} {_rounded(slowest)} at {option('fps')} {_rounded(fps)} makes "
         f"{_rounded(count)} frames; the maximum is {MOST_FRAMES:,}\n"
         f"set a higher speed, fewer frames per second or a shorter {option('duration')}"
     )

@@ -36,6 +36,7 @@ from mjrun.options.episodes import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOpti
 from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import ExecutionOptions
+from mjrun.outputs.exports import export_format
 from mjrun.outputs.frame_output import check_drawing
 from mjrun.outputs.scene_frames import camera_motions
 from mjrun.packages import require
@@ -84,6 +85,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             raise UsageError(
                 f"{option('engine')} warp plays no policies and renders nothing; {option('engine')} local does"
             )
+        export_format(self.output, self.format)
         for name in UNUSED:
             if is_given(self, name):
                 raise UsageError(f"{option(name)}: images of a dataset show what a policy would see", (name,))

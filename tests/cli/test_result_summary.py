@@ -103,7 +103,7 @@ KEYFRAME = KeyframeResult(path="a.xml", name="rest", time=1.0, step=500, wall=0.
         (KEYFRAME, "a.xml: keyframe rest of step 500, 1 s"),
         (TABLES, "a.svg: 640x480, 3 curves in 2 panels, 30 rows"),
         (RECORDING, "a.npz: 501 states of 20 numbers, 1 s"),
-        (EXPORT, "a.glb: glb, 30 frames, 1 s at 30 fps, 0.0123 MB; made in 0.2 s"),
+        (EXPORT, "a.glb: glb, 30 frames, 1 s at 30 fps, 12.1 KiB; made in 0.2 s"),
     ],
     ids=lambda value: type(value).__name__,
 )

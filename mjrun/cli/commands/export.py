@@ -71,19 +71,19 @@ def export(console: Console, command_line: CommandLine) -> None:
     console.guard_stdout()
     import_mujoco()
     from mjrun.outputs.export import Export
-    from mjrun.outputs.exports import export_formats
+    from mjrun.outputs.exports import format_named
 
     command_line = with_camera_scripts(command_line)
     if is_hdf5(command_line.argument("model")) and not Path(str(command_line.value("output") or "")).suffix:
         command_line = command_line.with_defaults(format="lerobot")  # of all demonstrations in the file
-    format_ = export_formats().get(str(command_line.value("format")))
-    if format_ and format_.product:
+    format_, suffix = format_named(str(command_line.value("format") or "glb"))
+    if format_.product:
         _export_episodes(console, command_line, format_)
         return
     for name in command_line.explicit(EpisodeOptions, ExecutionOptions):
         if name not in {each.attribute for each in options_of(Export)}:
             raise UsageError(f"{option(name)} applies to episodes, with {option('format')} lerobot or minari")
-    command_line = command_line.with_defaults(output=f"{stem(command_line)}.glb")
+    command_line = command_line.with_defaults(output=f"{stem(command_line)}{suffix}")
     job = command_line.make(Export, simulation=simulation(command_line), command=console.command)
     show(console, command_line, make(console, command_line, job))
 

@@ -76,8 +76,24 @@ def export_formats() -> dict[str, ExportFormat]:
     return {module.FORMAT.name: module.FORMAT for module in modules}
 
 
+def format_named(name: str) -> tuple[ExportFormat, str]:
+    """Returns the format with this name or suffix, such as `usd` or `usda`, and the suffix of its files.
+
+    Raises:
+      UnknownNameError: no format has this name.
+    """
+    formats = export_formats()
+    if name in formats:
+        return formats[name], next(iter(formats[name].suffixes), "")
+    suffixes = {suffix: each for each in formats.values() for suffix in each.suffixes}
+    suffix = f".{name}"
+    if suffix not in suffixes:
+        raise UnknownNameError("format", name, list(formats), where=option("format"))
+    return suffixes[suffix], suffix
+
+
 def export_format(output: str, name: str | None = None) -> ExportFormat:
-    """Returns the format of an export, from the option format or from the suffix of its file.
+    """Returns the format of an export, from the option format or from the suffix of its output.
 
     Raises:
       UnknownNameError: no format has this name.
@@ -85,18 +101,16 @@ def export_format(output: str, name: str | None = None) -> ExportFormat:
       MissingExtraError: a library of the format is not installed.
     """
     formats = export_formats()
-    if name is not None and name not in formats:
-        raise UnknownNameError("format", name, list(formats), where=option("format"))
     suffix = Path(output).suffix.lower()
     by_suffix = next((each for each in formats.values() if suffix in each.suffixes), None)
-    chosen = formats[name] if name is not None else by_suffix
+    chosen = format_named(name)[0] if name is not None else by_suffix
     if chosen is None:
         known = ", ".join(suffix for each in formats.values() for suffix in each.suffixes)
         what = f"unknown suffix {clean(suffix)}" if suffix else "the format of an export follows from its suffix"
         raise UsageError(f"{clean(output)}: {what}\nsuffixes: {known}; or set {option('format')}", path=("output",))
-    if by_suffix is not None and by_suffix != chosen:
+    if by_suffix is not None and name not in (None, by_suffix.name, suffix.removeprefix(".")):
         raise UsageError(
-            f"{option('format')} {chosen.name} contradicts the suffix of {clean(output)}, which is {by_suffix.name}"
+            f"{option('format')} {name} contradicts the suffix of {clean(output)}, which is {by_suffix.name}"
         )
     chosen.require_library()
     return chosen

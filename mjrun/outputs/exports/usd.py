@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, BinaryIO
 
-from mjrun.outputs.exports import ExportFormat
+from mjrun.outputs.exports import ExportFormat, format_named
 
 if TYPE_CHECKING:
     from mjrun.outputs.export import ExportedScene
@@ -15,7 +15,7 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
     from mjrun.formats.usd import write_usd
 
     suffix = Path(scene.job.output).suffix.lower()
-    kind = suffix if suffix in FORMAT.suffixes else FORMAT.suffixes[0]
+    kind = suffix if suffix in FORMAT.suffixes else format_named(scene.job.format or FORMAT.name)[1]
     for text in write_usd(file, kind, scene.graph, scene.motion, float(scene.job.fps), scene.facts):
         scene.context.reporter.warn(text)
 

@@ -22,6 +22,14 @@ def test_a_model_is_enough(mjrun_here: Command, swing: Path) -> None:
     assert done.stdout.decode().startswith("swing.glb: glb, 3 frames, 0.1 s at 30 fps, ")
 
 
+def test_the_format_gives_the_file_its_suffix(mjrun_here: Command, swing: Path) -> None:
+    for name, start in (("usda", b"#usda 1.0"), ("usd", b"PXR-USDC"), ("mcap", b"\x89MCAP")):
+        done = mjrun_here("export", swing, "--steps", "1", "--format", name)
+        assert done.returncode == 0
+        (made,) = mjrun_here.folder.glob(f"swing.{'usdc' if name == 'usd' else name}")
+        assert made.read_bytes().startswith(start)
+
+
 def test_a_file_in_a_pipe_is_the_same_and_alone_there(mjrun_here: Command, swing: Path) -> None:
     piped = mjrun_here("export", swing, "--steps", "1", "-o", "-", "--format", "glb")
     assert piped.returncode == 0
@@ -73,6 +81,8 @@ def test_episodes_are_a_folder_that_a_second_run_continues(mjrun_here: Command, 
     ("options", "message"),
     [
         (("--format", "lerobot"), "is a task: select a --policy for it"),
+        (("--policy", "zero", "--format", "lerobot", "-o", "set.glb"), "the suffix of set.glb, which is glb"),
+        (("--policy", "zero", "--format", "usda", "-o", "set.usdc"), "usda contradicts the suffix of set.usdc"),
         (("--policy", "zero", "--episodes", "2"), "--episodes applies to episodes, with --format lerobot or minari"),
         (("--policy", "zero", "--format", "lerobot", "--plot", "energy"), "--plot does not apply to --format lerobot"),
         (("--policy", "zero", "--format", "lerobot", "--recording", "r.npz"), "--recording does not apply to"),
@@ -85,10 +95,10 @@ def test_episodes_are_a_folder_that_a_second_run_continues(mjrun_here: Command, 
 def test_mistakes_in_episodes_are_explained_before_anything_is_written(
     mjrun_here: Command, cart: str, options: tuple[str, ...], message: str
 ) -> None:
-    done = mjrun_here("export", cart, *options, "-o", "set")
+    done = mjrun_here("export", cart, "-o", "set", *options)
     assert done.returncode == 2
     assert message in done.stderr.decode()
-    assert not (mjrun_here.folder / "set").exists()
+    assert not list(mjrun_here.folder.glob("set*"))
 
 
 def test_a_run_document_cannot_export_episodes(mjrun_here: Command, swing: Path) -> None:
