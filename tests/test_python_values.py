@@ -31,11 +31,13 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "Study": (PENDULUM, "folder"),
     "TablePlot": ("a.csv",),
     "Trace": (PENDULUM,),
+    "VariedPlot": (PENDULUM, "a.png"),
     "Video": (PENDULUM, "a.mp4"),
     "Viewer": (PENDULUM,),
 }
 REQUIRED: dict[str, dict[str, object]] = {
     "Plot": {"probe": "energy"},
+    "VariedPlot": {"vary": "gravity=-9.81,-1.62"},
     "Observation": {"name": "a", "phase": 1},
     "Reward": {"value": "1"},
     "Termination": {"when": "time > 1", "as_": "failure"},

@@ -57,8 +57,9 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
 
     def plan(self, context: output.Context) -> "output.Plan[PlotResult]":
         """Resolves the probes in the model and the curves among their columns."""
+        panels = self.probe_panels(context)  # first, since it names the probe that is wrong
         table = self.probe_sampler(context)
-        figure = FigurePlan(self, [table_columns(table.columns)], self.probe_panels(context))
+        figure = FigurePlan(self, [table_columns(table.columns)], panels)
         steps = row_steps(context.timeline, self.every, self.rate)
 
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"

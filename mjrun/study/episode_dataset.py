@@ -85,7 +85,6 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             raise UsageError(
                 f"{option('engine')} warp plays no policies and renders nothing; {option('engine')} local does"
             )
-        export_format(self.output, self.format)
         for name in UNUSED:
             if is_given(self, name):
                 raise UsageError(f"{option(name)}: images of a dataset show what a policy would see", (name,))
@@ -98,9 +97,11 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         Raises:
           FailedEpisodesError: episodes failed; the dataset has the others.
           FileError: the folder contains something else, or other episodes.
+          UsageError: the name of the folder ends like that of a file of another format.
           MjrunError: nothing could be simulated.
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
+        export_format(self.output, self.format)
         libraries, use = EXTRAS[self.format]
         require(use, self.format, *libraries)
         with reported_warnings(reporter):

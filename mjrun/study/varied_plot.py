@@ -77,9 +77,10 @@ class VariedPlot(VariationOptions, Plot):
         contexts = [self.context(point, context) for point in (points if varies else points[:1])]
         with points[0].named_in_errors():
             points[0].simulation.stepper(contexts[0].model)
+        panels = self.probe_panels(contexts[0])  # first, since it names the probe that is wrong
         columns = [self.probe_sampler(each).columns for each in contexts] * (1 if varies else len(points))
         tables = [table_columns(each, point.name) for each, point in zip(columns, points, strict=True)]
-        figure = FigurePlan(self, tables, self.probe_panels(contexts[0]))
+        figure = FigurePlan(self, tables, panels)
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
         preview = output.Preview("plot", self.output, len(points), "points", figure.grid.size, about)
         return output.Plan(preview, 0, partial(VariedPlotOutput, self, context, points, figure))
