@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import types
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,12 +27,14 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import mjrun.cli.main as cli
+from mjrun import child_process
 from mjrun.errors import NoRendererError
 from mjrun.physics import warp_device
 from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
 from tests.backend_trials import RememberedTrial
+from tests.prepared_interpreters import PreparedPopen
 from tests.processes import PATIENCE, without_progress
 
 ROOT = Path(__file__).parents[1]
@@ -126,6 +129,22 @@ def exploding(tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def workers_are_copies_of_prepared_interpreters() -> Iterator[None]:
+    if sys.platform != "linux":
+        yield
+        return
+    prepared = types.SimpleNamespace(**{**vars(subprocess), "Popen": PreparedPopen})
+    with mock.patch.object(child_process, "subprocess", prepared):
+        yield
+
+
+@pytest.fixture
+def new_interpreters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers start as they do for users."""
+    monkeypatch.setattr(child_process, "subprocess", subprocess)
 
 
 @pytest.fixture(scope="session", autouse=True)

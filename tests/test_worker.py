@@ -15,6 +15,7 @@ import pytest
 
 from mjrun.errors import DrawError, InvalidActionError, MjrunError, NoRendererError, UnknownNameError, UnstableError
 from mjrun.worker import PicklableException, Request, Worker, WorkerEndedError
+from tests.prepared_interpreters import CHECK, MODULES
 from tests.processes import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[1]
@@ -72,8 +73,11 @@ class Server:
         os.abort()
 
 
-@pytest.fixture
-def worker() -> Iterator[Worker]:
+@pytest.fixture(params=["new", "prepared"])
+def worker(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
+    """A new interpreter, and a copy of a prepared one, which behaves alike."""
+    if request.param == "prepared":
+        monkeypatch.setitem(MODULES, "tests.test_worker:Server", ("tests.test_worker",))
     with closing(Worker("tests.test_worker:Server")) as made:
         yield made
 
@@ -130,6 +134,19 @@ def test_warnings_of_mujoco_come_with_the_reply(worker: Worker) -> None:
     worker.send("warn")
     (text,) = worker.receive().warnings
     assert "Nan, Inf or huge value in QPOS" in text
+
+
+@pytest.mark.usefixtures("new_interpreters")
+@pytest.mark.parametrize("server", sorted({*MODULES} - {CHECK}))
+def test_servers_that_other_tests_ask_in_prepared_interpreters_answer_in_new_ones(server: str) -> None:
+    descriptors = os.pipe() if server.endswith("PaintServer") else ()
+    with closing(Worker(server, descriptors=descriptors)) as worker:
+        with pytest.raises(MjrunError, match="has no attribute 'no_such_method'"):
+            worker.ask("no_such_method")
+        command = Path(f"/proc/{worker.process.pid}/cmdline")
+        assert not command.exists() or server.encode() in command.read_bytes()
+    for descriptor in descriptors:
+        os.close(descriptor)
 
 
 # --- death ------------------------------------------------------------------------------------------

@@ -12,6 +12,8 @@ from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
 from tests.processes import PATIENCE
 
+pytestmark = pytest.mark.usefixtures("new_interpreters")
+
 
 def test_nothing_is_written_and_nothing_is_read_from_stdin() -> None:
     write("nan.xml", PASSIVE.format('damping="nan"'))

@@ -48,13 +48,13 @@ def alive(process: int) -> bool:
 
 def children() -> list[int]:
     """Drawing processes of this one, ended ones that nobody waited for included."""
-    return [child for child in children_of(os.getpid()) if not is_display(child)]
+    return [child for child in children_of(os.getpid()) if not is_of_tests(child)]
 
 
-def is_display(process: int) -> bool:
-    """Whether it is the display that tests which ran here before have started, and keep until the last test."""
+def is_of_tests(process: int) -> bool:
+    """Whether tests that ran here before have started it, and keep it until the last test."""
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{process}/comm").read_text() == "Xvfb\n"
+        return Path(f"/proc/{process}/comm").read_text() in ("Xvfb\n", "prepared\n")
     return False
 
 
@@ -62,6 +62,11 @@ def held() -> tuple[set[int], int, bool]:
     """What drawing might leave behind: processes, descriptors, memory."""
     mapped = "memfd:mjrun" in Path("/proc/self/maps").read_text()
     return {*children()}, len([*Path("/proc/self/fd").iterdir()]), mapped
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _tests_have_started_what_they_keep() -> None:
+    drawn(Adding(), 2)
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,200 @@
+"""Worker processes as copies of interpreters that have already imported what such a worker begins with.
+
+Importing numpy and mujoco takes most of the time of a worker in tests, which start hundreds. A copy runs the same code
+with the same arguments, variables, folder and descriptors as a new interpreter would, and is a child of this process
+too.
+"""
+
+import atexit
+import contextlib
+import ctypes
+import fcntl
+import gc
+import inspect
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+from mjrun.child_process import python_call
+
+# What each kind of worker imports before it does anything, by its function or server.
+CHECK = "mjrun.check.worker:serve"
+MODULES = {
+    CHECK: ("mjrun.check.worker",),
+    "mjrun.evaluation.execution:EpisodeServer": ("mjrun.evaluation.execution",),
+    "mjrun.rendering.filament_worker:FilamentServer": ("mjrun.rendering.filament_worker",),
+    "mjrun.rendering.worker_process:PaintServer": ("mjrun.rendering.worker_process", "mujoco"),
+    "mjrun.study.point_files:PointFileServer": ("mjrun.study.point_files", "mujoco"),
+    "mjrun.study.point_server:PointServer": ("mjrun.study.point_server", "mjrun.study.simulate"),
+}
+OWNER = os.getpid()
+EXECUTABLE = sys.executable  # which tests change
+WITHOUT_EFFECT = ("PYTEST_CURRENT_TEST",)
+MOST = 6  # interpreters at a time
+REQUEST = 2**17  # bytes, at most
+DESCRIPTORS = 64  # in a request, at most
+COMM = Path("/proc/self/comm")
+SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
+
+
+# --- in the process of the tests ------------------------------------------------------------------------
+
+
+class PreparedInterpreter:
+    """An interpreter with some modules, of which copies are made.
+
+    Attributes:
+      is_usable: it could import them, and has no thread that a copy would lack.
+    """
+
+    def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                python_call("tests.prepared_interpreters:serve", *modules, str(theirs.fileno())),
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+        self.is_usable = self._socket.recv(1) == b"1"
+
+    def copy(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
+        """Starts a copy, as a child of this process, and returns its number."""
+        libc = ctypes.CDLL(None)
+        libc.prctl(SUBREAPER, 1)
+        try:
+            socket.send_fds(self._socket, [json.dumps(request).encode()], descriptors)
+            pid = int(self._socket.recv(16))
+            assert self._socket.recv(1)  # its parent has ended, so that it is ours
+        finally:
+            libc.prctl(SUBREAPER, 0)
+        return pid
+
+    def close(self) -> None:
+        """Ends the interpreter, but not its copies."""
+        self._socket.close()
+        self._process.wait()
+
+
+_interpreters = OrderedDict[object, PreparedInterpreter]()  # the last used at the end
+_lock = threading.Lock()
+
+
+class PreparedPopen(subprocess.Popen[Any]):
+    """A worker process that is a copy of a prepared interpreter, where there is one that suits."""
+
+    def _execute_child(self, *values: Any) -> None:
+        start = super()._execute_child  # type: ignore[misc]
+        arguments = inspect.signature(start).bind(*values).arguments
+        with _lock if _may_be_a_copy(arguments) else contextlib.nullcontext() as is_locked:
+            interpreter = _prepared(arguments) if is_locked else None
+            if interpreter is None or not interpreter.is_usable:
+                start(*values)
+                return
+            streams = (("p2cread", 0), ("c2pwrite", 1), ("errwrite", 2))
+            numbers = [number if arguments[name] < 0 else arguments[name] for name, number in streams]
+            names = ("args", "env", "pass_fds")
+            folder = os.open(".", os.O_PATH | os.O_CLOEXEC)
+            try:
+                descriptors = [folder, *numbers, *arguments["pass_fds"]]
+                self.pid = interpreter.copy({name: arguments[name] for name in names}, descriptors)
+            finally:
+                os.close(folder)
+        self._child_created = True
+        ends = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
+        cast("Any", self)._close_pipe_fds(*(arguments[name] for name in ends))
+
+
+def _may_be_a_copy(arguments: Mapping[str, Any]) -> bool:
+    """Returns whether a worker is to be started in a separate session, by the process that runs the tests."""
+    is_plain = arguments["start_new_session"] and arguments["preexec_fn"] is None
+    return bool(is_plain and os.getpid() == OWNER and _modules(arguments["args"]))
+
+
+def _prepared(arguments: Mapping[str, Any]) -> PreparedInterpreter:
+    """Returns the interpreter for a worker, with its modules and the variables that libraries read on import."""
+    modules = _modules(arguments["args"])
+    environment = {name: value for name, value in arguments["env"].items() if name not in WITHOUT_EFFECT}
+    key = (modules, frozenset(environment.items()))
+    if key not in _interpreters:
+        if len(_interpreters) == MOST:
+            _interpreters.popitem(last=False)[1].close()
+        _interpreters[key] = PreparedInterpreter(modules, environment)
+    _interpreters.move_to_end(key)
+    return _interpreters[key]
+
+
+def _modules(command: Sequence[str]) -> tuple[str, ...]:
+    """Returns the modules of the worker that a command starts; none if it starts something else."""
+    if [*command[:3]] != [EXECUTABLE, "-P", "-c"] or not command[4].isdecimal():
+        return ()
+    if command[3] == python_call(CHECK)[3]:
+        return MODULES[CHECK]
+    server = command[5 + int(command[4]) :]
+    return MODULES.get(server[0], ()) if command[3] == python_call("mjrun.worker:serve")[3] else ()
+
+
+@atexit.register
+def _end_all() -> None:
+    while _interpreters:
+        _interpreters.popitem()[1].close()
+
+
+# --- in a prepared interpreter --------------------------------------------------------------------------
+
+
+def serve(*arguments: str) -> None:
+    """Imports modules, and makes a copy of this process for each request, until the other end hangs up."""
+    *modules, connection = arguments
+    parent = socket.socket(fileno=int(connection))
+    gc.disable()
+    for module in modules:
+        import_module(module)
+    gc.freeze()
+    COMM.write_text("prepared")
+    parent.send(b"1" if len([*Path("/proc/self/task").iterdir()]) == 1 else b"0")
+    while True:
+        request, descriptors, _, _ = socket.recv_fds(parent, REQUEST, DESCRIPTORS)
+        if not request:
+            return
+        if not (between := os.fork()):
+            if pid := os.fork():
+                parent.send(str(pid).encode())
+                os._exit(0)
+            _run(json.loads(request), descriptors)
+            return
+        os.waitpid(between, 0)
+        parent.send(b"1")
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+def _run(request: dict[str, Any], descriptors: Sequence[int]) -> None:
+    """Does what a new interpreter would do."""
+    folder, *streams = descriptors
+    os.setsid()
+    os.fchdir(folder)
+    numbers = [0, 1, 2, *request["pass_fds"]]
+    base = 1 + max([*numbers, *descriptors])
+    copies = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, base) for descriptor in streams]
+    os.closerange(3, base)
+    for copy, number in zip(copies, numbers, strict=True):
+        os.dup2(copy, number)
+        os.close(copy)
+    COMM.write_text("python")
+    os.environ.clear()
+    os.environ.update(request["env"])
+    sys.argv[:] = ["-c", *request["args"][4:]]
+    gc.enable()
+    exec(request["args"][3], vars(sys.modules["__main__"]))
