@@ -195,7 +195,8 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
     with concerning("vary", name):
         if not has_entries and name not in WHOLE:
             valid = [*WHOLE, MODEL, CONTROLLER, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
-            raise UnknownNameError("parameter", name, valid, where=option("vary"))
+            meant = [f"opt.{name}"] if hasattr(mujoco.MjOption, name) else []
+            raise UnknownNameError("parameter", name, valid, where=option("vary"), meant=meant)
         try:
             key, entry = (group, f"{rest}={text}") if has_entries else (name, text)
             return key, simulation_kinds()[key].parse(entry)

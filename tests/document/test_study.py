@@ -122,6 +122,7 @@ def test_what_is_wrong_is_reported_where_it_is(text: str, expected: str) -> None
     ("text", "expected"),
     [
         ("vary: {sed: 1}", "3:8: vary.sed: no parameter 'sed' in vary (did you mean 'seed'?)"),
+        ("vary: {density: 1}", "3:8: vary.density: no parameter 'density' in vary (did you mean 'opt.density'?)"),
         ("vary: {seed: '1..2:x'}", "3:8: vary.seed: vary seed=1..2:x: write FIRST..LAST:COUNT, with numbers"),
         ("vary: {seed: {uniform: [2, 1]}}", "3:8: vary.seed: uniform(2, 1): write uniform(LOW, HIGH), LOW below HIGH"),
         ("vary: {seed: 'gauss(0, 1)'}", "3:8: vary.seed: no distribution gauss; distributions: uniform(LOW, HIGH), "),
