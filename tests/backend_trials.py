@@ -7,6 +7,8 @@ from typing import Any
 from mjrun.rendering.backend import GL, BackendTrialProcess
 
 WITHOUT_EFFECT = ("PYTEST_CURRENT_TEST", GL)  # on a trial, which sets the latter itself
+OF_ONE_BACKEND = {"MUJOCO_EGL_DEVICE_ID": "egl", "VK_ICD_FILENAMES": "vulkan", "VK_DRIVER_FILES": "vulkan"}
+NOTHING_IF_EMPTY = ("DISPLAY", "LD_PRELOAD", "WAYLAND_DISPLAY")
 ANSWERS: dict[object, dict[str, Any]] = {}  # of backends, by all that decides them
 
 
@@ -15,7 +17,13 @@ class RememberedTrial(BackendTrialProcess):
 
     def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
         self.name = name
-        environment = {variable: value for variable, value in os.environ.items() if variable not in WITHOUT_EFFECT}
+        environment = {
+            variable: value
+            for variable, value in os.environ.items()
+            if variable not in WITHOUT_EFFECT
+            and OF_ONE_BACKEND.get(variable, name) == name
+            and (value or variable not in NOTHING_IF_EMPTY)
+        }
         self._key = (name, draw, device, *unset, *sorted(environment.items()))
         self._is_new = self._key not in ANSWERS
         if self._is_new:

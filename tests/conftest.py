@@ -1,5 +1,6 @@
 """Shared parts of the tests: paths, a renderer, and oracles that inspect files from outside."""
 
+import functools
 import gc
 import os
 import re
@@ -29,6 +30,7 @@ from hypothesis import HealthCheck, settings
 import mjrun.cli.main as cli
 from mjrun import child_process
 from mjrun.errors import NoRendererError
+from mjrun.formats.ffmpeg import working_codecs
 from mjrun.physics import warp_device
 from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
@@ -129,6 +131,15 @@ def exploding(tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
+
+
+_working_codecs = functools.cache(working_codecs)
+
+
+@pytest.fixture
+def codecs_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The doctor tries each codec for the first test only."""
+    monkeypatch.setattr("mjrun.doctor.working_codecs", _working_codecs)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from tests.conftest import Command
 
+pytestmark = pytest.mark.usefixtures("codecs_are_tried_once")
+
 
 def test_the_doctor_names_what_works(mjrun_here: Command, backend: Backend) -> None:
     done = mjrun_here("doctor", "--json")
