@@ -307,11 +307,18 @@ class CommandInProcess(Command):
 
 
 @pytest.fixture
-def mjrun_here(mjrun: Command, capfdbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch) -> Command:
+def own_signals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that is run in this process leaves its signals to pytest."""
+    monkeypatch.setattr(system, "SIGNALS", ())
+
+
+@pytest.fixture
+def mjrun_here(
+    mjrun: Command, capfdbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch, own_signals: None
+) -> Command:
     """The command, run in this process and in an empty folder."""
     monkeypatch.chdir(mjrun.folder)
     monkeypatch.delenv("COLUMNS", raising=False)
-    monkeypatch.setattr(system, "SIGNALS", ())  # which are pytest's here
     return CommandInProcess(mjrun.folder, capfdbinary)
 
 
@@ -341,6 +348,7 @@ def _nothing_is_left(request: pytest.FixtureRequest) -> Iterator[None]:
     yield
     assert not folder or not list(folder.rglob("*.part"))
     assert (LOG.stat().st_size if LOG.exists() else None) == LOG_SIZE
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "see the fixture own_signals"
 
 
 @pytest.fixture

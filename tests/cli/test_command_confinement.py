@@ -199,7 +199,7 @@ def test_a_model_that_names_a_file_outside_is_refused_without_a_look_at_it(place
     assert "hunter2" not in done.stderr
 
 
-@pytest.mark.usefixtures("place")
+@pytest.mark.usefixtures("place", "own_signals")
 @pytest.mark.parametrize(
     ("line", "message"),
     [

@@ -8,6 +8,8 @@ from mjrun.cli.commands import examples
 from mjrun.cli.main import run
 from mjrun.model.bundled_scene_folder import scene_folder
 
+pytestmark = pytest.mark.usefixtures("own_signals")
+
 
 def test_a_copy_has_the_same_files_and_its_documents_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
