@@ -269,13 +269,13 @@ def test_a_video_is_the_same_each_time_across_processes(
     for _ in range(2):
         with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
             video, view = [], pose("side", room, save(room, after(room, 0)))
-            for steps in range(0, 50, 10):
+            for steps in range(0, 30, 10):
                 renderer.look(save(room, after(room, steps)))
                 video.append(renderer.picture(view).rgb)
                 processes.add(renderer._worker.process.pid)
             videos.append(np.array(video))
     assert np.array_equal(*videos)
-    assert len(processes) == 6
+    assert len(processes) == 4
 
 
 def test_contacts_are_drawn_where_they_are_in_colours_only(room: mujoco.MjModel, draw: Draw) -> None:

@@ -59,7 +59,7 @@ def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(mo
     assert (first.rendered, first.points) == (2, 2)
     again = made(model, tmp_path / "c", **options)
     assert (again.rendered, again.points) == (1, 3)
-    made(model, tmp_path / "d", **options, engine="dask", jobs=1)
+    made(model, tmp_path / "d", **options, engine="tests.study.factories:Elsewhere")
     expected = contents(tmp_path / "a")
     assert {Path(path).parts[0] for path in expected} >= {*ASSETS, "labels", "annotations", "transforms.json"}
     for name in "bcd":
