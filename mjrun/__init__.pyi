@@ -444,12 +444,12 @@ class Dataset(_Dataset):
       repeats: Number of simulations per point, each with the next seed. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       jobs: Number of processes on this machine. [default: 'auto']
-      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
-        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+      engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
+        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      chunk: Number of points per task of the engine. [default: a few seconds' worth]
-      time_limit: Maximum wall time per point [s]. [default: none]
-      retry_failed: Simulate again the points that failed before.
+      chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point or episode [s]. [default: none]
+      retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
         self,
@@ -608,12 +608,12 @@ class EpisodeDataset(_EpisodeDataset):
       gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
       require_gpu: Fail instead of rendering in software.
       jobs: Number of processes on this machine. [default: 'auto']
-      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
-        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+      engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
+        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      chunk: Number of points per task of the engine. [default: a few seconds' worth]
-      time_limit: Maximum wall time per point [s]. [default: none]
-      retry_failed: Simulate again the points that failed before.
+      chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point or episode [s]. [default: none]
+      retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
         self,
@@ -667,7 +667,8 @@ class Evaluation(_Evaluation):
       rewritten: function that creates the task with other values of its document, if something there varies.
 
     Options:
-      output: Folder for the results.
+      output: Folder for the results; running again with the same folder continues an interrupted
+        evaluation.
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
@@ -722,7 +723,13 @@ class Evaluation(_Evaluation):
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
-      jobs: Number of processes that run episodes. [default: 'auto']
+      jobs: Number of processes on this machine. [default: 'auto']
+      engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
+        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
+        concurrent.futures.Executor. [default: 'local']
+      chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point or episode [s]. [default: none]
+      retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
         self,
@@ -730,6 +737,10 @@ class Evaluation(_Evaluation):
         output: str | PathLike[str],
         *,
         jobs: int | Literal["auto"] = ...,
+        engine: str = ...,
+        chunk: int | None = ...,
+        time_limit: float | str | Fraction | None = ...,
+        retry_failed: bool = ...,
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
@@ -1430,12 +1441,12 @@ class Study(_Study):
       repeats: Number of simulations per point, each with the next seed. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       jobs: Number of processes on this machine. [default: 'auto']
-      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
-        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+      engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
+        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      chunk: Number of points per task of the engine. [default: a few seconds' worth]
-      time_limit: Maximum wall time per point [s]. [default: none]
-      retry_failed: Simulate again the points that failed before.
+      chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point or episode [s]. [default: none]
+      retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
         self,
@@ -1906,6 +1917,10 @@ def evaluate(
     ground: float | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     jobs: int | Literal["auto"] = ...,
+    engine: str = ...,
+    chunk: int | None = ...,
+    time_limit: float | str | Fraction | None = ...,
+    retry_failed: bool = ...,
 ) -> EvaluationResult:
     """Plays episodes of a task with a policy, as `mjrun eval` does; `result.table` has a row for each episode.
 
@@ -1918,7 +1933,8 @@ def evaluate(
       MjrunError: as `mjrun.Evaluation(…).run()` raises.
 
     Options:
-      output: Folder for the results.
+      output: Folder for the results; running again with the same folder continues an interrupted
+        evaluation.
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
@@ -1973,7 +1989,13 @@ def evaluate(
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
-      jobs: Number of processes that run episodes. [default: 'auto']
+      jobs: Number of processes on this machine. [default: 'auto']
+      engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
+        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
+        concurrent.futures.Executor. [default: 'local']
+      chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point or episode [s]. [default: none]
+      retry_failed: Simulate again the points or episodes that failed before.
     """
 
 def fit(
@@ -2532,12 +2554,12 @@ def sweep(
       repeats: Number of simulations per point, each with the next seed. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       jobs: Number of processes on this machine. [default: 'auto']
-      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
-        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+      engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
+        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      chunk: Number of points per task of the engine. [default: a few seconds' worth]
-      time_limit: Maximum wall time per point [s]. [default: none]
-      retry_failed: Simulate again the points that failed before.
+      chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point or episode [s]. [default: none]
+      retry_failed: Simulate again the points or episodes that failed before.
     """
 
 def trace(

@@ -646,21 +646,22 @@ class FailedPointsError(MjrunError):
 
 
 class FailedEpisodesError(MjrunError):
-    """Episodes that a dataset lacks, because they could not be simulated.
+    """Episodes that a dataset or an evaluation lacks, because they could not be simulated.
 
     Args:
       failures: the reason for each episode, by its number or the seed that identifies it.
       count: the number of requested episodes.
+      place: the word for what lacks them.
     """
 
     exit_code = 8
 
-    def __init__(self, failures: Mapping[str, str], count: int) -> None:
+    def __init__(self, failures: Mapping[str, str], count: int, place: str = "dataset") -> None:
         reasons: dict[str, list[str]] = {}
         for name, message in failures.items():
             reasons.setdefault(message, []).append(name)
         lines = [f"{listing(names)}: {clean(message)}" for message, names in reasons.items()]
-        rest = "the dataset has the others" if len(failures) < count else "there is no dataset"
+        rest = f"the {place} has the others" if len(failures) < count else f"there is no {place}"
         super().__init__("\n".join([f"{len(failures)} of {counted(count, 'episode')} failed; {rest}", *lines[:LOGGED]]))
 
 
@@ -679,21 +680,6 @@ class LostFilesError(MjrunError):
             reasons.setdefault(message.partition("\n")[0], []).append(point)
         lines = [f"files of point{'s' * (len(p) > 1)} {listing([str(i) for i in p])}: {m}" for m, p in reasons.items()]
         super().__init__("\n".join([*lines, "the results of all points are in the table"]))
-
-
-class LostEpisodesError(MjrunError):
-    """Episodes that were lost because their process ended.
-
-    Args:
-      seeds: seeds of the episodes assigned to the process.
-      ending: how the process ended, as the end of a sentence.
-    """
-
-    exit_code = 8
-
-    def __init__(self, seeds: Sequence[int], ending: str) -> None:
-        episodes = f"episodes of seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"episode of seed {seeds[0]}"
-        super().__init__(f"the process that played the {episodes} {clean(ending)}")
 
 
 # --- ended from outside ----------------------------------------------------------------------------

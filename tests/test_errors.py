@@ -25,10 +25,10 @@ from mjrun.errors import (
     DocumentError,
     EncoderError,
     EndedFromOutsideError,
+    FailedEpisodesError,
     FailedPointsError,
     FailedStepError,
     FileError,
-    LostEpisodesError,
     LostFilesError,
     MjrunError,
     ModelNotFoundError,
@@ -340,7 +340,7 @@ FOREIGN = "a\x1b[31m\x07\u202e\r\x9b2Kz"
         PartlyDoneError([FOREIGN], [(f"out {FOREIGN}", MjrunError(FOREIGN)), (f"out {FOREIGN}", UsageError(FOREIGN))]),
         LostFilesError({3: f"out {FOREIGN}: cannot be written"}),
         FailedPointsError({f"out {FOREIGN}": 1, "ok": 2}),
-        LostEpisodesError([1, 2], f"out {FOREIGN}"),
+        FailedEpisodesError({f"seed {FOREIGN}": f"out {FOREIGN}"}, 2, "table"),
     ],
 )
 def test_messages_of_what_is_partly_done_name_the_outputs_and_steer_no_terminal(error: MjrunError) -> None:

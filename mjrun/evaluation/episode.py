@@ -1,18 +1,21 @@
 """Episodes to play and records of episodes that were played: picklable values."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.model.source import Source
+from mjrun.options.policy import is_code
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
-from mjrun.python_code import ModuleSource
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.spec import PointResult, Status
 
 OUTCOMES = ("success", "failure", "timeout")
 
@@ -26,14 +29,12 @@ class PolicyChoice:
       normalize: statistics that normalize its observations.
       trust: whether its file may execute code.
       snapshot: copies of its files, which are read instead.
-      modules: modules of a policy that the user has written, for processes that load it.
     """
 
     policy: object
     normalize: str | None = None
     trust: bool = False
     snapshot: InputSnapshot | None = field(default=None, compare=False, repr=False)
-    modules: tuple[ModuleSource, ...] = field(default=(), compare=False, repr=False)
 
     def load(self) -> Policy:
         """Loads the policy.
@@ -44,6 +45,11 @@ class PolicyChoice:
         """
         place = self.snapshot.place if self.snapshot else Path
         return load_policy(self.policy, trust=self.trust, normalize=self.normalize, place=place)
+
+    @property
+    def is_code(self) -> bool:
+        """True for code that the user has written and other processes can load."""
+        return isinstance(self.policy, str) and is_code(self.policy)
 
     @property
     def name(self) -> str:
@@ -65,10 +71,34 @@ class EpisodeSpec:
     chosen: PolicyChoice
     metrics: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def source(self) -> Source:
+        """The task, read from copies of its files if there are any."""
+        snapshot = self.chosen.snapshot
+        return self.task.stored_at(snapshot.place) if snapshot else self.task
+
+    def simulation(self, seed: int = 0) -> Simulation:
+        """Returns the simulation of the episode of a seed."""
+        chosen = self.chosen
+        return Simulation(
+            self.task,
+            policy=chosen.policy,
+            normalize=chosen.normalize,
+            trust=chosen.trust,
+            seed=seed,
+            snapshot=chosen.snapshot,
+        )
+
+    def stored_at(self, root: Path) -> "EpisodeSpec":
+        """Returns the same specification, whose files are in the folder `root`."""
+        chosen = self.chosen
+        snapshot = chosen.snapshot and replace(chosen.snapshot, root=root)
+        return replace(self, chosen=replace(chosen, snapshot=snapshot))
+
 
 @dataclasses.dataclass(frozen=True, slots=True)  # since there may be a million of them
 class EpisodeRecord:
-    """The record of an episode that was played.
+    """The record of an episode that was played, or failed.
 
     Attributes:
       seed: seed of everything that is random in the episode.
@@ -80,6 +110,9 @@ class EpisodeRecord:
       terms: names of the terms of the reward; episodes share this object.
       sums: sum of each term.
       metrics: metrics in the order of the specification; NaN where undefined.
+      status: `ok`, or how the episode failed; then its numbers are NaN, and it has no ending.
+      message: reason of the failure.
+      exit_code: exit code of the failure.
     """
 
     seed: int
@@ -91,6 +124,32 @@ class EpisodeRecord:
     terms: Sequence[str]
     sums: Sequence[float]
     metrics: Sequence[float] = ()
+    status: Status = "ok"
+    message: str = ""
+    exit_code: int = 0
+
+    @classmethod
+    def failed(cls, seed: int, result: PointResult, terms: Sequence[str], metrics: int) -> "EpisodeRecord":
+        """Returns the record of an episode that failed with this result.
+
+        Args:
+          terms: names of the terms of the reward.
+          metrics: number of metrics.
+        """
+        return cls(
+            seed=seed,
+            total=math.nan,
+            steps=result.steps,
+            length=math.nan,
+            ending="",
+            outcome="",
+            terms=terms,
+            sums=(math.nan,) * len(terms),
+            metrics=(math.nan,) * metrics,
+            status=result.status,
+            message=result.message,
+            exit_code=result.exit_code,
+        )
 
     @property
     def rewards(self) -> Mapping[str, float]:
@@ -105,7 +164,7 @@ class PlayedEpisodes:
     Attributes:
       policy: name of the policy.
       point: number of the point.
-      episodes: records in the order of the seeds.
+      episodes: records in the order of the seeds, also of episodes that failed.
     """
 
     policy: str
@@ -113,8 +172,13 @@ class PlayedEpisodes:
     episodes: Sequence[EpisodeRecord]
 
     @property
+    def is_completed(self) -> np.ndarray:
+        """Episodes that did not fail, bool `(n,)`."""
+        return np.array([episode.status == "ok" for episode in self.episodes])
+
+    @property
     def returns(self) -> np.ndarray:
-        """Return of each episode `(n,)`."""
+        """Return of each episode `(n,)`; NaN where it failed."""
         return np.array([episode.total for episode in self.episodes])
 
     @property

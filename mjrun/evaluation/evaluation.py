@@ -1,39 +1,52 @@
 """An evaluation: seeded episodes of a task under one policy or two, and a folder with the results."""
 
 import dataclasses
+import shutil
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import field
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import field, replace
 from pathlib import Path
 
 import mujoco
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, MjrunError, PartlyDoneError, clean, counted, listing, option
-from mjrun.evaluation.execution import play_all
+from mjrun.errors import (
+    FailedEpisodesError,
+    FileError,
+    MjrunError,
+    PartlyDoneError,
+    UsageError,
+    clean,
+    counted,
+    listing,
+    option,
+)
+from mjrun.evaluation.episode import PlayedEpisodes
+from mjrun.evaluation.execution import forget_code, play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison, summaries
 from mjrun.evaluation.table import FILES, episode_table, point_table
 from mjrun.evaluation.videos import EpisodeVideo, VideoMaker, remove_old_videos
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.atomic_output import OutputWriter, publish_together
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.formats.study_reader import read_results
 from mjrun.model.source import Source
-from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
+from mjrun.options.evaluation import MANIFEST, EvaluationOptions
 from mjrun.options.option import options
+from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.plotting.table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
+from mjrun.study.executors import WARP, check_engine
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-eval-1"
 
 
 @options
-class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
+class Evaluation(EvaluationOptions, ExecutionOptions):
     """Seeded episodes of `task` under a policy. Its options are keywords.
 
     Args:
@@ -45,13 +58,18 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
     command: str = ""
     rewritten: Rewritten | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.engine == WARP:
+            raise UsageError(f"{option('engine')} warp plays no policies; {option('engine')} local does", ("engine",))
+
     def run(self, reporter: Reporter | None = None) -> "EvaluationResult":
-        """Plays the episodes, and writes their table and all requested files.
+        """Plays the episodes that the folder does not have yet, and writes their table and all requested files.
 
         Raises:
           FailedAssertionError: a requirement does not hold; all files are written nevertheless.
+          FailedEpisodesError: episodes failed; the tables have the others, or are not written if all of them failed.
           PartlyDoneError: videos could not be made; the tables are written nevertheless.
-          SimulationError: a policy returned an action that is not finite; nothing is written.
           MjrunError: no episode could be played.
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
@@ -63,9 +81,19 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
         maker = VideoMaker(self, prepared, self.seed)
         folder = Path(self.output)
         _require_ours(folder)
-        StagedFile(folder / MANIFEST).discard()  # which proves that it can be written
+        check_engine(self.engine)
+        is_new = not is_file(folder / MANIFEST)
+        if is_new:  # the manifest, without which an interrupted evaluation could not continue
+            with manifest_writer(folder / MANIFEST, {"command": self.command, "schema": SCHEMA}) as output:
+                output.publish()
 
-        groups = play_all(prepared.groups, range(self.seed, self.seed + self.episodes), self.jobs, reporter)
+        seeds = range(self.seed, self.seed + self.episodes)
+        groups, simulated = play_all(prepared, self, seeds, folder, reporter)
+        failed = _failures(groups, varies=bool(prepared.points.names))
+        if len(failed) == len(groups) * self.episodes:
+            if is_new:
+                _remove(folder)
+            raise _error_of_all(groups, failed)
         count = len(prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
         outcome = summaries(prepared.points, prepared.player, prepared.metrics, policies, self.confidence)
@@ -99,6 +127,8 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
                 points=outcome.points,
                 videos=videos,
                 assertions=verdicts,
+                failures=failure_groups(groups),
+                simulated=simulated,
                 files=[*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)],
                 steps=sum(episode.steps for group in groups for episode in group.episodes),
                 wall=time.perf_counter() - start,
@@ -107,12 +137,13 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
             writers.append(stack.enter_context(manifest))
             _publish(writers, folder, paths)
         remove_old_videos(folder, [Path(path).name for path in paths])
+        forget_code(groups, prepared, folder)
         if self.html is not None:
             from mjrun.evaluation.evaluation_page import write_evaluation_page
 
             write_evaluation_page(self, result, prepared.points, {**facts, **dataclasses.asdict(result)})
 
-        raise_failures(result, verdicts, PartlyDoneError(result.files, failures) if failures else None)
+        raise_failures(result, verdicts, _error(failed, failures, result, len(groups)))
         return result
 
 
@@ -132,6 +163,8 @@ class EvaluationResult:
       points: summary of each point, if something varies.
       videos: videos of episodes.
       assertions: requirements and whether they hold.
+      failures: reasons of failures, the most frequent first.
+      simulated: number of episodes that were played now; the others were known.
       files: files that were written.
       steps: number of control periods of all episodes.
       wall: wall time [s].
@@ -149,6 +182,8 @@ class EvaluationResult:
     points: Sequence[PointSummary]
     videos: Sequence[EpisodeVideo]
     assertions: Sequence[Verdict]
+    failures: Sequence["EpisodeFailures"]
+    simulated: int
     files: Sequence[str]
     steps: int
     wall: float
@@ -167,6 +202,81 @@ class EvaluationResult:
     def _repr_html_(self) -> str:
         """Returns the table of episodes for a notebook."""
         return self.table.to_html()
+
+
+@dataclass(frozen=True)
+class EpisodeFailures:
+    """Episodes that failed for one reason.
+
+    Attributes:
+      status: how they failed: failed, timeout or crashed.
+      message: first line of the reason.
+      count: number of episodes.
+      policy, point, seed: the first of them.
+    """
+
+    status: str
+    message: str
+    count: int
+    policy: str
+    point: int
+    seed: int
+
+
+def failure_groups(groups: Sequence[PlayedEpisodes]) -> list[EpisodeFailures]:
+    """Groups failed episodes by reason, the most frequent first."""
+    failures = dict[tuple[str, str], EpisodeFailures]()
+    for group in groups:
+        for episode in group.episodes:
+            if episode.status != "ok":
+                reason = episode.status, episode.message.partition("\n")[0]
+                known = failures.get(reason) or EpisodeFailures(*reason, 0, group.policy, group.point, episode.seed)
+                failures[reason] = replace(known, count=known.count + 1)
+    return sorted(failures.values(), key=lambda each: -each.count)
+
+
+def _failures(groups: Sequence[PlayedEpisodes], *, varies: bool) -> dict[str, str]:
+    """Returns the reason of each failed episode, by what identifies the episode."""
+    several = len({group.policy for group in groups}) > 1
+    return {
+        f"seed {episode.seed}"
+        + (f" at point {group.point}" if varies else "")
+        + (f" of {group.policy}" if several else ""): episode.message.partition("\n")[0]
+        for group in groups
+        for episode in group.episodes
+        if episode.status != "ok"
+    }
+
+
+def _error_of_all(groups: Sequence[PlayedEpisodes], failures: Mapping[str, str]) -> FailedEpisodesError:
+    """Returns the error of an evaluation whose episodes all failed; its exit code is theirs if they agree."""
+    error = FailedEpisodesError(failures, len(failures), "table")
+    endings = {(episode.status, episode.exit_code) for group in groups for episode in group.episodes}
+    (status, code), *others = endings
+    if status == "failed" and not others:
+        error.exit_code = code
+    return error
+
+
+def _remove(folder: Path) -> None:
+    """Removes a folder in which nothing but an evaluation without episodes was written."""
+    shutil.rmtree(folder / PARTS, ignore_errors=True)
+    (folder / MANIFEST).unlink(missing_ok=True)
+    with suppress(OSError):  # which has other files by now
+        folder.rmdir()
+
+
+def _error(
+    failed: Mapping[str, str], videos: Sequence[tuple[str, MjrunError]], result: EvaluationResult, groups: int
+) -> MjrunError | None:
+    """Returns the error of an evaluation that is written, but lacks episodes or videos."""
+    lacking = PartlyDoneError(result.files, videos) if videos else None
+    if not failed:
+        return lacking
+    error = FailedEpisodesError(failed, groups * result.episodes, "table")
+    if lacking:
+        error.add_note(str(lacking))
+    return error
 
 
 def _publish(writers: Sequence[OutputWriter], folder: Path, videos: Sequence[str]) -> None:

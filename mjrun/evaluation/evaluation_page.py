@@ -54,6 +54,7 @@ def write_evaluation_page(
             *_comparison(result),
             *parameters_table(points),
             *_endings(result.policies),
+            *_failed(result),
         ],
         figures=figures,
         files=shown_files([video.path for video in result.videos], options),
@@ -96,7 +97,7 @@ def _comparison(result: "EvaluationResult") -> list[PageFacts]:
     rows = [
         (
             name,
-            number(each.difference),
+            "" if each.difference is None else number(each.difference),
             _interval(each.interval),
             clean(each.better or "undecided"),
             f"{each.first_wins:,} / {each.second_wins:,} / {each.ties:,}",
@@ -118,10 +119,23 @@ def _endings(policies: Sequence[EpisodeSummary]) -> list[PageFacts]:
     return [PageFacts("Endings", "How episodes ended", heads, rows, (3, 4))] if rows else []
 
 
+def _failed(result: "EvaluationResult") -> list[PageFacts]:
+    rows = [
+        (each.status, clean(each.policy), f"{each.count:,}", f"{each.seed}", clean(each.message))
+        for each in result.failures
+    ]
+    heads = ("Status", "Policy", "Episodes", "First seed", "Reason")
+    return (
+        [PageFacts("Failures", "Episodes that failed, which no other number includes", heads, rows, (2, 3))]
+        if rows
+        else []
+    )
+
+
 def _share(share: Share) -> tuple[str, str]:
     low, high = share.interval.low, share.interval.high
     interval = "" if low is None or high is None else f"{100 * low:.3g} … {100 * high:.3g} %"
-    return f"{100 * share.share:.3g} %", interval
+    return "" if share.share is None else f"{100 * share.share:.3g} %", interval
 
 
 def _interval(interval: Interval) -> str:

@@ -1,156 +1,236 @@
-"""Execution of all episodes of an evaluation, in chunks and in processes with one core each.
+"""Execution of all episodes of an evaluation, as the points of a study: resumable, isolated, and on its engines.
 
 An episode is a function of its seed: neither its process nor the episodes beside it change a bit of the result.
 """
 
-import threading
-import warnings
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import math
+import pickle
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Self
+
+import mujoco
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import LostEpisodesError
-from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec, PlayedEpisodes
+from mjrun.errors import MjrunError, UsageError, counted, flag, option
+from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.prepared import EpisodeGroup
-from mjrun.platform.cores import available_cores
-from mjrun.python_code import import_from
+from mjrun.evaluation.prepared import EpisodeGroup, PreparedEvaluation
+from mjrun.evaluation.table import LENGTH, RETURN, REWARD
+from mjrun.experiment.design import Design
+from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.source import Source
+from mjrun.options.sweep import PARTS, ExecutionOptions
+from mjrun.python_code import Sealed
 from mjrun.reporter import Reporter
-from mjrun.worker import Worker, WorkerEndedError
+from mjrun.study.chunk_files import point_keys, study_identity
+from mjrun.study.executors import SLURM, ChunkSizes
+from mjrun.study.prepared_points import PreparedPoints
+from mjrun.study.simulate import BUG
+from mjrun.study.spec import PointResult, ShippedStudy, StudyPoint, StudySpec
+from mjrun.task.task import Task
 
-CHUNKS = 4  # per process, so that all processes end at about the same time
-MOST = 64  # episodes in a chunk
+OUTCOME = "outcome"  # of a result, as an index of `OUTCOMES`; the message of a result is the ending
+FIRST = 8  # episodes of a chunk before their time is known: they share worlds
+MOST = 64  # episodes that are played at once in this process
 
 
 @dataclass(frozen=True)
-class EpisodeChunk:
-    """Episodes that one process plays in one go.
+class EpisodesSpec:
+    """The specification of the episodes of several groups, in this order; a picklable value.
 
     Attributes:
-      group: index of their group, in which all episodes have one specification.
-      spec: the specification.
-      seeds: seeds of the episodes.
+      groups: specification of each group.
+      count: number of episodes of each group.
+      rewards: names of the terms of the reward.
     """
 
-    group: int
-    spec: EpisodeSpec
-    seeds: Sequence[int]
+    groups: tuple[EpisodeSpec, ...]
+    count: int
+    rewards: tuple[str, ...]
+
+    @property
+    def numbers(self) -> list[str]:
+        """Names of the numbers of a result."""
+        metrics = [name for name, _ in self.groups[0].metrics]
+        return [RETURN, LENGTH, OUTCOME, *(f"{REWARD}{name}" for name in self.rewards), *metrics]
+
+    def stored_at(self, root: Path) -> Self:
+        """Returns the same specification, whose files are in the folder `root`."""
+        return replace(self, groups=tuple(group.stored_at(root) for group in self.groups))
+
+    def simulator(self) -> "EpisodeSimulator":
+        """Returns the simulator of the episodes."""
+        return EpisodeSimulator(self)
+
+    def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
+        """Returns the task, whose environment all episodes share."""
+        return [self.groups[0].task]
+
+
+class EpisodeSimulator:
+    """A simulator of episodes; those of one group that arrive together are played side by side."""
+
+    def __init__(self, spec: EpisodesSpec) -> None:
+        self._spec, self._group = spec, -1
+        self._player: EpisodePlayer
+
+    def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
+        """Yields the results of episodes, group by group."""
+        by_group = dict[int, list[StudyPoint]]()
+        for point in points:
+            by_group.setdefault(point.index // self._spec.count, []).append(point)
+        for group, some in by_group.items():
+            with collected_warnings():  # which the parent process reports
+                yield self._played(group, some)
+
+    def _played(self, group: int, points: Sequence[StudyPoint]) -> list[PointResult]:
+        start, seeds = time.perf_counter(), [int(point.values[-1]) for point in points]
+        try:
+            if group != self._group:
+                self._group, self._player = -1, player_of(self._spec.groups[group])
+                self._group = group
+            episodes = self._player.play(seeds)
+        except Exception as error:  # of all episodes, such as a value of a point that its model refuses
+            self._group = -1
+            if len(points) > 1:
+                return [result for point in points for result in self._played(group, [point])]
+            return [self._failed(points[0], error)]
+        wall = (time.perf_counter() - start) / len(points)
+        return [self._result(point, episode, wall) for point, episode in zip(points, episodes, strict=True)]
+
+    def _result(self, point: StudyPoint, episode: EpisodeRecord, wall: float) -> PointResult:
+        outcome = OUTCOMES.index(episode.outcome) if episode.status == "ok" else math.nan
+        rewards = episode.rewards
+        terms = [rewards.get(name, math.nan) for name in self._spec.rewards]
+        numbers = (episode.total, episode.length, outcome, *terms, *episode.metrics)
+        message = episode.ending if episode.status == "ok" else self._with_original_names(episode.message)
+        return PointResult(point.index, episode.status, numbers, episode.steps, episode.exit_code, message, wall)
+
+    def _failed(self, point: StudyPoint, error: Exception) -> PointResult:
+        code = error.exit_code if isinstance(error, MjrunError) else BUG
+        text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
+        nothing = (math.nan,) * len(self._spec.numbers)
+        return PointResult(point.index, "failed", nothing, 0, code, self._with_original_names(text))
+
+    def _with_original_names(self, text: str) -> str:
+        snapshot = self._spec.groups[0].chosen.snapshot
+        return snapshot.with_original_names(text) if snapshot else text
+
+
+class PreparedEpisodes(PreparedPoints):
+    """Episodes that are ready to be played in processes.
+
+    Args:
+      prepared: the evaluation.
+      groups: those of its groups whose policies are named by texts.
+      seeds: seeds of the episodes of each group.
+      folder: folder of the evaluation.
+    """
+
+    def __init__(
+        self, prepared: PreparedEvaluation, groups: Sequence[EpisodeGroup], seeds: Sequence[int], folder: Path
+    ) -> None:
+        specs = tuple(group.spec for group in groups)
+        spec = EpisodesSpec(specs, len(seeds), tuple(prepared.player.rewards))
+        self._episodes, self._seeds, self._task = spec, seeds, prepared.task
+        several = len({group.policy for group in groups}) > 1
+        names = (*(["policy"] if several else []), *prepared.points.names, "seed")
+        values = [
+            (*([group.name] if several else []), *prepared.points.points[group.point], str(seed))
+            for group in groups
+            for seed in seeds
+        ]
+        sealed = Sealed(pickle.dumps(spec), prepared.modules)
+        shipped = ShippedStudy(sealed, len(spec.numbers), prepared.snapshot)
+        super().__init__(spec, Design(names, values), shipped, folder, spec.numbers)
+
+    @property
+    def noun(self) -> str:
+        return "episode"
+
+    def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> ChunkSizes:
+        if options.engine == SLURM:
+            return super().chunk_sizes(options, ahead)
+        return ChunkSizes(options.chunk, ahead, first=FIRST)
+
+    def records(self) -> list[list[EpisodeRecord]]:
+        """Returns the records of the episodes of each group."""
+        results, count = self.results(), len(self._seeds)
+        return [
+            [*map(self._record, self._seeds, results[start : start + count])] for start in range(0, len(results), count)
+        ]
+
+    def _record(self, seed: int, result: PointResult) -> EpisodeRecord:
+        total, length, outcome, *numbers = result.metrics
+        rewards = self._episodes.rewards
+        sums, metrics = tuple(numbers[: len(rewards)]), tuple(numbers[len(rewards) :])
+        if result.status != "ok":
+            return EpisodeRecord.failed(seed, result, rewards, len(metrics))
+        ending = result.message, OUTCOMES[int(outcome)]
+        return EpisodeRecord(seed, total, result.steps, length, *ending, rewards, sums, metrics)
+
+    def _keys(self) -> list[str]:
+        """Returns the key of each episode, which does not depend on the number of episodes or other policies."""
+        keys, models = list[str](), dict[Source, mujoco.MjModel]()
+        for group in self._episodes.groups:
+            task = replace(group.task, overrides=self._task.overrides)  # the others are in the identity
+            source = task.model if isinstance(task, Task) else task
+            if source not in models:
+                models[source] = task.stored_at(self.shipped.snapshot.place).load()
+            spec = StudySpec(group.simulation(), ("seed",), group.metrics)
+            identity = study_identity(spec, models[source], self.shipped.spec.modules)
+            keys += point_keys(identity, spec, [(str(seed),) for seed in self._seeds])
+        return keys
 
 
 def play_all(
-    groups: Sequence[EpisodeGroup], seeds: Sequence[int], jobs: int | str, reporter: Reporter
-) -> list[PlayedEpisodes]:
-    """Plays the episodes of `seeds` of each group, and returns them in that order.
+    prepared: PreparedEvaluation, options: ExecutionOptions, seeds: Sequence[int], folder: Path, reporter: Reporter
+) -> tuple[list[PlayedEpisodes], int]:
+    """Plays the episodes of `seeds` of each group; returns all of them, and how many of them were not known already.
 
-    Args:
-      jobs: number of processes, or `auto`. Python policies that are not named by a text play in this process, since no
-        other could create them.
-
-    Raises:
-      MjrunError: an episode failed.
+    Python policies that are not named by a text play in this process, since no other could create them. Nothing
+    identifies their code, so that these episodes are always played.
     """
-    episodes: list[list[EpisodeRecord]] = [[] for _ in groups]
-
-    def add(chunk: EpisodeChunk, records: Sequence[EpisodeRecord]) -> None:
-        episodes[chunk.group] += records
-        reporter.progress("episodes", sum(map(len, episodes)), len(groups) * len(seeds))
-
-    count = jobs if isinstance(jobs, int) else available_cores()
+    groups, simulated = prepared.groups, 0
+    records = dict[int, list[EpisodeRecord]]()
     shared = [place for place, group in enumerate(groups) if isinstance(group.spec.chosen.policy, str)]
-    chunks = _chunks(groups, shared, seeds, count)
-    for chunk, records in played(chunks, max(1, min(count, len(chunks)))):
-        add(chunk, records)
-    for place in sorted({*range(len(groups))} - {*shared}):
-        player = player_of(groups[place].spec)
-        for chunk in _chunks(groups, [place], seeds, 1):
-            add(chunk, player.play(chunk.seeds))
-    return [PlayedEpisodes(group.name, group.point, episodes[place]) for place, group in enumerate(groups)]
+    if len(shared) < len(groups) and options.time_limit is not None:
+        message = f"{option('time_limit')} requires a policy that other processes can load: a file or FILE.py:NAME"
+        raise UsageError(message, ("time_limit",))
+    if shared:
+        episodes = PreparedEpisodes(prepared, [groups[place] for place in shared], seeds, folder)
+        episodes.files.create()
+        episodes.warn_of_damaged(reporter)
+        missing = episodes.missing(options.retry_failed)
+        simulated = len(missing)
+        if simulated < len(episodes.keys):
+            known = len(episodes.keys) - simulated
+            reporter.note(f"{known} of {counted(len(episodes.keys), 'episode')} are known already")
+        if missing:
+            episodes.simulate(missing, options, reporter)
+        records |= zip(shared, episodes.records(), strict=True)
+    for place, group in enumerate(groups):
+        if place not in records:
+            records[place] = _played_here(group.spec, seeds, reporter)
+            simulated += len(seeds)
+    played = [PlayedEpisodes(group.name, group.point, records[place]) for place, group in enumerate(groups)]
+    return played, simulated
 
 
-def _chunks(
-    groups: Sequence[EpisodeGroup], places: Sequence[int], seeds: Sequence[int], processes: int
-) -> list[EpisodeChunk]:
-    size = max(1, min(MOST, -(-len(places) * len(seeds) // (CHUNKS * processes))))
-    return [
-        EpisodeChunk(place, groups[place].spec, seeds[start : start + size])
-        for place in places
-        for start in range(0, len(seeds), size)
-    ]
+def _played_here(spec: EpisodeSpec, seeds: Sequence[int], reporter: Reporter) -> list[EpisodeRecord]:
+    player, episodes = player_of(spec), list[EpisodeRecord]()
+    for start in range(0, len(seeds), MOST):
+        episodes += player.play(seeds[start : start + MOST])
+        reporter.progress("episodes", len(episodes), len(seeds))
+    return episodes
 
 
-def played(chunks: Sequence[EpisodeChunk], processes: int) -> Iterator[tuple[EpisodeChunk, Sequence[EpisodeRecord]]]:
-    """Plays chunks in several processes, and yields each chunk with its episodes, in order.
-
-    Raises:
-      MjrunError: error of the first episode that fails in the order of the chunks, whichever fails first in time.
-      LostEpisodesError: the process ended during that episode.
-    """
-    players = _PlayerProcesses()
-    pool = ThreadPoolExecutor(processes, thread_name_prefix="episodes")
-    try:
-        yield from zip(chunks, pool.map(players.play, chunks), strict=True)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        players.end()
-        pool.shutdown()  # waits for threads, which return when their process has ended
-        players.close()
-
-
-class _PlayerProcesses:
-    """Processes that play episodes, one for each thread that calls `play`."""
-
-    def __init__(self) -> None:
-        self._local, self._workers, self._is_over = threading.local(), list[Worker](), threading.Event()
-
-    def play(self, chunk: EpisodeChunk) -> Sequence[EpisodeRecord]:
-        """Plays a chunk in the process of this thread.
-
-        Raises:
-          MjrunError: an episode failed.
-          LostEpisodesError: the process ended; names the first episode that ends it.
-        """
-        if not hasattr(self._local, "worker"):
-            self._start()
-        try:
-            return self._local.worker.ask("play", chunk)
-        except WorkerEndedError as error:
-            if not self._is_over.is_set():
-                self._start()
-                if len(chunk.seeds) > 1:
-                    for seed in chunk.seeds:
-                        self.play(replace(chunk, seeds=[seed]))
-            raise LostEpisodesError(chunk.seeds, str(error)) from None
-
-    def end(self) -> None:
-        """Ends all processes, also those that are only being started."""
-        self._is_over.set()
-        for worker in list(self._workers):
-            worker.process.end()
-
-    def close(self) -> None:
-        """Closes the connections to all processes, once no thread uses them."""
-        for worker in self._workers:
-            worker.close()
-
-    def _start(self) -> None:
-        self._local.worker = Worker("mjrun.evaluation.execution:EpisodeServer")
-        self._workers.append(self._local.worker)
-        if self._is_over.is_set():
-            self._local.worker.process.end()
-
-
-class EpisodeServer:
-    """Server of a process that plays episodes."""
-
-    def __init__(self) -> None:
-        warnings.simplefilter("ignore")  # the parent process reports them
-        self._group = -1
-        self._player: EpisodePlayer | None = None
-
-    def play(self, chunk: EpisodeChunk) -> Sequence[EpisodeRecord]:
-        """Plays a chunk; raises the error of an episode that fails."""
-        if self._player is None or self._group != chunk.group:
-            import_from(chunk.spec.chosen.modules)
-            self._group, self._player = chunk.group, player_of(chunk.spec)
-        return self._player.play(chunk.seeds)
+def forget_code(groups: Sequence[PlayedEpisodes], prepared: PreparedEvaluation, folder: Path) -> None:
+    """Removes the results of a complete evaluation of code, which may have read files that nothing keeps track of."""
+    is_complete = all(episode.status == "ok" for group in groups for episode in group.episodes)
+    if is_complete and any(group.spec.chosen.is_code for group in prepared.groups):
+        shutil.rmtree(folder / PARTS, ignore_errors=True)

@@ -5,12 +5,12 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import InvalidActionError, MjrunError, SimulationError
+from mjrun.errors import InvalidActionError, MjrunError, SimulationError, flag
 from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
@@ -22,6 +22,7 @@ from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.probe.metric import MetricEvaluation
 from mjrun.simulation.episode import UNLIMITED
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.spec import PointResult
 from mjrun.task.batch_columns import ALL, Rows
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.task.external_environment import ExternalEnvironment
@@ -48,12 +49,10 @@ class EpisodePlayer(ABC):
 
     @abstractmethod
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
-        """Plays the episodes of `seeds`, in order.
+        """Plays the episodes of `seeds`, and returns their records in order.
 
-        Raises:
-          InvalidActionError: the policy returned an action that is not finite.
-          SimulationError: the simulation of an environment failed.
-          MjrunError: the policy failed. In all cases, the error is that of the first episode that fails.
+        An episode has failed if its policy failed, returned an action that is not finite, or if the simulation of its
+        environment failed; the other episodes are not affected.
         """
 
 
@@ -65,7 +64,7 @@ def player_of(spec: EpisodeSpec) -> EpisodePlayer:
       FileError: the policy cannot be read.
       ModelError: the model cannot be loaded.
     """
-    policy, task = spec.chosen.load(), spec.task
+    policy, task = spec.chosen.load(), spec.source
     player: EpisodePlayer
     if isinstance(task, GymSource):
         player = EnvironmentPlayer(task, policy)
@@ -108,37 +107,16 @@ class _Tallies:
 
 
 class _Running(NamedTuple):
-    """An episode that a policy is playing.
+    """An episode that a policy is playing."""
 
-    Attributes:
-      place: index among the episodes that are played in one go.
-    """
-
-    place: int
     seed: int
     actor: Actor
 
 
-class _FirstFailure:
-    """The error of the first episode that fails by place; later episodes need not be played.
-
-    Attributes:
-      place: place of that episode; infinite while none has failed.
-    """
-
-    def __init__(self) -> None:
-        self.place, self._error = math.inf, cast("MjrunError | None", None)
-
-    def note(self, place: int, seed: int, error: MjrunError) -> None:
-        """Notes the error of an episode."""
-        if place < self.place:
-            error.add_note(f"in the episode of seed {seed}")
-            self.place, self._error = place, error
-
-    def throw(self) -> None:
-        """Raises the error, if any."""
-        if self._error:
-            raise self._error
+def failed(error: MjrunError, seed: int, steps: int, rewards: Sequence[str], metrics: int = 0) -> EpisodeRecord:
+    """Returns the record of an episode that failed with an error after a number of control periods."""
+    result = PointResult(-1, "failed", (), steps, error.exit_code, error.spelled(flag))
+    return EpisodeRecord.failed(seed, result, rewards, metrics)
 
 
 class TaskPlayer(EpisodePlayer):
@@ -151,7 +129,7 @@ class TaskPlayer(EpisodePlayer):
             self._worlds = TaskWorlds(task, 1, threads=1)
         self._actions = ActionSpace(self._worlds.action_names, self._worlds.actions.low, self._worlds.actions.high)
         self._fitting = max(1, BYTES // max(1, self._worlds.world_bytes))
-        self.rewards = self._worlds.reward_names
+        self.rewards = tuple(self._worlds.reward_names)
         self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
         self.can_succeed = any(ending.kind == "success" for ending in self._worlds.endings)
 
@@ -164,25 +142,23 @@ class TaskPlayer(EpisodePlayer):
         return [episodes[seed] for seed in seeds]
 
     def _played(self, seeds: Sequence[int], count: int) -> Iterator[EpisodeRecord]:
-        """Yields the episodes as they end, in `count` worlds.
-
-        Raises:
-          MjrunError: error of the first episode that fails, in the order of `seeds`.
-        """
-        worlds, waiting, failure = self._worlds, deque(range(len(seeds))), _FirstFailure()
-        running = dict[int, _Running]()
+        """Yields the episodes as they end or fail, in `count` worlds."""
+        worlds, waiting, running = self._worlds, deque(seeds), dict[int, _Running]()
         tallies = _Tallies(worlds.count, self.rewards, float(self._task.control_dt))
         observations = np.empty((worlds.count, len(worlds.observed)))
         actions = np.empty((worlds.count, len(self._actions.names)))
         for world in range(count):
-            self._begin_next(world, seeds, waiting, running, observations, failure)
+            yield from self._begun(world, waiting, running, observations)
         while running:
-            self._act(running, observations, actions, tallies, failure)
-            for world in [world for world, episode in running.items() if episode.place >= failure.place]:
-                del running[world]
-            if not running:
-                break
-            ids = None if len(running) == worlds.count else np.array(sorted(running))
+            failures = self._act(running, observations, actions, tallies)
+            acting = sorted({*running} - {*failures})
+            for world, error in failures.items():
+                yield failed(error, running.pop(world).seed, int(tallies.steps[world]), self.rewards)
+                tallies.begin(world)
+                yield from self._begun(world, waiting, running, observations)
+            if not acting:
+                continue
+            ids = None if len(acting) == worlds.count else np.array(acting)
             rows = ALL if ids is None else ids
             step = worlds.step(actions[rows], ids)
             observations[rows] = step.observations
@@ -191,39 +167,28 @@ class TaskPlayer(EpisodePlayer):
                 world = index if ids is None else int(ids[index])
                 yield tallies.ended(world, running.pop(world).seed, step.endings[int(step.codes[index])])
                 tallies.begin(world)
-                self._begin_next(world, seeds, waiting, running, observations, failure)
-        failure.throw()
+                yield from self._begun(world, waiting, running, observations)
 
-    def _begin_next(
-        self,
-        world: int,
-        seeds: Sequence[int],
-        waiting: deque[int],
-        running: dict[int, _Running],
-        observations: np.ndarray,
-        failure: _FirstFailure,
-    ) -> None:
-        """Begins the next episode in a world, unless an earlier episode has failed."""
-        while waiting and waiting[0] < failure.place:
-            place = waiting.popleft()
+    def _begun(
+        self, world: int, waiting: deque[int], running: dict[int, _Running], observations: np.ndarray
+    ) -> Iterator[EpisodeRecord]:
+        """Begins the next episode in a world, if one waits; yields those that fail at their beginning."""
+        while waiting:
+            seed = waiting.popleft()
             try:
-                actor = self._policy.episode(seeds[place], self._actions)
-                observations[world] = self._worlds.reset([seeds[place]], [world])[0]
+                actor = self._policy.episode(seed, self._actions)
+                observations[world] = self._worlds.reset([seed], [world])[0]
             except MjrunError as error:
-                failure.note(place, seeds[place], error)
+                yield failed(error, seed, 0, self.rewards)
             else:
-                running[world] = _Running(place, seeds[place], actor)
+                running[world] = _Running(seed, actor)
                 return
 
     def _act(
-        self,
-        running: Mapping[int, _Running],
-        observations: np.ndarray,
-        actions: np.ndarray,
-        tallies: _Tallies,
-        failure: _FirstFailure,
-    ) -> None:
-        """Writes the action of each episode into the row of its world."""
+        self, running: Mapping[int, _Running], observations: np.ndarray, actions: np.ndarray, tallies: _Tallies
+    ) -> dict[int, MjrunError]:
+        """Writes the action of each episode into the row of its world; returns the errors of those that fail."""
+        failures = dict[int, MjrunError]()
         for world, episode in running.items():
             try:
                 actions[world] = action = episode.actor(observations[world])
@@ -232,7 +197,8 @@ class TaskPlayer(EpisodePlayer):
                     step, time = periods * self._worlds.control_steps, periods * self._task.control_dt
                     raise _invalid(self._policy, self._actions, action, step, float(time))
             except MjrunError as error:
-                failure.note(episode.place, episode.seed, error)
+                failures[world] = error
+        return failures
 
 
 class EnvironmentPlayer(EpisodePlayer):
@@ -247,24 +213,29 @@ class EnvironmentPlayer(EpisodePlayer):
         self._actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
         self._periods = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)
         environment.reset(0)
-        self.rewards = environment.names(environment.step(np.zeros(len(self._actions.names)))).rewards
+        first = environment.step(np.zeros(len(self._actions.names)))
+        self.rewards = tuple(environment.names(first).rewards)
         self.endings = [TERMINATED, TIMED_OUT.name]
         self.can_succeed = False  # it does not announce successes
 
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
-        episodes, failure = list[EpisodeRecord](), _FirstFailure()
-        for place, seed in enumerate(seeds):
-            try:
-                episodes.append(self._played(seed))
-            except MjrunError as error:
-                failure.note(place, seed, error)
-                break
-        failure.throw()
-        return episodes
+        return [self._played(seed) for seed in seeds]
 
     def _played(self, seed: int) -> EpisodeRecord:
+        tally = _Tallies(1, self.rewards, float(self._environment.control_dt))
+        try:
+            return self._ended(seed, tally)
+        except MjrunError as error:
+            return failed(error, seed, int(tally.steps[0]), self.rewards)
+
+    def _ended(self, seed: int, tally: _Tallies) -> EpisodeRecord:
+        """Plays an episode up to its end, and adds its rewards to `tally`.
+
+        Raises:
+          MjrunError: the policy or the environment failed.
+        """
         environment, control_dt = self._environment, float(self._environment.control_dt)
-        actor, tally, periods = self._policy.episode(seed, self._actions), _Tallies(1, self.rewards, control_dt), 0
+        actor, periods = self._policy.episode(seed, self._actions), 0
         observation = environment.reset(seed)
         while True:
             action = actor(observation)
@@ -289,9 +260,10 @@ class MeasuringPlayer(EpisodePlayer):
     """
 
     def __init__(self, player: EpisodePlayer, spec: EpisodeSpec, policy: Policy) -> None:
-        self._player, self._spec, self._policy = player, spec, policy
+        self._player, self._policy = player, policy
         self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
-        simulation = Simulation(spec.task, policy=policy)
+        self._task = spec.source
+        simulation = Simulation(self._task, policy=policy)
         assert simulation.episode
         self._metrics = parse_metrics(spec.metrics, simulation.load(), simulation.episode.columns)
         self._columns = metric_columns(self._metrics)
@@ -301,7 +273,7 @@ class MeasuringPlayer(EpisodePlayer):
 
     def _played(self, seed: int) -> EpisodeRecord:
         """Plays an episode, and measures its metrics over the rows at every control instant, including the end."""
-        simulation = Simulation(self._spec.task, policy=self._policy, seed=seed)
+        simulation = Simulation(self._task, policy=self._policy, seed=seed)
         assert simulation.episode
         model = simulation.load()
         timeline = Timeline.of_steps(rational(model.opt.timestep), simulation.episode.longest)
@@ -315,8 +287,10 @@ class MeasuringPlayer(EpisodePlayer):
             failure = error
         # An unstable simulation has no last instant. Any other error is that of the plain episode, if it has one.
         (episode,) = self._player.play([seed])
+        if episode.status != "ok":
+            return replace(episode, metrics=(math.nan,) * len(self._metrics))
         if not isinstance(failure, SimulationError):
-            raise failure
+            return failed(failure, seed, episode.steps, self.rewards, len(self._metrics))
         return replace(episode, metrics=evaluation.values())
 
     def _stepped(

@@ -15,7 +15,6 @@ from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given
-from mjrun.options.policy import is_code
 from mjrun.packages import require_all
 from mjrun.python_code import module_sources
 from mjrun.simulation.episode import policy_files
@@ -54,8 +53,10 @@ class PreparedEvaluation:
       rewritten: see `Rewritten`.
 
     Attributes:
+      task: task with the overrides of the options.
       points: parameters and the values of each point; one point without values if nothing varies.
       groups: groups of episodes by policy, then by point.
+      modules: modules of the policies that are code, for processes that load them.
       metrics: names of the metrics.
       player: player of the first group.
       criteria: requirements and thresholds.
@@ -68,15 +69,24 @@ class PreparedEvaluation:
 
     def __init__(self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None) -> None:
         require_all(EXTRAS)
-        task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
+        self.task = task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
         snapshot = InputSnapshot.empty().with_files(task.files)
         with snapshot.original_names_in_errors():
             self.points = points_of(options, task.stored_at(snapshot.place))
             self.groups = self._grouped(options, task, rewritten, snapshot)
+            chosen = [group.spec.chosen for group in self.groups]
+            self.modules = module_sources(dict.fromkeys(each.policy for each in chosen if each.is_code))
             self.metrics = [name for name, _ in options.metric]
             self.player = self._checked_players()
             check_metric_names(options.metric, (*OWN, *OUTCOMES, *self.player.endings, *self.points.names))
             self.criteria = self._criteria(options)
+
+    @property
+    def snapshot(self) -> InputSnapshot:
+        """Copies of all files."""
+        snapshot = self.groups[0].spec.chosen.snapshot
+        assert snapshot
+        return snapshot
 
     def _grouped(
         self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None, snapshot: InputSnapshot
@@ -89,9 +99,7 @@ class PreparedEvaluation:
         groups = list[EpisodeGroup]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
-                code = [own.policy] if is_code(str(own.policy)) else []
-                stored = replace(own, snapshot=snapshot, modules=module_sources(code))
-                spec = EpisodeSpec(tasks[point].stored_at(snapshot.place), stored, options.metric)
+                spec = EpisodeSpec(tasks[point], replace(own, snapshot=snapshot), options.metric)
                 groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         return groups
 

@@ -72,13 +72,13 @@ class Share:
     Attributes:
       count: number of cases in which it holds.
       of: number of all cases.
-      share: `count / of`.
+      share: `count / of`; None without cases.
       interval: Wilson's score interval.
     """
 
     count: int
     of: int
-    share: float
+    share: float | None
     interval: Interval
 
 
@@ -138,9 +138,11 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters
 
 
 def share(cases: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Share:
-    """Returns the share of true `cases` `(n,)`, n > 0."""
+    """Returns the share of true `cases` `(n,)`."""
     holds = np.asarray(cases, bool)
     count, of = int(np.count_nonzero(holds)), len(holds)
+    if not of:
+        return Share(0, 0, None, NO_INTERVAL)
     effect = _design_effect(holds.astype(float), _members(of, clusters))
     return Share(count, of, count / of, wilson_interval(count / effect, of / effect, confidence))
 
@@ -161,8 +163,10 @@ def paired_share_interval(
     """Returns the interval of the difference of two shares over the same cases, of `ours` − of `theirs`, bool `(n,)`.
 
     Newcombe's method 10 combines the distances of both Wilson intervals from their shares like those of correlated
-    estimates. The interval stays within −1 and 1, and is defined for any number of cases.
+    estimates. The interval stays within −1 and 1, and is defined for any number of cases but zero.
     """
+    if not len(ours):
+        return NO_INTERVAL
     effect = _design_effect(ours.astype(float) - theirs, _members(len(ours), clusters))
     cases = (ours & theirs, ours & ~theirs, ~ours & theirs, ~ours & ~theirs)
     both, only_ours, only_theirs, neither = (int(np.count_nonzero(case)) / effect for case in cases)

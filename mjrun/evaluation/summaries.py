@@ -38,7 +38,8 @@ class EpisodeSummary:
 
     Attributes:
       policy: name of the policy.
-      episodes: number of episodes.
+      episodes: number of episodes that did not fail; all other numbers are of these.
+      failed: number of episodes that failed: a crash, a time limit, an action that is not finite.
       returns: sums of all rewards.
       lengths: simulated times [s].
       success: share of episodes that ended as a success; None if no termination of the task is a success.
@@ -49,6 +50,7 @@ class EpisodeSummary:
 
     policy: str
     episodes: int
+    failed: int
     returns: NumberSummary
     lengths: NumberSummary
     success: Share | None
@@ -62,13 +64,14 @@ class PairedDifference:
     """Paired difference between the first policy and the second.
 
     Attributes:
-      difference: mean of the differences, or difference of the shares: the first's minus the second's.
+      difference: mean of the differences, or difference of the shares: the first's minus the second's; None without
+        pairs.
       interval: Student's t interval of the mean of paired differences; for shares, Newcombe's interval for paired ones.
       better: name of the better policy; None if the interval contains 0.
       first_wins, second_wins, ties: number of pairs in which the first, the second or neither is better.
     """
 
-    difference: float
+    difference: float | None
     interval: Interval
     better: str | None
     first_wins: int
@@ -82,7 +85,7 @@ class PolicyComparison:
 
     Attributes:
       first, second: names of the policies.
-      pairs: number of episodes that both have played.
+      pairs: number of episodes that both have played and that did not fail.
       returns: difference of returns.
       success: difference of success rates; None if no termination of the task is a success.
     """
@@ -166,12 +169,14 @@ def summary_of(
     *,
     can_succeed: bool,
 ) -> EpisodeSummary:
-    """Summarizes `episodes`, at least one, of a policy.
+    """Summarizes `episodes` of a policy.
 
     Args:
       rewards, metrics: names of terms of the reward and of metrics.
       can_succeed: whether a termination of the task is a success.
     """
+    requested = len(episodes)
+    episodes = [episode for episode in episodes if episode.status == "ok"]
     seeds = [episode.seed for episode in episodes]
 
     def summary(values: Sequence[float]) -> NumberSummary:
@@ -190,6 +195,7 @@ def summary_of(
     return EpisodeSummary(
         policy=policy,
         episodes=len(episodes),
+        failed=requested - len(episodes),
         returns=summary([episode.total for episode in episodes]),
         lengths=summary([episode.length for episode in episodes]),
         success=share_of(succeeded) if can_succeed else None,
@@ -202,14 +208,17 @@ def summary_of(
 def compared(
     ours: Sequence[PlayedEpisodes], theirs: Sequence[PlayedEpisodes], confidence: float, *, can_succeed: bool
 ) -> PolicyComparison:
-    """Compares two policies whose episodes are in the same order."""
+    """Compares two policies whose episodes are in the same order, over the pairs of which neither failed."""
     names = ours[0].policy, theirs[0].policy
     returns = [np.concatenate([group.returns for group in groups]) for groups in (ours, theirs)]
     successes = [np.concatenate([group.successes for group in groups]) for groups in (ours, theirs)]
     seeds = np.array([episode.seed for group in ours for episode in group.episodes])
-    differences = returns[0] - returns[1]
-    share_interval = statistics.paired_share_interval(successes[0], successes[1], confidence, seeds)
-    success = _difference(names, successes[0].astype(float) - successes[1], share_interval)
+    is_pair = np.concatenate([group.is_completed for group in ours])
+    is_pair &= np.concatenate([group.is_completed for group in theirs])
+    differences, seeds = (returns[0] - returns[1])[is_pair], seeds[is_pair]
+    first, second = (values[is_pair] for values in successes)
+    share_interval = statistics.paired_share_interval(first, second, confidence, seeds)
+    success = _difference(names, first.astype(float) - second, share_interval)
     return PolicyComparison(
         *names,
         pairs=len(differences),
@@ -219,6 +228,8 @@ def compared(
 
 
 def _difference(names: tuple[str, str], differences: np.ndarray, interval: Interval) -> PairedDifference:
+    if not len(differences):
+        return PairedDifference(None, interval, None, 0, 0, 0)
     mean = float(differences.mean())
     better = (names[0] if mean > 0 else names[1]) if interval.excludes_zero else None
     wins = [int(np.count_nonzero(side)) for side in (differences > 0, differences < 0, differences == 0)]

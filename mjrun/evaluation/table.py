@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
@@ -19,7 +21,7 @@ REWARD = "reward/"  # precedes the name of each term
 SUCCESS, RETURN, LENGTH = "success", "return", "length"
 DIFFERENCE = "_difference"  # follows a name: the difference to the other policy
 LOW = "_low"  # follows a name: the lower end of its interval
-OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome")
+OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome", "status", "message")
 
 
 def episode_table(
@@ -57,6 +59,8 @@ def episode_table(
         table.add(Column(f"{REWARD}{name}", meaning="sum of a term of the reward"), sums)
     for index, name in enumerate(metrics):
         table.add(Column(name, meaning="metric"), [episode.metrics[index] for episode in episodes])
+    table.add_texts("status", [episode.status for episode in episodes], "whether it failed")
+    table.add_texts("message", [episode.message for episode in episodes], "why it failed")
     return table
 
 
@@ -72,7 +76,7 @@ def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[Results
     table.add_parameters(design, range(len(points)))
     for name in meanings:
         table.add(Column(name, meaning="metric"), [_number(each[name].value) for each in measured])
-    table.add_texts("status", ["ok"] * len(points))
+    table.add_texts("status", ["ok" if point.policies[0].episodes else "failed" for point in points])
     for name in meanings:
         intervals = [each[name].interval for each in measured]
         ends = (("low", [each.low for each in intervals]), ("high", [each.high for each in intervals]))
@@ -142,20 +146,21 @@ class PassCriteria:
     def verdicts(
         self, table: ResultsTable, count: int, summary: EpisodeSummary, comparison: PolicyComparison | None
     ) -> list[Verdict]:
-        """Returns whether each requirement and each threshold holds.
+        """Returns whether each requirement and each threshold holds for the episodes that did not fail.
 
         Args:
           table: table of episodes; the first `count` rows are those of the evaluated policy.
         """
+        rows = np.flatnonzero(table.flags("status", ["ok"])["ok"][:count])
         endings = [flag for flag in self._flags if flag not in OUTCOMES]
         outcomes = [flag for flag in self._flags if flag in OUTCOMES]
         columns = {**table.flags("ending", endings), **table.flags("outcome", outcomes), **table.numbers}
-        verdicts = self._requirements.verdicts({name: values[:count] for name, values in columns.items()})
+        verdicts = self._requirements.verdicts({name: values[rows] for name, values in columns.items()})
         made = measures(summary, comparison)
         known = {name: each.value for name, each in made.items()}
         known |= {name + LOW: each.interval.low for name, each in made.items()}
         for name, least in self._thresholds.items():
             text, value = f"{name} >= {least:g}", known.get(name)
             reason = "there are too few episodes to compute it" if value is None else f"it is {value:.6g}"
-            verdicts.append(Verdict(text, value is not None and value >= least, f"{clean(text)}: {reason}", count))
+            verdicts.append(Verdict(text, value is not None and value >= least, f"{clean(text)}: {reason}", len(rows)))
         return verdicts

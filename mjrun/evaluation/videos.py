@@ -17,7 +17,6 @@ from mjrun.options.evaluation import EpisodeVideoOptions
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.simulation.simulation import Simulation
 
 NAMES = re.compile(r"(worst|median|best|rank\d+)(_point\d+)?_seed\d+\.mp4")
 
@@ -65,12 +64,12 @@ class VideoChoice:
 
 
 def chosen_videos(groups: Sequence[PlayedEpisodes], count: int) -> list[VideoChoice]:
-    """Chooses the episodes of `count` videos, evenly spaced by rank of their returns; at most all episodes.
+    """Chooses the episodes of `count` videos, evenly spaced by rank of their returns; at most all that did not fail.
 
     One video shows the median. Equal returns are ranked in the order of their seeds. The median of an even number of
     episodes is the lower of the two in the middle.
     """
-    where = [(g, e) for g, group in enumerate(groups) for e in range(len(group.episodes))]
+    where = [(g, e) for g, group in enumerate(groups) for e, each in enumerate(group.episodes) if each.status == "ok"]
     returns = np.array([groups[g].episodes[e].total for g, e in where])
     order: list[int] = np.argsort(np.where(np.isnan(returns), -np.inf, returns), kind="stable").tolist()
     last, middle = len(order) - 1, (len(order) - 1) // 2
@@ -116,16 +115,9 @@ class VideoMaker:
         return videos, failures
 
     def _video(self, spec: EpisodeSpec, seed: int, path: str) -> Video:
-        options, chosen = self._options, spec.chosen
+        options = self._options
         return Video(
-            Simulation(
-                spec.task,
-                policy=chosen.policy,
-                normalize=chosen.normalize,
-                trust=chosen.trust,
-                seed=seed,
-                snapshot=chosen.snapshot,
-            ),
+            spec.simulation(seed),
             path,
             camera=options.camera,
             size=options.size,

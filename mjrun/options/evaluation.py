@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Processes, Real, Size
+from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.page import PageOptions
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
@@ -89,7 +89,7 @@ class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, Poli
         kw_only=False,
         short="-o",
         usual="TASK_eval",
-        help="Folder for the results.",
+        help="Folder for the results; running again with the same folder continues an interrupted evaluation.",
     )
     episodes: int = option(
         converter=Integer(1), default=100, help="Number of episodes for each policy and each point of a study."
@@ -129,20 +129,6 @@ class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, Poli
     )
     confidence: float = option(
         converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="Confidence level of all intervals."
-    )
-
-
-@options
-class EvaluationExecutionOptions(Options):
-    """Execution of the episodes on this machine."""
-
-    section: ClassVar[str] = "Execution"
-
-    jobs: int | str = option(
-        converter=Processes("N", of="processes"),
-        default="auto",
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Number of processes that run episodes.",
     )
 
 

@@ -182,7 +182,7 @@ class StudyOptions(KeepOptions, PageOptions, VariationOptions):
 
 @options
 class ExecutionOptions(Options):
-    """Execution of the points."""
+    """Execution of the points, or of the episodes of an evaluation or a dataset."""
 
     section: ClassVar[str] = "Execution"
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
@@ -197,7 +197,7 @@ class ExecutionOptions(Options):
         converter=Text("ENGINE"),
         default="local",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask, "
+        help="Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision), dask, "
         "dask://HOST:PORT, slurm, or module:factory, a function that returns a concurrent.futures.Executor.",
     )
     chunk: int | None = option(
@@ -205,16 +205,19 @@ class ExecutionOptions(Options):
         default=None,
         usual="a few seconds' worth",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Number of points per task of the engine.",
+        help="Number of points or episodes per task of the engine.",
     )
     time_limit: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")), default=None, usual="none", help="Maximum wall time per point [s]."
+        converter=Optional(ExactNumber("SECONDS")),
+        default=None,
+        usual="none",
+        help="Maximum wall time per point or episode [s].",
     )
     retry_failed: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Simulate again the points that failed before.",
+        help="Simulate again the points or episodes that failed before.",
     )
 
 

@@ -5,7 +5,6 @@ The process may start before its study is known, from a parent that has not impo
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -15,7 +14,7 @@ from mjrun.worker import Worker
 
 if TYPE_CHECKING:
     from mjrun.python_code import Sealed
-    from mjrun.study.spec import PointResult, StudyPoint, StudySpec, WorkerVersions
+    from mjrun.study.spec import PointResult, PointSpec, StudyPoint, WorkerVersions
 
 SIMULATION = "mjrun.study.simulate"  # which imports mujoco
 FORKS = 8  # most copies of this process: more take longer than a study of few points
@@ -31,12 +30,8 @@ class PointServer:
 
     def open(self, sealed: "Sealed", root: Path) -> None:
         """Opens the study, whose files are in the folder `root`."""
-        from mjrun.study.simulate import PointSimulator
-
-        spec = cast("StudySpec", sealed.open())
-        snapshot = spec.base.snapshot and replace(spec.base.snapshot, root=root)
-        self._spec = replace(spec, base=replace(spec.base, snapshot=snapshot))
-        self._simulator = PointSimulator(self._spec)
+        self._spec = cast("PointSpec", sealed.open()).stored_at(root)
+        self._simulator = self._spec.simulator()
 
     def simulate(self, points: "Sequence[StudyPoint]") -> "Iterator[Sequence[PointResult] | WorkerVersions]":
         """Yields the results of points in any order, and finally the versions that they were simulated with."""

@@ -1,10 +1,7 @@
 """A study that is ready to run: its points and their keys, the known results, and the missing chunks."""
 
-import math
-import socket
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -21,23 +18,18 @@ from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.probe.expression_units import expression_unit
 from mjrun.probe.metric import Metric
 from mjrun.probe.select import available_columns
-from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
-from mjrun.study.chunk_files import FINAL, ChunkFiles, PartWriter, point_keys, study_identity
+from mjrun.study.chunk_files import point_keys, study_identity
 from mjrun.study.episode_spec import EpisodeSpec
-from mjrun.study.results import STATUSES, TABLE_COLUMNS, FailureReporter, with_flags
+from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
+from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES
 from mjrun.study.spec import (
     FILES,
     MODEL,
-    ChunkResult,
-    PointChunk,
-    PointResult,
     ShippedStudy,
-    StudyPoint,
     StudySpec,
-    WorkerVersions,
     require_values,
     simulation_at,
     without_cameras,
@@ -49,12 +41,10 @@ FIRST_STEPS = 2000  # in a chunk before anything is measured, if points have few
 FIRST_POINTS = 32  # most points in such a chunk: each may be compiled
 CHUNK_STEPS = 50_000  # steps in a chunk whose time is not measured: usually seconds
 CHUNK_POINTS = 500  # most points in such a chunk
-JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
 CHUNK_WORLDS = 4096  # points in a chunk of Warp worlds
-NOT_YET = "it is not simulated yet"
 
 
-class PreparedStudy:
+class PreparedStudy(PreparedPoints):
     """A study whose names and numbers are all checked. Nothing is written yet, and only copies of its files are read.
 
     Args:
@@ -67,8 +57,6 @@ class PreparedStudy:
       model: base model.
       shipped: the study as processes receive it.
       folder: folder of the study.
-      files: files of results.
-      known: known results, by the key of their points.
       columns: columns that the metrics read in the base model, except the time.
       units: units of parameters and metrics in the base model; empty where unknown.
 
@@ -90,19 +78,20 @@ class PreparedStudy:
             self.shipped = ShippedStudy.of(self.spec)
             metrics = self._check(options.require)
             self.columns, self.units = metric_columns(metrics), self._units(metrics)
-            self.folder = Path(options.output)
-            self.files = ChunkFiles(self.folder, [name for name, _ in spec.metrics])
-            self.known = self.files.read()
+            folder, names = Path(options.output), [name for name, _ in spec.metrics]
+            super().__init__(self.spec, self.points, self.shipped, folder, names)
 
     @cached_property
     def identity(self) -> Mapping[str, object]:
         """Everything that determines the results, except the values of the points."""
         return study_identity(self.spec, self.model, self.shipped.spec.modules)
 
-    @cached_property
-    def keys(self) -> Sequence[str]:
-        """The key of each point."""
+    def _keys(self) -> Sequence[str]:
         return point_keys(self.identity, self.spec, self.points.points)
+
+    @property
+    def noun(self) -> str:
+        return "episode" if isinstance(self.spec.product, EpisodeSpec) else "point"
 
     @cached_property
     def first(self) -> Simulation:
@@ -121,25 +110,6 @@ class PreparedStudy:
         if self.first.episode is not None or isinstance(self.spec.product, EpisodeSpec):
             return 1
         return min(max(1, FIRST_STEPS // max(1, self.first.timeline(self.model).steps)), FIRST_POINTS)
-
-    def warn_of_damaged(self, reporter: Reporter) -> None:
-        """Warns of parts that cannot be read, whose points count as not simulated."""
-        for path in self.files.damaged:
-            reporter.warn(f"{clean(str(path))} is damaged: its points count as not simulated; it can be removed")
-
-    def missing(self, retry_failed: bool = False) -> list[int]:
-        """Returns the points without a result, and those with a failure that `retry_failed` repeats."""
-        results = [self.known.get(key) for key in self.keys]
-        return [
-            index
-            for index, result in enumerate(results)
-            if result is None or (retry_failed and result.status not in FINAL)
-        ]
-
-    def results(self) -> list[PointResult]:
-        """Returns the result of each point in order; a point without one has the status `missing`."""
-        missing = PointResult(-1, "missing", (math.nan,) * len(self.spec.metrics), 0, 0, NOT_YET)
-        return [self.known.get(key, missing) for key in self.keys]
 
     def steps(self, indices: Sequence[int]) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 for a point whose simulation cannot be made, and for episodes
@@ -171,86 +141,6 @@ class PreparedStudy:
         if options.engine == executors.SLURM:
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
         return executors.ChunkSizes(options.chunk, ahead, first=self._first_size)
-
-    def chunks(
-        self, indices: Sequence[int], options: ExecutionOptions, sizes: executors.ChunkSizes
-    ) -> Iterator[PointChunk]:
-        """Yields points in chunks; asks `sizes` for the size of each chunk when it is needed."""
-        limit = math.inf if options.time_limit is None else float(options.time_limit)
-        steps, start = self.steps(indices), 0
-        while start < len(indices):
-            part = indices[start : start + sizes.next(steps[start:])]
-            start += len(part)
-            yield PointChunk(self.shipped, tuple(StudyPoint(index, self.points.points[index]) for index in part), limit)
-
-    def simulate(
-        self,
-        indices: Sequence[int],
-        options: ExecutionOptions,
-        reporter: Reporter,
-        numbers: Sequence[int] | None = None,
-        publish: Callable[[str, PointResult], None] | None = None,
-    ) -> Counter[str]:
-        """Simulates points in chunks, publishes their results every half second, and adds them to `known`.
-
-        Results of a process with other versions of libraries are refused and not published.
-
-        Args:
-          numbers: number of each point in the study, if the points are only a part of it.
-          publish: writes the files of a point with its key, before its result is recorded.
-
-        Returns:
-          The number of points by status.
-        """
-        statuses, noun = Counter[str](), "episodes" if isinstance(self.spec.product, EpisodeSpec) else "points"
-        failures = FailureReporter(self.points, reporter, numbers)
-        with PartWriter(self.files, executors.INTERVAL) as parts:
-            for arrived in self._completed(indices, options, reporter):
-                for chunk, result in arrived:
-                    keys = [self.keys[point.index] for point in chunk.points]
-                    if publish and not result.is_refused:
-                        for key, each in zip(keys, result.results, strict=True):
-                            publish(key, each)
-                        result = replace(result, results=[replace(each, files=()) for each in result.results])
-                    if not result.is_refused:
-                        hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
-                        parts.add(keys, result.results, ", ".join(sorted(hosts)))
-                    self.known.update(zip(keys, result.results, strict=True))
-
-                    failures.add(result.results)
-                    statuses.update(each.status for each in result.results)
-                    failed = statuses.total() - statuses["ok"]
-                    label = f"{noun}, {failed} failed" if failed else noun
-                    reporter.progress(label, statuses.total(), len(indices))
-                parts.write_if_due()
-        return statuses
-
-    def _completed(
-        self, indices: Sequence[int], options: ExecutionOptions, reporter: Reporter
-    ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
-        """Yields the results of chunks as `executors.completed`; warns of each reason to refuse some."""
-        expected = WorkerVersions.here(self.spec.models(self.points.points))
-        reported = set[str]()
-
-        def fault(result: ChunkResult) -> str:
-            if result.lacks_files:
-                return "the machine that was to simulate it cannot store the study's files"
-            differences = [(each.host, each.difference(expected)) for each in result.worker_versions]
-            reasons = [f"{host} has {difference}" for host, difference in differences if difference]
-            for reason in reasons:
-                if reason not in reported:
-                    reported.add(reason)
-                    reporter.warn(f"{reason}: its results are refused, and simulated again")
-            return "; ".join(reasons)
-
-        with ExitStack() as stack:
-            executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack)
-            sizes = self.chunk_sizes(options, ahead)
-            for arrived in executors.completed(executor, self.chunks(indices, options, sizes), ahead, fault):
-                for _, result in arrived:
-                    results = result.results
-                    sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
-                yield arrived
 
     def _check(self, requirements: Sequence[str]) -> Sequence[Metric]:
         """Raises errors that concern all points before the first is simulated; returns the metrics."""

@@ -104,10 +104,13 @@ class FailureReporter:
     Args:
       points: points of the study, or of a part of it.
       numbers: number of each of these points in the study; None if they are all of its points.
+      noun: the word for a point.
     """
 
-    def __init__(self, points: Design, reporter: Reporter, numbers: Sequence[int] | None = None) -> None:
-        self._points, self._reporter = points, reporter
+    def __init__(
+        self, points: Design, reporter: Reporter, numbers: Sequence[int] | None = None, noun: str = "point"
+    ) -> None:
+        self._points, self._reporter, self._noun = points, reporter, noun
         self._numbers = range(len(points.points)) if numbers is None else numbers
         self._reported = set[tuple[str, str]]()
 
@@ -122,9 +125,9 @@ class FailureReporter:
                 shown = ", ".join([*values[:FEW], *(["…"] if len(values) > FEW else [])])
                 line = result.message.partition("\n")[0]
                 where = f" ({clean(shown)})" if shown else ""
-                self._reporter.note(f"point {self._numbers[result.index]}{where}: {clean(line)}")
+                self._reporter.note(f"{self._noun} {self._numbers[result.index]}{where}: {clean(line)}")
             elif len(self._reported) == MOST_REASONS + 1:
-                self._reporter.note("points fail for more reasons; the table contains all of them")
+                self._reporter.note(f"{self._noun}s fail for more reasons; the table contains all of them")
 
 
 def _reason(result: PointResult) -> tuple[str, str]:

@@ -3,9 +3,10 @@
 import dataclasses
 import math
 import socket
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import mujoco
 import numpy as np
@@ -24,6 +25,9 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.episode_spec import EpisodeSpec
 from mjrun.study.image_spec import ImageSpec
 from mjrun.version import __version__
+
+if TYPE_CHECKING:
+    from mjrun.study.simulate import PointSimulator
 
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 Controllers = Mapping[str, Callable[..., object]]  # by the values of the parameter `controller`
@@ -71,6 +75,17 @@ class StudySpec:
         """Returns the values of a point, by parameter."""
         return dict(zip(self.names, point.values, strict=True))
 
+    def stored_at(self, root: Path) -> Self:
+        """Returns the same specification, whose files are in the folder `root`."""
+        snapshot = self.base.snapshot and replace(self.base.snapshot, root=root)
+        return replace(self, base=replace(self.base, snapshot=snapshot))
+
+    def simulator(self) -> "PointSimulator":
+        """Returns the simulator of the points, in the process that simulates them."""
+        from mjrun.study.simulate import PointSimulator
+
+        return PointSimulator(self)
+
     def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
         """Returns the model of the base simulation, and those that the values of points name instead."""
         place = self.names.index(MODEL) if MODEL in self.names else None
@@ -114,6 +129,30 @@ class PointResult:
     message: str = ""
     wall: float = 0.0
     files: tuple[tuple[str, bytes], ...] = ()
+
+
+class Simulator(Protocol):
+    """A simulator of points, in the process that simulates them."""
+
+    def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
+        """Yields the results of points in the order in which they end."""
+        ...
+
+
+class PointSpec(Protocol):
+    """Everything that points share: a picklable value, from which a process makes their simulator."""
+
+    def stored_at(self, root: Path) -> Self:
+        """Returns the same specification, whose files are in the folder `root`."""
+        ...
+
+    def simulator(self) -> Simulator:
+        """Returns the simulator of the points."""
+        ...
+
+    def models(self, points: Iterable[Sequence[str]]) -> Sequence[Source]:
+        """Returns the models of points, given by their values."""
+        ...
 
 
 # --- values of points --------------------------------------------------------------------------------
@@ -258,7 +297,7 @@ class ShippedStudy:
     """Everything that a process on any machine needs to simulate points of a study.
 
     Attributes:
-      spec: specification, with the user's code.
+      spec: its `PointSpec`, with the user's code.
       metrics: number of metrics.
       snapshot: copies of all files that its points read.
     """

@@ -12,10 +12,13 @@ import pytest
 
 import mjrun
 from mjrun.document.json_schema import report_schema
-from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
+from mjrun.errors import FailedAssertionError, FailedEpisodesError, FileError, MjrunWarning, TerminatedError
 from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
 from mjrun.evaluation.execution import play_all
 from mjrun.evaluation.table import FILES
+from mjrun.options.sweep import PARTS
+from mjrun.study import executors
+from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.task.task import Reward
 from tests.document.schema_oracle import fits
 from tests.evaluation.tasks import XML, cart_task, play_here, write_policies
@@ -51,7 +54,7 @@ def test_the_result_is_that_of_the_table(tmp_path: Path) -> None:
     assert summary.success
     assert summary.success.count == (rows["outcome"] == "success").sum()
     assert result.steps == rows["steps"].sum()
-    assert sorted(result.files) == sorted(str(path) for path in (tmp_path / "out").iterdir())
+    assert sorted(result.files) == sorted(str(path) for path in (tmp_path / "out").iterdir())  # of code, no results
     manifest = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert manifest["policies"][0]["returns"]["mean"] == summary.returns.mean
     assert manifest["mjrun"] == mjrun.__version__
@@ -72,15 +75,67 @@ def test_a_second_evaluation_replaces_the_first_and_nothing_else(tmp_path: Path)
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
 
 
-def test_a_failure_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
-    with pytest.raises(InvalidActionError):
-        evaluation(tmp_path, name="Broken").run()
+@pytest.mark.parametrize("options", [{"policy": "random"}, {"vary": {"geom/box.mass": "1,2"}, "compare": "zero"}])
+def test_an_interrupted_evaluation_continues_to_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]
+) -> None:
+    options = {**options, "episodes": 5, "chunk": 2, "command": "mjrun eval"}
+    whole = evaluation(tmp_path, "whole", **options).run()
+    run_chunk, left = executors.run_chunk, [2]
+
+    def interrupted(chunk: PointChunk) -> ChunkResult:
+        left[0] -= 1
+        if left[0] < 0:
+            raise TerminatedError(15)
+        return run_chunk(chunk)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(executors, "run_chunk", interrupted)
+        with pytest.raises(TerminatedError):
+            evaluation(tmp_path, "cut", **options).run()
+    assert {path.name for path in (tmp_path / "cut").iterdir()} == {"evaluation.json", PARTS}
+    result = evaluation(tmp_path, "cut", **options).run()
+    assert 0 < result.simulated < len(pd.read_csv(tmp_path / "cut" / FILES[1]))
+    for path in (tmp_path / "whole").glob("[er]*.[pc]*"):
+        assert (tmp_path / "cut" / path.name).read_bytes() == path.read_bytes()
+    assert (result.policies, result.points) == (whole.policies, whole.points)
+
+
+def test_where_all_episodes_fail_no_table_is_written(tmp_path: Path) -> None:
+    with pytest.raises(FailedEpisodesError, match="9 of 9 episodes failed; there is no table") as caught:
+        evaluation(tmp_path, name="wide").run()
+    assert caught.value.exit_code == 2  # of each of them
     assert not (tmp_path / "out").exists()
     evaluation(tmp_path).run()
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    with pytest.raises(InvalidActionError):
-        evaluation(tmp_path, name="Broken").run()
-    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    with pytest.raises(FailedEpisodesError):
+        evaluation(tmp_path, name="wide").run()
+    after = {path: path.read_bytes() for path in (tmp_path / "out").iterdir() if path.is_file()}
+    assert after == before
+
+
+def test_the_table_has_failed_episodes_with_their_reasons_and_no_number_includes_them(tmp_path: Path) -> None:
+    """Of the episodes of seeds 3 to 11, those that still run after 5 + 3·(seed − 7) periods fail from seed 7 on."""
+    with pytest.raises(FailedEpisodesError, match="of 18 episodes failed; the table has the others") as caught:
+        evaluation(tmp_path, name="NotNumber", compare="zero", require=["return > -100"], html=None).run()
+    assert caught.value.exit_code == 8
+    (result,) = caught.value.results
+    rows = pd.read_csv(tmp_path / "out" / FILES[1]).to_dict("records")
+    own, other = rows[:9], {row["seed"]: row["return"] for row in rows[9:]}
+    failed, completed = ([row for row in own if (row["status"] == "ok") == ok] for ok in (False, True))
+    assert 0 < len(failed) < 6
+    for row in failed:
+        assert row["status"] == "failed"
+        assert "push = nan" in row["message"]
+        assert all(pd.isna(row[name]) for name in ("return", "length", "ending", "outcome", "reward/near"))
+    returns = np.array([row["return"] for row in completed])
+    assert result.policies[0].failed == len(failed)
+    assert result.policies[0].returns.mean == pytest.approx(returns.mean())
+    assert result.policies[0].success.of == result.comparison.pairs == len(completed)
+    differences = returns - [other[row["seed"]] for row in completed]
+    assert result.comparison.returns.difference == pytest.approx(differences.mean())
+    assert sum(each.count for each in result.failures) == len(failed)
+    assert result.assertions[0].passed
 
 
 def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> None:

@@ -1,111 +1,139 @@
-"""Any number of processes gives the same episodes and the same error."""
+"""Episodes are points: any processes give the same records, a failure costs its episode, and nothing is repeated."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from mjrun.errors import ControllerError, InvalidActionError, LostEpisodesError, MjrunError
+from mjrun.errors import UsageError
 from mjrun.evaluation import execution, player
-from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec, PolicyChoice
-from mjrun.evaluation.execution import EpisodeChunk, play_all, played
+from mjrun.evaluation.episode import EpisodeRecord
+from mjrun.evaluation.execution import PreparedEpisodes, play_all
 from mjrun.evaluation.player import player_of
-from mjrun.evaluation.prepared import EpisodeGroup
+from mjrun.evaluation.prepared import PreparedEvaluation
+from mjrun.options.evaluation import EvaluationOptions
+from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import WarningReporter
-from tests.evaluation.tasks import cart_task, write_policies
+from mjrun.task.task import Task
+from tests.evaluation.tasks import cart_task, play_here, write_policies
 
 
 class Progress(WarningReporter):
     def __init__(self) -> None:
-        self.reported = list[tuple[int, int]]()
+        self.reported, self.notes = list[tuple[int, int]](), list[str]()
 
     def progress(self, what: str, done: int, total: int) -> None:
-        assert what == "episodes"
+        assert what.startswith("episodes")
         self.reported.append((done, total))
 
+    def note(self, text: str) -> None:
+        self.notes.append(text)
 
-def groups(folder: Path, policy: object, *others: object) -> list[EpisodeGroup]:
-    specs = [EpisodeSpec(cart_task(folder), PolicyChoice(each)) for each in (policy, *others)]
-    return [EpisodeGroup(place, f"p{place}", 0, spec) for place, spec in enumerate(specs)]
+
+def prepared(folder: Path, policy: object, task: Task | None = None, **options: object) -> PreparedEvaluation:
+    task = task or cart_task(folder)
+    return PreparedEvaluation(EvaluationOptions(task, "out", policy=policy, **options), task, None)  # type: ignore[arg-type]
+
+
+def play(
+    some: PreparedEvaluation, seeds: Sequence[int], out: Path, reporter: WarningReporter | None = None, **options: Any
+) -> tuple[list[list[EpisodeRecord]], int]:
+    """Returns the records of each group, and the number of episodes that were played."""
+    groups, simulated = play_all(some, ExecutionOptions(**options), seeds, out, reporter or Progress())
+    return [list(group.episodes) for group in groups], simulated
 
 
 @pytest.mark.slow
 def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_policies(tmp_path)
-    some = groups(tmp_path, f"{path}:act", "random")
-    expected = [player_of(group.spec).play(range(5, 16)) for group in some]
+    some = prepared(tmp_path, f"{write_policies(tmp_path)}:act", compare="random")
+    expected = [player_of(group.spec).play(range(5, 16)) for group in some.groups]
     progress = Progress()
-    groups_played = play_all(some, range(5, 16), 2, progress)
-    assert [list(each.episodes) for each in groups_played] == expected
-    assert [each.policy for each in groups_played] == ["p0", "p1"]
+    assert play(some, range(5, 16), tmp_path / "out", progress, jobs=2, chunk=3) == (expected, 22)
     assert progress.reported[-1] == (22, 22)
     assert progress.reported == sorted(progress.reported)
     monkeypatch.setattr(player, "SIDE_BY_SIDE", 2)
-    assert [player_of(group.spec).play(range(5, 16)) for group in some] == expected
+    assert [player_of(group.spec).play(range(5, 16)) for group in some.groups] == expected
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "all_jobs", "message"),
-    [
-        ("Late", (1, 3), r"raised KeyError: 'seed 7, call 35'"),
-        ("NotNumber", (2,), r"step 68, .*push = nan"),
-        ("LateCrash", (2,), r"episode of seed 7 was killed by SIGABRT"),
-    ],
-)
-def test_the_failure_told_is_that_of_the_first_episode_that_fails(
-    tmp_path: Path, name: str, all_jobs: Sequence[int], message: str
-) -> None:
-    """Later episodes fail at earlier steps, and in other processes: neither changes the error."""
-    endless = replace(cart_task(tmp_path), terminations={})
-    chosen = PolicyChoice(f"{write_policies(tmp_path)}:{name}")
-    some = [EpisodeGroup(0, name, 0, EpisodeSpec(endless, chosen))]
-    messages: set[tuple[str, ...]] = set()
-    for jobs in all_jobs:
-        with pytest.raises(MjrunError, match=message) as caught:
-            play_all(some, range(5, 18), jobs, WarningReporter())
-        messages.add((str(caught.value), *getattr(caught.value, "__notes__", ())))
-    assert len(messages) == 1
-    assert name == "LateCrash" or "in the episode of seed 7" in next(iter(messages))
+def test_a_crash_a_hang_an_exception_and_an_action_that_is_no_number_cost_their_episode(tmp_path: Path) -> None:
+    endless = replace(cart_task(tmp_path, duration=0.3), terminations={})
+    policies = write_policies(tmp_path)
+    (mixed,), _ = play(
+        prepared(tmp_path, f"{policies}:Mixed", endless), range(5, 13), tmp_path / "out", jobs=1, time_limit=1
+    )
+    (act,), _ = play(prepared(tmp_path, f"{policies}:act", endless), range(5, 13), tmp_path / "act", jobs=1)
+    status = {each.seed: each.status for each in mixed if each.status != "ok"}
+    assert status == {6: "failed", 8: "crashed", 9: "failed", 11: "timeout"}
+    assert [each for each in mixed if each.status == "ok"] == [each for each in act if each.seed not in status]
+    reasons = {each.seed: each.message for each in mixed}
+    assert "push = nan" in reasons[6]
+    assert "SIGABRT" in reasons[8]
+    assert "KeyError: 'seed 9'" in reasons[9]
 
 
-@pytest.mark.parametrize(
-    ("name", "error", "match"),
-    [
-        ("Broken", InvalidActionError, r"push = nan[\s\S]*seed 5"),
-        ("raising", ControllerError, "nothing here"),
-        ("Crashing", LostEpisodesError, "the episode of seed 5 was killed by SIGABRT.*"),
-    ],
-)
-@pytest.mark.slow
-def test_what_an_episode_raises_is_raised_here(tmp_path: Path, name: str, error: type[MjrunError], match: str) -> None:
-    with pytest.raises(error, match=match):
-        list(played([EpisodeChunk(0, groups(tmp_path, f"{write_policies(tmp_path)}:{name}")[0].spec, [5, 6])], 1))
+def test_known_episodes_are_not_played_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More episodes, another point and another policy add what is missing; another task shares nothing."""
+    play_here(monkeypatch)
+    out = tmp_path / "out"
+    alone, _ = play(prepared(tmp_path, "random"), range(9), tmp_path / "whole")
+    assert play(prepared(tmp_path, "random"), range(4), out)[1] == 4
+    reporter = Progress()
+    assert play(prepared(tmp_path, "random"), range(9), out, reporter) == (alone, 5)
+    assert reporter.notes == ["4 of 9 episodes are known already"]
+    compared, simulated = play(prepared(tmp_path, "random", compare="zero"), range(9), out)
+    assert (compared[0], simulated) == (alone[0], 9)
+    varied = prepared(tmp_path, "random", vary={"geom/box.mass": "1,2"})
+    assert play(varied, range(9), out)[1] == 18
+    wider = prepared(tmp_path, "random", vary={"geom/box.mass": "3,2"})
+    assert play(wider, range(9), out)[1] == 9  # of the new point
+    longer = prepared(tmp_path, "random", cart_task(tmp_path, duration=0.5))
+    assert play(longer, range(9), out)[1] == 9
+    (tmp_path / "cart.xml").write_text((tmp_path / "cart.xml").read_text().replace('gear="5"', 'gear="4"'))
+    assert play(PreparedEvaluation(wider_options(longer.task), longer.task, None), range(9), out)[1] == 9
 
 
-@pytest.mark.usefixtures("half_a_core")
-def test_processes_are_as_many_as_the_quota_of_a_container_feeds(
+def wider_options(task: object) -> EvaluationOptions:
+    return EvaluationOptions(task, "out", policy="random")
+
+
+def test_failed_episodes_are_known_until_they_are_to_be_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    counts: list[int] = []
-
-    def record(chunks: Sequence[EpisodeChunk], count: int) -> Iterator[tuple[EpisodeChunk, Sequence[EpisodeRecord]]]:
-        counts.append(count)
-        return played(chunks, count)
-
-    monkeypatch.setattr(execution, "played", record)
-    play_all(groups(tmp_path, "zero"), range(4), "auto", WarningReporter())
-    assert counts == [1]
+    play_here(monkeypatch)
+    some = prepared(tmp_path, f"{write_policies(tmp_path)}:NotNumber", replace(cart_task(tmp_path), terminations={}))
+    first, _ = play(some, range(5, 9), tmp_path / "out")
+    assert [each.status for each in first[0]] == ["ok", "ok", "failed", "failed"]
+    again, simulated = play(some, range(5, 9), tmp_path / "out")
+    assert (repr(again), simulated) == (repr(first), 0)
+    assert play(some, range(5, 9), tmp_path / "out", retry_failed=True)[1] == 2
 
 
-def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path) -> None:
+def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play_here(monkeypatch)
+
     def act(observation: np.ndarray) -> np.ndarray:  # nobody else could find it
         return np.array([-2.0 * observation[0] - 1.2 * observation[1]])
 
-    path = write_policies(tmp_path)
-    own, other = play_all(groups(tmp_path, act, f"{path}:act"), range(4), 1, WarningReporter())
-    assert own.episodes == other.episodes
+    some = prepared(tmp_path, act, compare=f"{write_policies(tmp_path)}:act")
+    (own, other), simulated = play(some, range(4), tmp_path / "out", jobs=1)
+    assert (own, simulated) == (other, 8)
+    assert play(some, range(4), tmp_path / "out", jobs=1)[1] == 4  # nothing identifies a function
+    with pytest.raises(UsageError, match="time_limit requires a policy that other processes can load"):
+        play(some, range(4), tmp_path / "out", time_limit=1)
+
+
+def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records survive the files, to the last bit."""
+    play_here(monkeypatch)
+    some = prepared(tmp_path, "random", metric=(("never", "first(time, qpos/slider > 50)"), ("end", "last(time)")))
+    expected = player_of(some.groups[0].spec).play(range(3))
+    played, _ = play(some, range(3), tmp_path / "out")
+    assert repr(played) == repr([expected])
+    assert repr(PreparedEpisodes(some, some.groups, range(3), tmp_path / "out").records()) == repr([expected])
+    assert execution.FIRST <= player.SIDE_BY_SIDE

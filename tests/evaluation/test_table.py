@@ -32,6 +32,7 @@ def test_a_row_is_an_episode_with_integers_as_integers(tmp_path: Path) -> None:
         pq.read_table(tmp_path / FILES[0]),
     )
     names = ["episode", "seed", "return", "length", "steps", "ending", "outcome", "reward/near", "reward/cost", "m"]
+    names += ["status", "message"]
     assert [*csv.columns] == parquet.column_names == names
     for name in ("episode", "seed", "steps"):
         assert str(csv[name].dtype) == str(parquet.schema.field(name).type) == "int64"

@@ -15,11 +15,12 @@ from mjrun.cli.table_cells import Column, number
 from mjrun.errors import clean, counted
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
-from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
+from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationOptions
+from mjrun.options.sweep import ExecutionOptions
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.evaluation.evaluation import Evaluation, EvaluationResult
+    from mjrun.evaluation.evaluation import EpisodeFailures, Evaluation, EvaluationResult
     from mjrun.evaluation.statistics import Interval, NumberSummary, Share
     from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, PointSummary, PolicyComparison
 
@@ -34,7 +35,7 @@ ARGUMENTS = (
 
 @command(
     EvaluationOptions,
-    EvaluationExecutionOptions,
+    ExecutionOptions,
     EvaluationCommandOptions,
     OpenOptions,
     ConfinementOptions,
@@ -56,8 +57,9 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
 
     TASK is a task document, an included task such as scene:car_drive, or a Gymnasium environment. KEY=VALUE
     changes a value of the document. Episodes use consecutive seeds, from --seed on; mjrun video TASK --policy P
-    --seed S shows the episode with seed S. The same seeds give identical tables. Exits with 1 if a requirement is not
-    met.
+    --seed S shows the episode with seed S. The same seeds give identical tables. Running again with the same folder
+    continues an interrupted evaluation. Exits with 1 if a requirement is not met, and with 8 if episodes failed:
+    each failure costs its own episode.
 
     EVALUATION.yaml is an evaluation document; KEY=VALUE changes a value in it, and options override it.
     """
@@ -88,7 +90,7 @@ def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluatio
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")
     command_line = with_camera_scripts(command_line)
     if is_yaml(path) and kind_of_file(path) == KINDS["Evaluation"]:
-        values = command_line.explicit(EvaluationOptions, EvaluationExecutionOptions)
+        values = command_line.explicit(EvaluationOptions, ExecutionOptions)
         request = read_evaluation(path, assignments, values=values, command=console.command)
         return request.made, request.changes, request.located
     task, rewritten = evaluated_task(path, assignments)
@@ -119,6 +121,8 @@ def evaluation_report(result: "EvaluationResult") -> str:
     if successes := [(each.policy, each.success) for each in result.policies if each.success]:
         several = len(successes) > 1
         page.lines("success", [(clean(name) if several else "rate", _share(each, level)) for name, each in successes])
+    if result.failures:
+        page.lines("failed", [(f"{each.status}, {each.count}", _failure(each, result)) for each in result.failures])
     if result.points:
         hint = f"{result.path}/results.csv has all"
         page.table("points", _point_columns(result.points, result.names, level), len(result.points), SHOWN, hint)
@@ -201,6 +205,8 @@ def _comparison(comparison: "PolicyComparison", level: str) -> list[tuple[str, s
 
 
 def _difference(comparison: "PolicyComparison", found: "PairedDifference", level: str, *, share: bool) -> str:
+    if found.difference is None:
+        return "no pair of episodes that did not fail"
     size = f"{100 * found.difference:+.3g} %" if share else _signed(found.difference)
     interval = _percents(found.interval) if share else _interval(found.interval)
     method = "Newcombe's paired interval" if share else "paired t interval"
@@ -211,13 +217,23 @@ def _difference(comparison: "PolicyComparison", found: "PairedDifference", level
     return f"{verdict}: {first} - {second} is {size}{note}; {counts}"
 
 
+def _failure(failures: "EpisodeFailures", result: "EvaluationResult") -> str:
+    where = [f"seed {failures.seed}"]
+    where += [f"point {failures.point}"] if result.points else []
+    where += [clean(failures.policy)] if len(result.policies) > 1 else []
+    first = "first " if failures.count > 1 else ""
+    return f"{clean(failures.message)} ({first}{', '.join(where)})"
+
+
 def _last_line(result: "EvaluationResult") -> str:
     last = result.seed + result.episodes - 1
+    failed = sum(each.count for each in result.failures)
     seeds = f"seeds {result.seed} to {last}" if result.episodes > 1 else f"seed {result.seed}"
     facts = [
         counted(result.episodes, "episode") + (" of each policy" if len(result.policies) > 1 else ""),
         *([f"at {len(result.points)} points"] if result.points else []),
         seeds,
+        *([f"{failed:,} failed"] if failed else []),
         f"{result.steps:,} control periods",
     ]
     return f"{clean(str(Path(result.path)))}: {', '.join(facts)}; {result.wall:.1f} s"
@@ -225,6 +241,8 @@ def _last_line(result: "EvaluationResult") -> str:
 
 def _share(share: "Share", level: str) -> str:
     interval = f"{level} {_percents(share.interval)}, Wilson's interval"
+    if share.share is None:
+        return "no episode that did not fail"
     return f"{_percent(share.share)}, {share.count} of {share.of} episodes ({interval})"
 
 
@@ -238,9 +256,9 @@ def _percents(interval: "Interval") -> str:
     return f"{100 * interval.low:.1f}..{100 * interval.high:.1f} %"
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.3g} %"
 
 
-def _signed(value: float) -> str:
-    return f"{value:+.5g}"
+def _signed(value: float | None) -> str:
+    return "" if value is None else f"{value:+.5g}"

@@ -134,7 +134,7 @@ def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str)
         (["cart.yaml", "--policy", "missing.onnx"], 7, "missing.onnx"),
         (["cart.yaml", "--policy", "zero", "--episodes", "0"], 2, "episodes"),
         (["cart.yaml", "--policy", "policies.py:wide", "--jobs", "1"], 2, "3 numbers"),
-        (["cart.yaml", "--policy", "policies.py:Broken", "--jobs", "1"], 4, "step 14"),
+        (["cart.yaml", "--policy", "zero", "--engine", "warp"], 2, "--engine warp plays no policies"),
         (["cart.yaml", "--policy", "zero", "--metric", "m=max(qpos/knee)"], 2, "qpos/knee"),
         (["cart.yaml", "--policy", "zero", "--fail-below", "0.9"], 2, "success=90%"),
         (["cart.yaml", "--policy", "zero", "--fail-below", "speed=1"], 2, "success_low"),
@@ -151,6 +151,21 @@ def test_what_cannot_be_is_told_and_leaves_nothing(
     assert (done.returncode, done.stdout) == (code, b""), done.stderr
     assert text in done.stderr.decode()
     assert {path.name for path in mjrun_here.folder.iterdir()} - {"__pycache__"} == before
+
+
+def test_episodes_that_fail_are_counted_with_their_reasons(mjrun_here: Command, cart: str) -> None:
+    done = mjrun_here("eval", cart, "--policy", "policies.py:Broken", "--jobs", "1", "--json", "-o", "out")
+    document = json.loads(done.stdout)
+    rows = pd.read_csv(mjrun_here.folder / "out" / "episodes.csv")
+    failed = rows["status"].tolist().count("failed")
+    assert (done.returncode, document["error"]["exit_code"]) == (8, 8)
+    assert 0 < failed < 100
+    assert document["policies"][0]["failed"] == failed == 100 - document["policies"][0]["episodes"]
+    again = mjrun_here("eval", cart, "--policy", "policies.py:Broken", "--jobs", "1", "-o", "out")
+    assert again.returncode == 8
+    assert f"failed, {failed}" in again.stdout.decode()
+    assert "step 14" in again.stdout.decode()
+    assert "100 of 100 episodes are known already" in again.stderr.decode()
 
 
 SOME = episodes(30, np.random.default_rng(3))
@@ -170,6 +185,7 @@ def result(**facts: object) -> EvaluationResult:
         "points": [],
         "videos": [],
         "assertions": [],
+        "failures": [],
         "steps": 1234,
         "wall": 2.0,
     }
