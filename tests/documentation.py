@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -100,10 +101,22 @@ class Execution:
         return Done(done.returncode, "" if target else done.stdout.decode(), done.stderr.decode())
 
 
-def shell_environment(folder: Path, smaller: Mapping[str, str]) -> dict[str, str]:
+def plain_scenes(folder: Path) -> Path:
+    """Copies the scenes without their textures, for which a renderer compiles most of its shaders; returns the copy.
+
+    tests/test_gallery.py renders the scenes as they are.
+    """
+    copied = Path(shutil.copytree(ROOT / "scenes", folder / "scenes"))
+    for scene in copied.glob("*.xml"):
+        text = re.sub(r'<texture .*?/>| texture="\w+"', "", scene.read_text(), flags=re.DOTALL)
+        scene.write_text(re.sub(r'shadowsize="\d+"', 'shadowsize="64"', text))
+    return copied
+
+
+def shell_environment(folder: Path, smaller: Mapping[str, str], scenes: Path = ROOT / "scenes") -> dict[str, str]:
     """Returns the environment of a shell in a folder with the scenes, where `mjrun` adds options to each command."""
     (folder / "bin").mkdir()
-    (folder / "scenes").symlink_to(ROOT / "scenes")
+    (folder / "scenes").symlink_to(scenes)
     program = folder / "bin/mjrun"
     cases = " ".join(f'{name}) set -- "$@" {words};;' for name, words in smaller.items())
     path = f"{ROOT}:{models_of_others(folder / 'others')}"

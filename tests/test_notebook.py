@@ -15,14 +15,22 @@ import numpy as np
 import pytest
 
 import mjrun
-from tests.documentation import ROOT
+from tests.documentation import ROOT, plain_scenes
 
 sys.path.append(str(ROOT))
 
 from scripts import make_docs
 
 CELLS = json.loads(make_docs.NOTEBOOK.read_text("utf-8"))["cells"]
-SMALLER = {"size, fps = (480, 360), 30": "size, fps = (64, 48), 2"}
+SMALLER = {
+    "size, fps = (480, 360), 30": "size, fps = (64, 48), 1",
+    "wide = (800, 480)": "wide = (400, 240)",
+    "perturb=1e-7, duration=10": "perturb=1e-7, duration=2",
+    "9}, duration=10": "9}, duration=1",
+    # The camera looks for the throw at every step; with longer ones it takes place too.
+    r"dominos.xml\", duration=3": r"dominos.xml\", duration=3, timestep=0.002",
+}
+COPY = "!mjrun examples scenes"
 
 
 def embedded(kind: str, shown: str) -> bytes:
@@ -91,7 +99,8 @@ def test_the_notebook_is_stored_without_outputs_and_says_what_cells_show() -> No
 @pytest.mark.gl
 @pytest.mark.slow
 def test_every_cell_of_the_notebook_shows_what_it_promises(tmp_path: Path) -> None:
-    cells = make_docs.executed_notebook(tmp_path, SMALLER)
+    plain = plain_scenes(tmp_path / "plain")
+    cells = make_docs.executed_notebook(tmp_path, {**SMALLER, COPY: f"{COPY} && cp -r {plain} ."})
     for cell in cells:
         if cell["cell_type"] == "code":
             (tag,) = cell["metadata"]["tags"]

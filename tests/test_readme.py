@@ -15,7 +15,17 @@ from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from scripts.make_docs import CONTENTS
 from tests.conftest import Command
-from tests.documentation import PAGES, ROOT, TEXT, Execution, blocks, commands, commands_in_tables, shell_environment
+from tests.documentation import (
+    PAGES,
+    ROOT,
+    TEXT,
+    Execution,
+    blocks,
+    commands,
+    commands_in_tables,
+    plain_scenes,
+    shell_environment,
+)
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
 
 pytestmark = pytest.mark.slow
@@ -35,7 +45,7 @@ SMALLER = {
     "trace": SHORT,
     "run": "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft",
     "view": SHORT,
-    "eval": f"--episodes 3 --jobs 1 --fps 5 {IMAGE}",
+    "eval": f"--episodes 3 --jobs 1 --fps 1 {IMAGE}",
     "sweep": "--jobs 1",
     "export": SHORT,
     "dataset": "--jobs 1 --size 48x36 --quality draft",
@@ -43,7 +53,8 @@ SMALLER = {
 }
 SMALLER_STUDIES = {
     r"(--duration |duration=)[\d.]+": r"\g<1>0.1",
-    r"(--samples |samples=)\d+": r"\g<1>4",
+    r"(--samples |samples=)\d+": r"\g<1>2",
+    r"seq 4 \| xargs -P 4 (.*)/4": r"seq 2 | xargs -P 2 \1/2",
     r"\.\.(\S+):\d+'": r"..\1:3'",
     r"slid > 0.01": "slid >= 0",
 }
@@ -76,6 +87,19 @@ def shell(tmp_path: Path) -> dict[str, str]:
     return shell_environment(tmp_path, SMALLER)
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the scenes, drawn in a fraction of the time."""
+    return plain_scenes(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture
+def drawn_plain(shell: dict[str, str], plain: Path, tmp_path: Path) -> None:
+    """Replaces the scenes in that folder by plain ones."""
+    (tmp_path / "scenes").unlink()
+    (tmp_path / "scenes").symlink_to(plain)
+
+
 @pytest.fixture
 def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Execution:
     """Executes command lines in that folder, at small sizes."""
@@ -94,6 +118,7 @@ def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(PYTHON) == 6
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.parametrize("command", DRAWN)
 def test_a_video_or_image_of_the_readme_is_made(
     command: str, execute: Execution, tmp_path: Path, request: pytest.FixtureRequest
@@ -158,6 +183,7 @@ def test_a_document_of_the_readme_is_run(command: str, execute: Execution, tmp_p
     assert set(tmp_path.iterdir()) != before or "--dry-run" in command
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.parametrize("command", PIPED)
 def test_a_model_of_the_readme_comes_from_standard_input(command: str, execute: Execution, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
@@ -182,6 +208,7 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, execute: Executi
         assert " agree: " in done.stdout
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.parametrize("commands", STUDIES, ids=range(len(STUDIES)))
 def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execution, tmp_path: Path) -> None:
     for long, short in SMALLER_STUDIES.items():
@@ -200,15 +227,17 @@ def test_an_export_of_the_readme_is_made(command: str, execute: Execution, tmp_p
     assert (tmp_path / command.split(" -o ")[1].split()[0]).stat().st_size > 1000
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.gl
 @pytest.mark.parametrize("block", EPISODES)
 def test_a_dataset_of_episodes_of_the_readme_is_made(block: str, execute: Execution, tmp_path: Path) -> None:
-    few = re.sub(r"--episodes \d+", "--episodes 2 --jobs 1 --size 48x36 --quality draft", block)
+    few = re.sub(r"--episodes \d+", "--episodes 1 --jobs 1 --size 48x36 --quality draft", block)
     done = execute("\n".join(line for line in few.splitlines() if not line.startswith("pip ")))
     assert done.returncode == 0, done.stderr
     assert [*tmp_path.glob("*/mjrun/dataset.json")]
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.parametrize("command", DATASETS)
 def test_a_dataset_of_the_readme_has_its_images(command: str, execute: Execution, tmp_path: Path) -> None:
     for long, short in SMALLER_STUDIES.items():
@@ -238,10 +267,11 @@ def test_an_excitation_of_the_readme_can_be_played(commands: str, execute: Execu
     assert (tmp_path / "excited.csv").exists()
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.gl
 @pytest.mark.parametrize("command", EVALUATIONS)
 def test_an_evaluation_of_the_readme_has_its_table(command: str, execute: Execution, tmp_path: Path) -> None:
-    done = execute(command)
+    done = execute(re.sub(r"(=[\d.]+,[\d.]+)(,[\d.]+)+'", r"\1'", command))  # with two values of each parameter
     assert done.returncode == 0, done.stderr
     folder = tmp_path / command.split()[-1]
     assert (folder / "episodes.csv").exists()
@@ -256,6 +286,7 @@ def test_the_study_document_of_the_readme_is_one(tmp_path: Path) -> None:
         assert request.made.preview().points == 2 * 8 * 2
 
 
+@pytest.mark.usefixtures("drawn_plain")
 @pytest.mark.gl
 @pytest.mark.parametrize("command", VIEWS)
 def test_a_view_of_the_readme_opens_and_ends(

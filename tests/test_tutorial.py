@@ -21,7 +21,7 @@ from mjrun.errors import UnstableError
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from tests.conftest import Command
-from tests.documentation import PAGES, ROOT, Execution, commands, commands_in_tables, shell_environment
+from tests.documentation import PAGES, ROOT, Execution, commands, commands_in_tables, plain_scenes, shell_environment
 
 pytestmark = pytest.mark.slow
 
@@ -30,15 +30,19 @@ Vector = NDArray[np.float64]
 PAGE = PAGES[ROOT / "docs/tutorial.md"]
 SECTIONS = dict(re.findall(r"^## (.*)\n((?:(?!^## ).*\n)*)", PAGE, re.MULTILINE))
 MODEL = next(line for line in commands(PAGE) if line.startswith("echo "))
+ELSEWHERE = commands("".join(text for text in PAGES.values() if text != PAGE))  # tests/test_readme.py runs these
 # Traces and most studies run at full size.
 SMALLER = {
     "video": "--size 64x48 --quality draft --fps 4",
     "image": "--size 64x48 --quality draft",
     "eval": "--episodes 3 --jobs 1",
-    "bench": "--budget 0.2",
+    "bench": "--budget 0.05",
+    "plot": "--size 400x300",
+    "sweep": "--jobs 1",
 }
 SHORTER = {
     r"--duration 1 (.*--engine warp)": r"--duration 0.02 \1",  # each step is slow on a CPU
+    r"--camera scenes/cameras/throw.yaml": r"\g<0> --timestep 0.002",  # it looks for the throw at every step
 }
 ACCURATE = np.power(10, np.linspace(-2, -4, 5)).tolist()  # [s]
 DIVERGENT = np.power(10, np.linspace(-2, -1.5, 7)).tolist()  # [s]
@@ -304,13 +308,19 @@ def test_the_pinata_s_accelerometer_reads_as_in_the_tutorial_s_loop_and_feels_ea
     assert np.median(felt) < 2 * GRAVITY
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the scenes, drawn in a fraction of the time."""
+    return plain_scenes(tmp_path_factory.mktemp("plain"))
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize("title", SECTIONS)
 def test_commands_of_a_section_do_what_it_states(
-    title: str, mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    title: str, mjrun_here: Command, tmp_path: Path, plain: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    execute = Execution(tmp_path, mjrun_here, shell_environment(tmp_path, SMALLER), SMALLER)
+    execute = Execution(tmp_path, mjrun_here, shell_environment(tmp_path, SMALLER, plain), SMALLER)
     assert execute.in_shell(MODEL).returncode == 0
     text = " ".join(SECTIONS[title].split())
     shorter = SECTIONS[title]
@@ -318,7 +328,7 @@ def test_commands_of_a_section_do_what_it_states(
         shorter = re.sub(long, short, shorter)
 
     for command in (*commands(shorter), *commands_in_tables(shorter)):
-        if command.startswith(("mjrun view", "mjrun fit scenes/pendulum_fit.yaml -o ")):
+        if command in ELSEWHERE or command.startswith(("mjrun view", "mjrun fit scenes/pendulum_fit.yaml -o ")):
             continue  # tests/test_readme.py opens the view, tests/test_gallery.py fits this document
         command, _, expected_to_fail = command.partition("||")
         done = execute.in_shell(command) if command.startswith("for ") else execute(command)
