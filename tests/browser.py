@@ -25,6 +25,8 @@ BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-c
 FLAGS = (
     "--headless",
     "--no-sandbox",
+    "--no-zygote",
+    "--disable-dev-shm-usage",  # which has 64 MB in many containers
     "--disable-gpu",
     "--use-angle=swiftshader",  # WebGL in software
     "--enable-unsafe-swiftshader",
@@ -36,6 +38,7 @@ FLAGS = (
     "--disable-extensions",
     "--remote-debugging-port=0",
 )
+STARTS = 5  # on a busy machine, a start of Chromium ends in a trap now and then
 DOMAINS = ("Page", "Runtime", "Network", "Log")
 FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))"
 
@@ -149,15 +152,42 @@ def browser(folder: Path) -> Iterator[ClientConnection]:
     """
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     assert program, f"no browser is installed, such as {BROWSERS[0]}: scripts/setup.sh installs it"
-    command = [program, *FLAGS, f"--user-data-dir={folder}", "about:blank"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
-    place = folder / "DevToolsActivePort"  # its port and path, each on a line
+    process, place = _started(program, folder)
     try:
-        wait_until(lambda: place.exists() and place.read_text().count("\n") == 1, process)
         port, path = place.read_text().split()
         with connect(f"ws://127.0.0.1:{port}{path}", max_size=None, ping_interval=None) as connection:
             yield connection
     finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+        _end(process)
+
+
+def _started(program: str, folder: Path) -> tuple["subprocess.Popen[bytes]", Path]:
+    """Starts a browser, and returns it with the file of its port and path, each on a line."""
+    endings = list[int]()
+    while len(endings) < STARTS:
+        profile = folder / str(len(endings))
+        command = [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        place = profile / "DevToolsActivePort"
+        try:
+            wait_until(lambda: _is_written(place) or process.poll() is not None)  # noqa: B023 – at once
+        except BaseException:
+            _end(process)
+            raise
+        if _is_written(place):
+            return process, place
+        _end(process)
+        endings.append(process.returncode)
+    raise AssertionError(f"{program} ends as it starts, with {endings}")
+
+
+def _is_written(place: Path) -> bool:
+    return place.exists() and place.read_text().count("\n") == 1
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()

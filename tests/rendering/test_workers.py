@@ -46,15 +46,18 @@ def alive(process: int) -> bool:
         return False
 
 
+BEFORE = set[int]()  # children of this process that are no drawing processes of the test that runs
+
+
 def children() -> list[int]:
     """Drawing processes of this one, ended ones that nobody waited for included."""
-    return [child for child in children_of(os.getpid()) if not is_of_tests(child)]
+    return [child for child in children_of(os.getpid()) if child not in BEFORE and not is_prepared(child)]
 
 
-def is_of_tests(process: int) -> bool:
-    """Whether tests that ran here before have started it, and keep it until the last test."""
+def is_prepared(process: int) -> bool:
+    """Whether it is an interpreter of which the tests make copies."""
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{process}/comm").read_text() in ("Xvfb\n", "prepared\n")
+        return Path(f"/proc/{process}/comm").read_text() == "prepared\n"
     return False
 
 
@@ -71,6 +74,8 @@ def _tests_have_started_what_they_keep() -> None:
 
 @pytest.fixture(autouse=True)
 def _nothing_is_left() -> Iterator[None]:
+    BEFORE.clear()
+    BEFORE.update(children_of(os.getpid()))
     processes, descriptors, mapped = held()
 
     def is_clean() -> bool:
