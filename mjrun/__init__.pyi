@@ -679,8 +679,8 @@ class Evaluation(_Evaluation):
       require: Exit with code 1 unless this condition holds for the table of episodes: share(success) >
         0.9, quantile(return, 0.05) > 100.
       fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
-        mean return, return=200; the mean of a metric; or the lower end of a confidence interval,
-        success_low=0.8.
+        mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
+        lower end of a confidence interval, success_low=0.8.
       confidence: Confidence level of all intervals. [default: 0.95]
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
         and best.
@@ -1945,8 +1945,8 @@ def evaluate(
       require: Exit with code 1 unless this condition holds for the table of episodes: share(success) >
         0.9, quantile(return, 0.05) > 100.
       fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
-        mean return, return=200; the mean of a metric; or the lower end of a confidence interval,
-        success_low=0.8.
+        mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
+        lower end of a confidence interval, success_low=0.8.
       confidence: Confidence level of all intervals. [default: 0.95]
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
         and best.

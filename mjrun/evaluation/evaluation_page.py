@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjrun.errors import clean
 from mjrun.evaluation.statistics import Interval, NumberSummary, Share
-from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference
+from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, doubts
 from mjrun.evaluation.table import FILES, LENGTH, RETURN
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page import (
@@ -73,6 +73,8 @@ def _policy(summary: EpisodeSummary, confidence: float, *, several: bool) -> Pag
             f"{each.count:,}",
             number(each.mean),
             _interval(each.mean_interval),
+            number(each.iqm),
+            _interval(each.iqm_interval),
             number(each.median),
             number(each.std),
             number(each.min),
@@ -81,10 +83,12 @@ def _policy(summary: EpisodeSummary, confidence: float, *, several: bool) -> Pag
         for name, each in named.items()
     ]
     if summary.success is not None:
-        rows.insert(0, ("success", f"{summary.episodes:,}", *_share(summary.success), "", "", "", ""))
-    heads = ("", "Episodes", "Mean", f"{100 * confidence:g} % interval", "Median", "Std", "Min", "Max")
+        rows.insert(0, ("success", f"{summary.episodes:,}", *_share(summary.success), "", "", "", "", "", ""))
+    level = f"{100 * confidence:g} % interval"
+    heads = ("", "Episodes", "Mean", level, "Interquartile mean", level, "Median", "Std", "Min", "Max")
     title = f"Results of {clean(summary.policy)}" if several else "Results"
-    return PageFacts(title, f"{summary.episodes:,} episodes of {clean(summary.policy)}", heads, rows, range(1, 8))
+    caption = "; ".join([f"{summary.episodes:,} episodes of {clean(summary.policy)}", *doubts(summary, confidence)])
+    return PageFacts(title, caption, heads, rows, range(1, 10))
 
 
 def _comparison(result: "EvaluationResult") -> list[PageFacts]:

@@ -8,7 +8,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.table import OWN, REWARD, PassCriteria
+from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria
 from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers
 from mjrun.experiment.results_table import check_metric_names
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
@@ -78,7 +78,9 @@ class PreparedEvaluation:
             self.modules = module_sources(dict.fromkeys(each.policy for each in chosen if each.is_code))
             self.metrics = [name for name, _ in options.metric]
             self.player = self._checked_players()
-            check_metric_names(options.metric, (*OWN, *OUTCOMES, *self.player.endings, *self.points.names))
+            check_metric_names(
+                options.metric, (*OWN, RETURN + IQM, *OUTCOMES, *self.player.endings, *self.points.names)
+            )
             self.criteria = self._criteria(options)
 
     @property

@@ -1,23 +1,32 @@
-"""Means, medians, shares and their differences, each with a confidence interval; no random numbers are used.
+"""Means, medians, shares and their differences, each with a confidence interval; the same numbers have the same ones.
 
 Sources: E. B. Wilson, JASA 22 (1927) 209, for a share; Student's t for a mean and for the mean of paired differences;
-order statistics for a median; R. G. Newcombe, Statistics in Medicine 17 (1998) 2635, method 10, for the difference of
-paired shares.
+order statistics for a median; the bootstrap for an interquartile mean, as R. Agarwal et al., NeurIPS 34 (2021) 29304,
+recommend; W. G. Cochran, Sampling Techniques (1977) 2.15, for the number of cases that a skewed mean needs; R. G.
+Newcombe, Statistics in Medicine 17 (1998) 2635, method 10, for the difference of paired shares.
 
 Episodes of one seed at several points are not independent: they form a cluster. A mean then has the variance of the
 sums of clusters, and counts are divided by their design effect (J. N. K. Rao and A. J. Scott, Biometrics 48 (1992)
-577), which is limited here to between 1 and the size of a cluster.
+577), which is limited here to between 1 and the size of a cluster. The bootstrap draws clusters: each resample has the
+same seeds at every point, and equally many episodes.
 """
 
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
+from typing import Literal
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
 
 CONFIDENCE = 0.95
+TRIMMED = 0.25  # share of the cases at each end that an interquartile mean leaves out
+RESAMPLES = 2000  # of the bootstrap
+FEWEST_RESAMPLES = 400  # of the bootstrap of many cases, whose interval is narrow
+DRAWN = 4_000_000  # most cases in all resamples, unless they are the fewest
+BLOCK = 2**20  # cases that are drawn at once
+RARE = 0.1  # probability of a case that decides a mean, such as a crash of a robot
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,10 @@ class NumberSummary:
       mean, std: mean and standard deviation over these; `std` estimates that of the population, with n − 1. None if
         there are too few.
       mean_interval: Student's t interval of the mean.
+      doubt: reason why that interval may cover the mean less often than the confidence: `few`, too few cases to contain
+        one of a probability of 10 %; `skewed`, too few for their skewness; empty without such a reason.
+      iqm: interquartile mean: mean without the lowest and the highest quarter, which extreme cases do not change.
+      iqm_interval: percentile interval of its bootstrap.
       median: median over these.
       median_interval: interval from order statistics, whose coverage is at least the confidence for any distribution;
         undefined for fewer than 6 episodes at 95 %.
@@ -59,6 +72,9 @@ class NumberSummary:
     mean: float | None
     std: float | None
     mean_interval: Interval
+    doubt: "Doubt"
+    iqm: float | None
+    iqm_interval: Interval
     median: float | None
     median_interval: Interval
     min: float | None
@@ -82,6 +98,7 @@ class Share:
     interval: Interval
 
 
+Doubt = Literal["", "few", "skewed"]
 Clusters = Sequence[int] | np.ndarray | None  # cluster of each case `(n,)`; None if cases are independent
 
 
@@ -94,12 +111,15 @@ def summarized(
     good = numbers[is_good]
     clusters = None if clusters is None else np.asarray(clusters)[is_good]
     if not len(good):
-        return NumberSummary(0, None, None, NO_INTERVAL, None, NO_INTERVAL, None, None)
+        return NumberSummary(0, None, None, NO_INTERVAL, "", None, NO_INTERVAL, None, NO_INTERVAL, None, None)
     return NumberSummary(
         count=len(good),
         mean=float(good.mean()),
         std=float(good.std(ddof=1)) if len(good) > 1 else None,
         mean_interval=mean_interval(good, confidence, clusters),
+        doubt=doubt(good, clusters),
+        iqm=interquartile_mean(good),
+        iqm_interval=iqm_interval(good, confidence, clusters),
         median=float(np.median(good)),
         median_interval=median_interval(good, confidence, clusters),
         min=float(good.min()),
@@ -118,6 +138,64 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: 
     mean = float(values.mean())
     half = float(stdtrit(count - 1, (1 + confidence) / 2)) * math.sqrt(_variance_of_mean(values, members))
     return Interval(mean - half, mean + half)
+
+
+def doubt(values: np.ndarray, clusters: Clusters = None) -> Doubt:
+    """Returns a reason to doubt Student's interval of the mean of `values` `(n,)`; empty if they are all equal.
+
+    Cases that no sample contains cannot be seen in it: below 29 cases, one of a probability of 10 % is absent from more
+    than 5 % of samples. Above, Cochran's rule asks for 25 times the square of the skewness.
+    """
+    members = _members(len(values), clusters)
+    means = np.bincount(members, values) / np.bincount(members)
+    deviations = means - float(means.mean())
+    spread = float(means.std())
+    if spread <= 1e-12 * float(np.abs(means).max()):
+        return ""
+    if (1 - RARE) ** len(means) > 1 - CONFIDENCE:
+        return "few"
+    skewness = float(np.power(deviations / spread, 3).mean())
+    return "skewed" if len(means) < 25 * skewness**2 else ""
+
+
+def enough_cases() -> int:
+    """Returns the number of cases from which on `doubt` does not call them few."""
+    return math.ceil(math.log(1 - CONFIDENCE) / math.log(1 - RARE))
+
+
+def interquartile_mean(values: np.ndarray) -> float:
+    """Returns the mean of `values` `(n,)`, n > 0, without the lowest and the highest quarter."""
+    cut = int(TRIMMED * len(values))
+    return float(np.sort(values)[cut : len(values) - cut].mean())
+
+
+def iqm_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
+    """Returns the percentile interval of the bootstrap of the interquartile mean of `values` `(n,)`.
+
+    A resample draws clusters with replacement. Undefined for fewer than two cases or clusters.
+    """
+    members = _members(len(values), clusters)
+    count = int(members.max(initial=-1)) + 1
+    if count < 2:
+        return NO_INTERVAL
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    if clusters is not None:
+        members = members[order]
+    resamples = max(FEWEST_RESAMPLES, min(RESAMPLES, DRAWN // len(values)))
+    generator, means = np.random.default_rng(0), list[np.ndarray]()
+    block = max(1, BLOCK // len(values))
+    for start in range(0, resamples, block):
+        rows = min(block, resamples - start)
+        drawn = generator.integers(count, size=(rows, count)) + count * np.arange(rows)[:, None]
+        times = np.bincount(drawn.ravel(), minlength=rows * count).reshape(rows, count)
+        ranks = np.cumsum(times[:, members], axis=1, dtype=float)  # highest rank of each value, which may occur often
+        size = ranks[:, -1:]
+        cut = np.floor(TRIMMED * size)
+        kept = np.diff(np.clip(ranks, cut, size - cut), axis=1, prepend=cut)
+        means.append(kept @ ordered / (size - 2 * cut)[:, 0])
+    low, high = np.quantile(np.concatenate(means), [(1 - confidence) / 2, (1 + confidence) / 2])
+    return Interval(float(low), float(high))
 
 
 def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:

@@ -205,6 +205,23 @@ def summary_of(
     )
 
 
+def doubts(summary: EpisodeSummary, confidence: float) -> list[str]:
+    """Returns a sentence about the interval of the mean return if it may be too narrow."""
+    count, level = summary.returns.count, f"{100 * confidence:g} %"
+    if summary.returns.doubt == "few":
+        absent, rare = (1 - statistics.RARE) ** count, f"{100 * statistics.RARE:g} %"
+        return [
+            f"the {level} interval of the mean may be too narrow: {100 * absent:.2g} % of samples of {count} episodes "
+            f"lack an event of a probability of {rare}; {statistics.enough_cases()} episodes are enough for it"
+        ]
+    if summary.returns.doubt == "skewed":
+        return [
+            f"the {level} interval of the mean may be too narrow, since a few extreme episodes decide the mean; the "
+            "interquartile mean does not depend on them, and more episodes make both intervals reliable"
+        ]
+    return []
+
+
 def compared(
     ours: Sequence[PlayedEpisodes], theirs: Sequence[PlayedEpisodes], confidence: float, *, can_succeed: bool
 ) -> PolicyComparison:

@@ -19,6 +19,7 @@ from mjrun.probe.verdict import Verdict
 FILES = ("episodes.parquet", "episodes.csv")
 REWARD = "reward/"  # precedes the name of each term
 SUCCESS, RETURN, LENGTH = "success", "return", "length"
+IQM = "_iqm"  # follows a name: the interquartile mean
 DIFFERENCE = "_difference"  # follows a name: the difference to the other policy
 LOW = "_low"  # follows a name: the lower end of its interval
 OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome", "status", "message")
@@ -102,6 +103,8 @@ def measures(summary: EpisodeSummary, comparison: PolicyComparison | None) -> di
         made[SUCCESS] = Measure(summary.success.share, "share of episodes", summary.success.interval)
     for name, each in {RETURN: summary.returns, LENGTH: summary.lengths, **summary.metrics}.items():
         made[name] = Measure(each.mean, "mean over the episodes", each.mean_interval)
+        if name == RETURN:
+            made[name + IQM] = Measure(each.iqm, "interquartile mean over the episodes", each.iqm_interval)
     if comparison:
         for name, each in ((RETURN, comparison.returns), (SUCCESS, comparison.success)):
             if each:
@@ -132,7 +135,13 @@ class PassCriteria:
         self._requirements = Requirements(options.require, numbers, self._flags)
 
         self._thresholds = {name: least for name, (least,) in options.fail_below.items()}
-        means = [RETURN, LENGTH, *(name for name, _ in options.metric), *([SUCCESS] if can_succeed else [])]
+        means = [
+            RETURN,
+            RETURN + IQM,
+            LENGTH,
+            *(name for name, _ in options.metric),
+            *([SUCCESS] if can_succeed else []),
+        ]
         is_compared = options.compare is not None
         differences = [f"{name}{DIFFERENCE}" for name in (RETURN, SUCCESS) if is_compared and name in means]
         valid = [name + end for name in [*means, *differences] for end in ("", LOW)]

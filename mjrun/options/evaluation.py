@@ -125,7 +125,8 @@ class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, Poli
         converter=Thresholds(),
         default=NO_THRESHOLDS,
         help="Exit with code 1 if a value is below its threshold: the success rate, success=90%; the mean return, "
-        "return=200; the mean of a metric; or the lower end of a confidence interval, success_low=0.8.",
+        "return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the lower end of a confidence "
+        "interval, success_low=0.8.",
     )
     confidence: float = option(
         converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="Confidence level of all intervals."
@@ -140,6 +141,12 @@ class EvaluationCommandOptions(Options):
 
     csv: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all episodes to stdout."
+    )
+    markdown: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print the report as Markdown to stdout, for the summary of a pull request.",
     )
     print_document: bool = option(
         converter=Flag(),

@@ -8,6 +8,10 @@ from hypothesis import strategies as st
 
 from mjrun.evaluation.statistics import (
     Interval,
+    doubt,
+    enough_cases,
+    interquartile_mean,
+    iqm_interval,
     mean_interval,
     median_interval,
     paired_share_interval,
@@ -157,6 +161,64 @@ def test_intervals_of_clusters_cover_what_they_are_to_cover_where_those_of_indep
     assert all(each > 0.91 for name, each in shares.items() if "naive" not in name), shares
     assert shares["naive mean"] < 0.7
     assert shares["naive difference"] < 0.8
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=80))
+def test_the_interquartile_mean_is_the_trimmed_mean(values: list[float]) -> None:
+    numbers = np.array(values)
+    expected = scipy.stats.trim_mean(numbers, 0.25)
+    assert interquartile_mean(numbers) == pytest.approx(expected, rel=1e-12, abs=rounding(numbers))
+
+
+def test_the_interval_of_an_interquartile_mean_is_that_of_the_bootstrap() -> None:
+    for size, shape in ((9, 2.0), (60, 5.0)):
+        values = np.random.default_rng(size).gamma(shape, size=size)
+        low, high = scipy.stats.bootstrap(
+            [values],
+            lambda sample, axis: scipy.stats.trim_mean(sample, 0.25, axis),
+            n_resamples=4000,
+            method="percentile",
+            rng=np.random.default_rng(1),
+        ).confidence_interval
+        assert ends(iqm_interval(values)) == pytest.approx((low, high), abs=0.06 * (high - low))
+        assert iqm_interval(values) == iqm_interval(values[::-1].copy())
+
+
+def test_the_bootstrap_of_points_with_common_seeds_draws_seeds() -> None:
+    """Episodes that are equal at all points say no more than those of one point."""
+    values, seeds = np.sort(np.random.default_rng(2).normal(size=24)), np.arange(24)
+    again = iqm_interval(np.tile(values, 5), clusters=np.tile(seeds, 5))
+    assert ends(again) == pytest.approx(ends(iqm_interval(values)), rel=1e-9)
+
+
+def test_students_interval_is_doubted_where_it_does_not_cover_and_the_interquartile_means_does() -> None:
+    """With 10 % disasters; with normal numbers, it covers, and is doubted only where a sample cannot show more."""
+    generator, tries, doubted, covered = (
+        np.random.default_rng(3),
+        300,
+        dict[tuple[str, int], float](),
+        dict[str, float](),
+    )
+    for name, probability in (("disasters", 0.1), ("normal", 0.0)):
+        for size in (10, 20, 40):
+            kinds = generator.random((tries, size)) < probability
+            samples = np.where(kinds, -100.0, 100.0) + generator.normal(0, 5, (tries, size))
+            mean = 100 - 200 * probability
+            covered[f"{name} {size}"] = float(np.mean([_contains(mean_interval(sample), mean) for sample in samples]))
+            doubted[name, size] = float(np.mean([doubt(sample) != "" for sample in samples]))
+    assert 0.57 < covered["disasters 10"] < 0.73  # 1 - 0.9^10 = 65 %: samples with a disaster
+    assert 0.82 < covered["disasters 20"] < 0.93
+    assert doubted["disasters", 10] == doubted["disasters", 20] == 1
+    assert doubted["disasters", 40] > 0.9
+    assert covered["normal 40"] > 0.92
+    assert doubted["normal", 40] < 0.05
+    assert enough_cases() == 29
+    assert doubt(np.ones(5)) == ""
+
+    disasters = np.where(generator.random((tries, 20)) < 0.1, 0.0, 100.0) + generator.normal(0, 5, (tries, 20))
+    large = np.where(generator.random(200_000) < 0.1, 0.0, 100.0) + generator.normal(0, 5, 200_000)
+    truth = scipy.stats.trim_mean(large, 0.25)
+    assert np.mean([_contains(iqm_interval(sample), truth) for sample in disasters[:150]]) > 0.87
 
 
 def _contains(interval: Interval, value: float) -> bool:

@@ -9,6 +9,7 @@ import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
+from mjrun.cli.report_formats.markdown import escaped
 from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import Column, number
@@ -66,7 +67,7 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     console.guard_stdout()
     import_mujoco()
     options = command_line.make(EvaluationCommandOptions)
-    form = command_line.form("csv")
+    form = command_line.form("csv", "markdown")
     evaluation, changes, located = _evaluation(console, command_line)
     with located():
         if options.print_document:
@@ -104,7 +105,10 @@ def _report(results: "Sequence[EvaluationResult]") -> Report:
 
     result = results[0]
     table = Path(result.path, FILES[1])
-    forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n")}
+    forms = {
+        "csv": lambda: table.read_text("utf-8").rstrip("\n"),
+        "markdown": lambda: evaluation_markdown(result),
+    }
     return Report("eval", result, summary=lambda: evaluation_report(result), forms=forms)
 
 
@@ -113,16 +117,16 @@ def evaluation_report(result: "EvaluationResult") -> str:
     from mjrun.cli.page_layout import PageLayout
 
     page, level = PageLayout(), f"{100 * result.confidence:g} %"
-    numbers = [(each.policy, _numbers(each)) for each in result.policies]
-    rows = [(policy, name, of[name]) for name in numbers[0][1] for policy, of in numbers]
+    rows = _number_rows(result)
     page.table("numbers of an episode", _number_columns(rows, level), len(rows))
+    if cautions := _cautions(result):
+        page.lines("caution", cautions)
     endings = sum(len(each.endings) for each in result.policies)
     page.table("endings", _ending_columns(result.policies, level), endings)
-    if successes := [(each.policy, each.success) for each in result.policies if each.success]:
-        several = len(successes) > 1
-        page.lines("success", [(clean(name) if several else "rate", _share(each, level)) for name, each in successes])
+    if successes := _successes(result, level):
+        page.lines("success", successes)
     if result.failures:
-        page.lines("failed", [(f"{each.status}, {each.count}", _failure(each, result)) for each in result.failures])
+        page.lines("failed", _failures(result))
     if result.points:
         hint = f"{result.path}/results.csv has all"
         page.table("points", _point_columns(result.points, result.names, level), len(result.points), SHOWN, hint)
@@ -132,10 +136,64 @@ def evaluation_report(result: "EvaluationResult") -> str:
         videos = [(f.rank, f"{clean(f.path)}: return {number(f.returned)}, {clean(f.ending)}") for f in result.videos]
         page.lines("videos", videos)
     if result.assertions:
-        verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
-        page.lines("required", verdicts)
+        page.lines("required", _verdicts(result))
     page.note(_last_line(result))
     return page.text()
+
+
+def evaluation_markdown(result: "EvaluationResult") -> str:
+    """Formats the report of an evaluation as Markdown, the requirements and failures first."""
+    level, rows = f"{100 * result.confidence:g} %", _number_rows(result)
+    lines = [*_verdicts(result), *(("failed", f"{name}: {text}") for name, text in _failures(result))]
+    lines += [("caution", f"{name}: {text}") for name, text in _cautions(result)]
+    lines += [("success", f"{name}: {text}") for name, text in _successes(result, level)]
+    lines += [("comparison", f"{name}: {text}") for name, text in _comparison(result.comparison, level)]
+    parts = [f"### mjrun eval: {escaped(result.task)}", escaped(_last_line(result))]
+    parts.append("\n".join(f"- **{escaped(name)}** {escaped(text)}" for name, text in lines))
+    tables = [_number_columns(rows, level), _ending_columns(result.policies, level)]
+    tables += [_point_columns(result.points[:SHOWN], result.names, level)] if result.points else []
+    return "\n\n".join([*filter(None, parts), *map(_markdown_table, tables)])
+
+
+def _markdown_table(columns: Sequence[Column]) -> str:
+    rule = ["--:" if column.right else ":--" for column in columns]
+    rows = [[column.heading for column in columns], rule, *zip(*(column.cells for column in columns), strict=True)]
+    cells = ([cell if row is rule else escaped(cell) for cell in row] for row in rows)
+    return "\n".join(f"| {' | '.join(row)} |" for row in cells)
+
+
+def _number_rows(result: "EvaluationResult") -> "list[tuple[str, str, NumberSummary]]":
+    """Returns policy, name and summary of each number."""
+    numbers = [(each.policy, _numbers(each)) for each in result.policies]
+    return [(policy, name, of[name]) for name in numbers[0][1] for policy, of in numbers]
+
+
+def _cautions(result: "EvaluationResult") -> list[tuple[str, str]]:
+    from mjrun.evaluation.summaries import doubts
+
+    several = len(result.policies) > 1
+    return [
+        (clean(each.policy) if several else "return", text)
+        for each in result.policies
+        for text in doubts(each, result.confidence)
+    ]
+
+
+def _successes(result: "EvaluationResult", level: str) -> list[tuple[str, str]]:
+    several = len(result.policies) > 1
+    return [
+        (clean(each.policy) if several else "rate", _share(each.success, level))
+        for each in result.policies
+        if each.success
+    ]
+
+
+def _failures(result: "EvaluationResult") -> list[tuple[str, str]]:
+    return [(f"{each.status}, {each.count}", _failure(each, result)) for each in result.failures]
+
+
+def _verdicts(result: "EvaluationResult") -> list[tuple[str, str]]:
+    return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
 
 
 def _numbers(summary: "EpisodeSummary") -> "dict[str, NumberSummary]":
@@ -150,6 +208,8 @@ def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str
         *_policy_column([policy for policy, _, _ in rows]),
         Column("mean", [number(each.mean) for each in numbers], right=True),
         Column(level, [_interval(each.mean_interval) for each in numbers], right=True),
+        Column("iq mean", [number(each.iqm) for each in numbers], right=True),
+        Column(level, [_interval(each.iqm_interval) for each in numbers], right=True),
         Column("median", [number(each.median) for each in numbers], right=True),
         Column(level, [_interval(each.median_interval) for each in numbers], right=True, extra=True),
         Column("std", [number(each.std) for each in numbers], right=True, extra=True),
@@ -197,7 +257,9 @@ def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level
     return columns
 
 
-def _comparison(comparison: "PolicyComparison", level: str) -> list[tuple[str, str]]:
+def _comparison(comparison: "PolicyComparison | None", level: str) -> list[tuple[str, str]]:
+    if comparison is None:
+        return []
     lines = [("return", _difference(comparison, comparison.returns, level, share=False))]
     if comparison.success:
         lines.append(("success", _difference(comparison, comparison.success, level, share=True)))

@@ -30,12 +30,12 @@ def text(cases: Iterable[Case]) -> str:
 def _row(case: Case) -> str:
     place = case.file + (f":{case.line}" if case.line else "") if case.file else case.name
     message, _, remedy = case.text.partition("\n")
-    parts = [f"**{_escaped(case.title)}**", _escaped(message)]
+    parts = [f"**{escaped(case.title)}**", escaped(message)]
     if remedy:
-        parts.append(f"<sub>{_escaped(remedy)}</sub>")
-    return f"| {LEVELS[case.level]} | {_escaped(place)} | {'<br>'.join(parts)} |"
+        parts.append(f"<sub>{escaped(remedy)}</sub>")
+    return f"| {LEVELS[case.level]} | {escaped(place)} | {'<br>'.join(parts)} |"
 
 
-def _escaped(value: str) -> str:
+def escaped(value: str) -> str:
     """Escapes Markdown and mentions of users in names from models."""
     return "<br>".join(SPECIAL.sub(r"\\\1", clean(line)) for line in value.split("\n"))

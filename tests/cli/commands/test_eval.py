@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.cli.commands.eval import evaluation_report
+from mjrun.cli.commands.eval import evaluation_markdown, evaluation_report
 from mjrun.evaluation.evaluation import EvaluationResult
 from mjrun.evaluation.summaries import PointSummary, compared, summary_of
 from mjrun.evaluation.videos import EpisodeVideo
@@ -203,6 +203,19 @@ def test_every_number_stands_with_its_interval() -> None:
     assert f"{OWN.success.count} of 30 episodes (90 %" in text
     assert "out: 30 episodes, seeds 7 to 36, 1,234 control periods; 2.0 s" in text
     assert "policy" not in text
+
+
+def test_returns_of_few_episodes_are_reported_with_caution_and_markdown_has_the_same_numbers() -> None:
+    few = summary_of("walk.onnx", SOME[:10], ["near", "cost"], ["effort"], 0.9, can_succeed=True)
+    for form in (evaluation_report, evaluation_markdown):
+        assert "may be too narrow" not in form(result())
+        text = " ".join(form(result(policies=[few])).split())
+        assert "the 90 % interval of the mean may be too narrow: 35 % of samples of 10 episodes lack" in text
+        assert f"{few.returns.iqm:.5g}" in text
+        assert f"{few.returns.iqm_interval.low:.5g}..{few.returns.iqm_interval.high:.5g}" in text
+    table = [line for line in evaluation_markdown(result()).splitlines() if line.startswith("|")]
+    assert table[0].startswith("| number | mean | 90 % | iq mean | 90 % | median")
+    assert len({line.replace("\\|", "").count("|") for line in table[:7]}) == 1
 
 
 def test_a_comparison_names_the_better_one_or_nobody() -> None:
