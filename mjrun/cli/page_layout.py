@@ -5,11 +5,11 @@ import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 from rich.cells import cell_len
 from rich.console import Console as Terminal
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from mjrun.cli.table_cells import Column
@@ -41,8 +41,7 @@ class PageLayout:
         short = [replace(column, cells=[_cut(cell) for cell in column.cells[:cut]]) for column in columns]
         fitting, left_out = _fitting(short, room)
         if cut:
-            least = _total(_widths(fitting, room)) + INDENT  # wider than the terminal if a path is
-            self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)), max(self._terminal.width, least))
+            self._rows(fitting, _widths(fitting, room))
         if cut < rows:
             self._note(f"… {rows - cut} more: {hint}")
         if left_out:
@@ -78,22 +77,24 @@ class PageLayout:
         lines = self._text.removesuffix("\n").split("\n")
         return "\n".join(lines if self._terminal.is_terminal else [line.rstrip() for line in lines])
 
-    def _table(self, columns: Sequence[Column], room: int) -> Table:
-        table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
+    def _rows(self, columns: Sequence[Column], widths: Sequence[int]) -> None:
+        """Adds a table without its title; cells that are wider than their column are folded."""
         height = max(len(column.unit.split("\n")) if column.unit else 0 for column in columns)
-        widths = _widths(columns, room)
-        for column, width in zip(columns, widths, strict=True):
-            justify = "right" if column.right else "left"
-            table.add_column(Text(_heading(column, height)), justify=justify, overflow="fold", width=width)
+        folded = [self._folded(_heading(column, height), width) for column, width in zip(columns, widths, strict=True)]
+        for line in _lines(columns, widths, folded):
+            self._print(Text(line, style="dim"), max(self._terminal.width, cell_len(line)))
         for i, cells in enumerate(zip(*(column.cells for column in columns), strict=True)):
-            lines = max(self._lines(cell, width) for cell, width in zip(cells, widths, strict=True))
-            below = [f"\n{column.below[i]}" * (lines - 1) if column.below else "" for column in columns]
-            table.add_row(*(Text(cell + more) for cell, more in zip(cells, below, strict=True)))
-        return table
+            folded = [self._folded(cell, width) for cell, width in zip(cells, widths, strict=True)]
+            height = max(map(len, folded))
+            for column, lines, width in zip(columns, folded, widths, strict=True):
+                lines += self._folded(column.below[i], width) * (height - 1) if column.below else []
+            self._text += "".join(f"{line}\n" for line in _lines(columns, widths, folded))
 
-    def _lines(self, cell: str, width: int) -> int:
-        """Returns the number of lines to which a cell is folded."""
-        return len(Text(cell).wrap(self._terminal, width, overflow="fold")) if cell_len(cell) > width else 1
+    def _folded(self, cell: str, width: int) -> list[str]:
+        """Folds a text to lines of a width, between words where possible."""
+        if cell_len(cell) <= width and "\n" not in cell:
+            return [cell]
+        return [line.plain for line in Text(cell).wrap(self._terminal, width, overflow="fold")]
 
     def _title(self, title: str, about: str) -> None:
         if not self._empty:
@@ -102,7 +103,7 @@ class PageLayout:
         self._print(Text.assemble((title, "bold"), "  ", (about, "dim")))
 
     def _note(self, text: str) -> None:
-        self._print(Padding(Text(text, style="dim"), (0, 0, 0, INDENT)))
+        self._print(Padding(Text(text, style="dim"), (0, 0, 0, INDENT), expand=False))
 
     def _print(self, what: object, width: int | None = None) -> None:
         own = self._terminal.width
@@ -111,6 +112,19 @@ class PageLayout:
             self._terminal.print(what)
         self._terminal.width = own
         self._text += printed.get()
+
+
+def _lines(columns: Sequence[Column], widths: Sequence[int], cells: Sequence[Sequence[str]]) -> list[str]:
+    """Returns the lines of a row, each of whose cells has some lines, from its top."""
+    made = list[str]()
+    for parts in zip_longest(*cells, fillvalue=""):
+        spaces = [" " * (width - cell_len(part)) for part, width in zip(parts, widths, strict=True)]
+        padded = [
+            space + part if column.right else part + space
+            for column, part, space in zip(columns, parts, spaces, strict=True)
+        ]
+        made.append((" " * INDENT + (" " * GAP).join(padded)).rstrip())
+    return made
 
 
 def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:
