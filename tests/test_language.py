@@ -51,17 +51,19 @@ def _is_property_or_command(node: ast.AST) -> bool:
     return any(name.split(".")[-1] in ("property", "cached_property", "setter", "command", "group") for name in names)
 
 
-def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.AST, int, str]]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            text = ast.get_docstring(node)
-            if text:
-                yield node, node.body[0].lineno, text
+@cache
+def _nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(path.read_text())))
 
 
 @cache
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text())
+def _docstrings(path: Path) -> list[tuple[ast.AST, int, str]]:
+    return [
+        (node, node.body[0].lineno, text)
+        for node in _nodes(path)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        if (text := ast.get_docstring(node))
+    ]
 
 
 def _place(path: Path, line: int, text: str) -> str:
@@ -70,7 +72,7 @@ def _place(path: Path, line: int, text: str) -> str:
 
 def _texts(path: Path) -> Iterator[tuple[int, str]]:
     """The strings of three words or more, and the comments, each with its line."""
-    for node in ast.walk(_tree(path)):
+    for node in _nodes(path):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and len(node.value.split()) >= 3:
             yield node.lineno, node.value
     for number, line in enumerate(path.read_text().splitlines(), 1):
@@ -83,7 +85,7 @@ def headless_openings(room: str) -> list[str]:
     return [
         _place(path, line, text)
         for path in _modules(room)
-        for _, line, text in _docstrings(_tree(path))
+        for _, line, text in _docstrings(path)
         if HEADLESS.match(text)
     ]
 
@@ -93,7 +95,7 @@ def openings_without_verb(room: str) -> list[str]:
     return [
         _place(path, line, text)
         for path in _modules(room)
-        for node, line, text in _docstrings(_tree(path))
+        for node, line, text in _docstrings(path)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and not _is_property_or_command(node)
         and not VERB.match(text)
@@ -107,7 +109,7 @@ def first_words(kind: type[ast.AST]) -> Counter[str]:
         text.split()[0]
         for room in ROOMS
         for path in _modules(room)
-        for node, _, text in _docstrings(_tree(path))
+        for node, _, text in _docstrings(path)
         if isinstance(node, kind) and not _is_property_or_command(node)
     )
 
@@ -117,7 +119,7 @@ def fragments(room: str) -> list[str]:
     return [
         _place(path, line, match[0])
         for path in _modules(room)
-        for _, line, text in _docstrings(_tree(path))
+        for _, line, text in _docstrings(path)
         for match in FRAGMENT.finditer(text)
     ]
 
