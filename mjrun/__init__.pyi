@@ -671,6 +671,9 @@ class Evaluation(_Evaluation):
         evaluation.
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.
@@ -765,6 +768,7 @@ class Evaluation(_Evaluation):
         speed: float | str | Fraction = ...,
         episodes: int = ...,
         seed: int = ...,
+        push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
         compare: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
         compare_normalize: str | PathLike[str] | None = ...,
         metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1888,6 +1892,7 @@ def evaluate(
     output: str | PathLike[str] = ...,
     episodes: int = ...,
     seed: int = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     compare: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     compare_normalize: str | PathLike[str] | None = ...,
     metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1937,6 +1942,9 @@ def evaluate(
         evaluation.
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.

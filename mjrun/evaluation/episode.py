@@ -11,6 +11,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.model.source import Source
 from mjrun.options.policy import is_code
+from mjrun.options.push import Push
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
 from mjrun.simulation.input_snapshot import InputSnapshot
@@ -65,11 +66,13 @@ class EpisodeSpec:
       task: task to play.
       chosen: policy that plays.
       metrics: name and text of each metric.
+      push: forces on bodies in addition to those of the task.
     """
 
     task: Source
     chosen: PolicyChoice
     metrics: tuple[tuple[str, str], ...] = ()
+    push: tuple[Push, ...] = ()
 
     @property
     def source(self) -> Source:
@@ -85,6 +88,7 @@ class EpisodeSpec:
             policy=chosen.policy,
             normalize=chosen.normalize,
             trust=chosen.trust,
+            push=self.push,
             seed=seed,
             snapshot=chosen.snapshot,
         )

@@ -10,13 +10,14 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.errors import InvalidActionError, MjrunError, SimulationError, flag
+from mjrun.errors import InvalidActionError, MjrunError, SimulationError, UnstableError, flag
 from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
 from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.physics.push_forces import PushForces
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.probe.metric import MetricEvaluation
@@ -26,7 +27,7 @@ from mjrun.study.spec import PointResult
 from mjrun.task.batch_columns import ALL, Rows
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.task.external_environment import ExternalEnvironment
-from mjrun.task.task import TIMED_OUT, Task
+from mjrun.task.task import TIMED_OUT, UNSTABLE, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import Timeline, rational
 
@@ -74,7 +75,7 @@ def player_of(spec: EpisodeSpec) -> EpisodePlayer:
         from mjrun.policy.inferred_task import inferred_task
 
         player = TaskPlayer(inferred_task(policy, task), policy)
-    return MeasuringPlayer(player, spec, policy) if spec.metrics else player
+    return MeasuringPlayer(player, spec, policy) if spec.metrics or spec.push else player
 
 
 class _Tallies:
@@ -253,19 +254,23 @@ class EnvironmentPlayer(EpisodePlayer):
 
 
 class MeasuringPlayer(EpisodePlayer):
-    """A player that measures episodes one after the other, step by step, bit for bit as `player` plays them.
+    """A player that measures or pushes episodes one after the other, step by step.
+
+    Without pushes they are bit for bit as `player` plays them.
 
     Raises:
-      UsageError: a metric is malformed, or contains an unknown name.
+      UsageError: a metric is malformed, or a metric or push contains an unknown name.
     """
 
     def __init__(self, player: EpisodePlayer, spec: EpisodeSpec, policy: Policy) -> None:
         self._player, self._policy = player, policy
         self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
-        self._task = spec.source
-        simulation = Simulation(self._task, policy=policy)
+        self._task, self._push = spec.source, spec.push
+        simulation = Simulation(self._task, policy=policy, push=spec.push)
         assert simulation.episode
-        self._metrics = parse_metrics(spec.metrics, simulation.load(), simulation.episode.columns)
+        model = simulation.load()
+        PushForces(model, spec.push, rational(model.opt.timestep))  # which finds its bodies
+        self._metrics = parse_metrics(spec.metrics, model, simulation.episode.columns)
         self._columns = metric_columns(self._metrics)
 
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
@@ -273,18 +278,22 @@ class MeasuringPlayer(EpisodePlayer):
 
     def _played(self, seed: int) -> EpisodeRecord:
         """Plays an episode, and measures its metrics over the rows at every control instant, including the end."""
-        simulation = Simulation(self._task, policy=self._policy, seed=seed)
+        simulation = Simulation(self._task, policy=self._policy, push=self._push, seed=seed)
         assert simulation.episode
         model = simulation.load()
         timeline = Timeline.of_steps(rational(model.opt.timestep), simulation.episode.longest)
         sampler = ProbeSampler(model, self._columns, timeline, simulation.episode.columns)
         evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
+        control_dt = float(simulation.episode.control_dt)
+        tally = _Tallies(1, self.rewards, control_dt)
         try:
             with collected_warnings():  # which plain episodes do not report either
-                episode = self._stepped(simulation, model, sampler, evaluation)
+                episode = self._stepped(simulation, model, sampler, evaluation, tally)
             return replace(episode, metrics=evaluation.values())
         except MjrunError as error:
             failure = error
+        if self._push:
+            return self._ended_by(failure, seed, evaluation, tally)
         # An unstable simulation has no last instant. Any other error is that of the plain episode, if it has one.
         (episode,) = self._player.play([seed])
         if episode.status != "ok":
@@ -293,19 +302,36 @@ class MeasuringPlayer(EpisodePlayer):
             return failed(failure, seed, episode.steps, self.rewards, len(self._metrics))
         return replace(episode, metrics=evaluation.values())
 
+    def _ended_by(self, error: MjrunError, seed: int, evaluation: MetricEvaluation, tally: _Tallies) -> EpisodeRecord:
+        """Returns the record of an episode in which an error occurred: it became unstable, or it failed."""
+        if not isinstance(error, UnstableError):
+            return failed(error, seed, int(tally.steps[0]), self.rewards, len(self._metrics))
+        tally.add(0, 0.0, np.zeros(len(self.rewards)))  # of the period in which it became unstable
+        return replace(tally.ended(0, seed, UNSTABLE), metrics=evaluation.values())
+
     def _stepped(
-        self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluation
+        self,
+        simulation: Simulation,
+        model: mujoco.MjModel,
+        sampler: ProbeSampler,
+        evaluation: MetricEvaluation,
+        tally: _Tallies,
     ) -> EpisodeRecord:
-        """Plays an episode and feeds its rows to `evaluation`; returns its record without the metrics."""
+        """Plays an episode and feeds its rows to `evaluation`, its rewards to `tally`; returns its record without the
+        metrics.
+        """
         stepper = simulation.stepper(model)
         assert isinstance(stepper, EpisodeStepper)
         assert simulation.episode
         period, longest = stepper.control_steps, simulation.episode.longest
-        control_dt = float(period * rational(model.opt.timestep))
-        tally, ending = _Tallies(1, self.rewards, control_dt), None
+        ending = None
         evaluation.feed(_row(sampler, stepper))
         while ending is None:
-            stepper.advance(stepper.step + period)
+            try:
+                stepper.advance(stepper.step + period)
+            except MjrunError:
+                tally.steps[0] = stepper.periods  # of which the last may be complete, where the policy failed
+                raise
             tally.add(0, stepper.now().reward, self._terms(stepper))
             evaluation.feed(_row(sampler, stepper))
             ending = stepper.now().ending or (TIMED_OUT if stepper.step >= longest else None)

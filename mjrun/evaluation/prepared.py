@@ -15,13 +15,15 @@ from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given
+from mjrun.options.push import Push, PushKind
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.packages import require_all
 from mjrun.python_code import module_sources
 from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task
 
-POLICY, SEED = "policy", "seed"
+POLICY, PUSH, SEED = "policy", "push", "seed"
 TIMES = ("control_dt", "duration")  # parameters of a task without a document
 
 # Creates the task with changed values of its document, by their paths, such as `observations[0].noise`.
@@ -101,7 +103,8 @@ class PreparedEvaluation:
         groups = list[EpisodeGroup]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
-                spec = EpisodeSpec(tasks[point], replace(own, snapshot=snapshot), options.metric)
+                push = push_at(options.push, values[point])
+                spec = EpisodeSpec(tasks[point], replace(own, snapshot=snapshot), options.metric, push)
                 groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         return groups
 
@@ -188,7 +191,7 @@ def task_at(task: Source, values: Mapping[str, str], rewritten: Rewritten | None
     overrides = list[Override]()
     changes = dict[str, str]()
     for name, text in values.items():
-        if name == POLICY:
+        if name in (POLICY, PUSH):
             continue
         path = name.removeprefix("scale:").removeprefix("add:")
         if name in SHORT_PATHS or path.partition(".")[0] in ROOTS or path.partition("/")[0] in ELEMENTS:
@@ -205,10 +208,32 @@ def policy_at(chosen: PolicyChoice, values: Mapping[str, str]) -> PolicyChoice:
     return replace(chosen, policy=values[POLICY]) if POLICY in values else chosen
 
 
+def push_at(push: tuple[Push, ...], values: Mapping[str, str]) -> tuple[Push, ...]:
+    """Returns the pushes of the point at which parameters have `values`.
+
+    Raises:
+      UsageError: the value of `push` is invalid.
+    """
+    if PUSH not in values:
+        return push
+    try:
+        return (PushKind().parse(values[PUSH]),)
+    except InvalidValueError as error:
+        with concerning("vary", PUSH):
+            raise BadValueError(f"{option('vary')} {PUSH}", values[PUSH], error.expected) from None
+
+
 def _with_times(task: Source, changes: Mapping[str, str]) -> Source:
     for name in changes:
         if not isinstance(task, Task) or name not in TIMES:
-            valid = [POLICY, *SHORT_PATHS, *(TIMES if isinstance(task, Task) else ()), "opt.FIELD", "KIND/NAME.FIELD"]
+            valid = [
+                POLICY,
+                PUSH,
+                *SHORT_PATHS,
+                *(TIMES if isinstance(task, Task) else ()),
+                "opt.FIELD",
+                "KIND/NAME.FIELD",
+            ]
             with concerning("vary", name):
                 raise UnknownNameError("parameter", name, valid, where=option("vary"))
     try:

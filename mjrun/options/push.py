@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.dataclass import dataclass
-from mjrun.options.kinds import Optional, ReadingContext, Text
+from mjrun.options.kinds import Optional, ReadingContext, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Point
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, Path, check
@@ -132,3 +132,14 @@ def _exact(value: Fraction) -> str:
     """Formats `value` as a decimal number if that is exact, or else as a fraction."""
     near = float(value)
     return f"{near!r}".removesuffix(".0") if rational(near) == value else str(value)
+
+
+def push_option() -> tuple[Push, ...]:
+    """Declares the option of pushes, which simulations and episodes share."""
+    return option(
+        converter=Several(PushKind()),
+        default=(),
+        help="Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its"
+        " duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up; --show "
+        "pertforce draws them.",
+    )

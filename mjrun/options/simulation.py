@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction, Several
+from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
-from mjrun.options.push import Push, PushKind
+from mjrun.options.push import Push, push_option
 from mjrun.options.setting_kinds import ColumnMap, JointNumbers, NamedNumbers
 
 INTERPOLATIONS = ("hold", "linear")
@@ -110,13 +110,7 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
         default=0.0,
         help="Correlation time of the control noise [s]; 0 makes it independent at every step.",
     )
-    push: tuple[Push, ...] = option(
-        converter=Several(PushKind()),
-        default=(),
-        help="Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its"
-        " duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up; --show "
-        "pertforce draws them.",
-    )
+    push: tuple[Push, ...] = push_option()
     replay: str | None = option(
         converter=Optional(File()),
         default=None,

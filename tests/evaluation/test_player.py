@@ -15,6 +15,7 @@ from mjrun.evaluation.player import player_of
 from mjrun.formats.table_reader import read_table
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
+from mjrun.options.push import PushKind
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Reset, Task, Termination
@@ -239,3 +240,48 @@ def test_what_fails_fails_in_the_same_way_when_it_is_measured(tmp_path: Path, na
     for one, other in zip(plain, measured, strict=True):
         assert (one.message, one.exit_code, one.steps) == (other.message, other.exit_code, other.steps)
         assert np.isfinite(other.metrics[0]) == (one.status == "ok")
+
+
+PUSHES = ("cart=30/0/0@0.1+0.05", "cart=-20/0/0@0.4+0.1")
+
+
+def pushed(folder: Path, pushes: tuple[str, ...], name: str = "act", **options: object) -> EpisodeSpec:
+    return replace(spec(folder, name, **options), push=tuple(map(PushKind().parse, pushes)))
+
+
+def test_pushed_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
+    """Each force acts on its steps alone; without a force, nothing differs from other episodes."""
+    task, model = cart_task(tmp_path), cart_task(tmp_path).load()
+    forces = np.zeros(200)
+    forces[10:15], forces[40:50] = 30, -20
+    for episode in player_of(pushed(tmp_path, PUSHES)).play(range(6)):
+        worlds = TaskWorlds(task, 1, threads=1)
+        worlds.reset([episode.seed])
+        data = mujoco.MjData(model)
+        mujoco.mj_setState(model, data, worlds.state(0), mujoco.mjtState.mjSTATE_INTEGRATION)
+        total, ending, period = 0.0, "", 0
+        while not ending:
+            period += 1
+            data.ctrl[:] = policy(np.array([data.qpos[0], data.qvel[0]]))
+            for step in range(2 * period - 2, 2 * period):
+                data.xfrc_applied[1, 0] = forces[step]
+                mujoco.mj_step(model, data)
+            total += -abs(data.qpos[0]) + -0.01 * data.ctrl[0] ** 2
+            is_home = abs(data.qpos[0]) < 0.02 and abs(data.qvel[0]) < 0.1
+            ending = "home" if is_home else "lost" if abs(data.qpos[0]) > 1 else "timeout" if period == 75 else ""
+        assert (episode.steps, episode.ending) == (period, ending)
+        assert episode.total == pytest.approx(total, rel=1e-12)
+    gentle = player_of(pushed(tmp_path, ("cart=0/0/0@0+1",))).play(range(6))
+    assert gentle == player_of(spec(tmp_path)).play(range(6))
+
+
+def test_a_push_may_make_an_episode_unstable_or_find_a_policy_that_fails(tmp_path: Path) -> None:
+    (episode,) = player_of(pushed(tmp_path, ("cart=1e14/0/0@0.1+0.1",), metrics=(("n", "count(time)"),))).play([1])
+    assert (episode.ending, episode.outcome, episode.status) == ("unstable", "failure", "ok")
+    assert episode.metrics == (float(episode.steps),)
+    failing = replace(pushed(tmp_path, PUSHES, name="Late"), task=replace(cart_task(tmp_path), terminations={}))
+    (late,) = player_of(failing).play([7])
+    (plain,) = player_of(replace(failing, push=())).play([7])
+    assert (late.status, late.steps, late.message) == ("failed", plain.steps, plain.message)
+    with pytest.raises(UnknownNameError, match="wheel"):
+        player_of(pushed(tmp_path, ("wheel=1/0/0@0+1",)))

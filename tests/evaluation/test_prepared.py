@@ -93,6 +93,17 @@ def prepare(folder: Path, **arguments: object) -> PreparedEvaluation:
     return PreparedEvaluation(EvaluationOptions(task, "out", **arguments), task, None)  # type: ignore[arg-type]
 
 
+def test_pushes_may_vary(tmp_path: Path) -> None:
+    texts = ["cart=0/0/0@0.1+0.2", "cart=5/0/0@0.1+0.2"]
+    result = prepare(tmp_path, policy="random", vary={"push": ",".join(texts)})
+    assert [tuple(map(str, group.spec.push)) for group in result.groups] == [(text,) for text in texts]
+    assert [group.spec.simulation(3).push for group in result.groups] == [group.spec.push for group in result.groups]
+    assert [str(push) for push in prepare(tmp_path, policy="zero", push=texts).groups[0].spec.push] == texts
+    with pytest.raises(UsageError, match=r"vary push: 'cart=1@0' is not BODY=FX/FY/FZ@T\+DURATION") as caught:
+        prepare(tmp_path, policy="random", vary={"push": "cart=1@0,cart=0/0/0@0+1"})
+    assert caught.value.path[:2] == ("vary", "push")
+
+
 def test_groups_are_by_policies_and_then_by_points(tmp_path: Path) -> None:
     result = prepare(tmp_path, policy="random", compare="zero", vary={"opt.timestep": "0.005,0.01"}, timestep="0.002")
     assert [(group.policy, group.name, group.point) for group in result.groups] == [
