@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from types import CodeType, FrameType
@@ -114,9 +114,15 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
 
-def imported(tree: ast.Module, home: str) -> Iterator[tuple[int, str]]:
+@cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """Returns all nodes of the syntax tree of a module."""
+    return list(ast.walk(parsed(path)))
+
+
+def imported(nodes: Iterable[ast.AST], home: str) -> Iterator[tuple[int, str]]:
     """Yields line and dotted name of each module that `home` imports anywhere, or names in a string."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -139,9 +145,9 @@ def imported_names(source: str) -> set[str]:
     names = set(re.findall(r"\bmjrun(?:\.\w+)+", source))
     names |= {mjrun._HOMES.get(name, "") for name in re.findall(r"\bmjrun\.(\w+)", source)}
     for statement in IMPORT.findall(source):
-        tree = ast.parse(statement)
-        names |= {name for _, name in imported(tree, "tests")}
-        for node in ast.walk(tree):
+        nodes = list(ast.walk(ast.parse(statement)))
+        names |= {name for _, name in imported(nodes, "tests")}
+        for node in nodes:
             if isinstance(node, ast.ImportFrom) and node.module:
                 names |= {f"{node.module}.{alias.name}" for alias in node.names}
     return names
@@ -180,7 +186,7 @@ def violations(package: Path) -> list[str]:
         module = ".".join(part for part in parts if part != "__init__")
         if not module:
             continue  # mjrun/__init__.py, whose lazy table names every room
-        for line, target in imported(parsed(path), ".".join(("mjrun", *parts))):
+        for line, target in imported(nodes_of(path), ".".join(("mjrun", *parts))):
             if reason := fault(module, target):
                 found.append(f"{path.relative_to(package)}:{line} imports {target}, which {reason}")
     return found
@@ -334,7 +340,7 @@ def test_no_function_has_two_docstrings() -> None:
     doubled = [
         f"{path.relative_to(PACKAGE)}:{node.lineno} {node.name}"
         for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(parsed(path))
+        for node in nodes_of(path)
         if isinstance(node, ast.FunctionDef)
         and sum(isinstance(each, ast.Expr) and isinstance(getattr(each.value, "value", 0), str) for each in node.body)
         > 1

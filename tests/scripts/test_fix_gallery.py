@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.check.rule_table import RULES
+from tests.conftest import Command
 
 sys.path.append(str(Path(__file__).parents[2]))
 
@@ -23,6 +24,7 @@ def test_every_rule_with_a_fix_has_a_part() -> None:
 
 
 @pytest.mark.parametrize("rule", ["MJ303", "MJ403"])
-def test_a_part_is_what_the_command_does_now(rule: str) -> None:
+def test_a_part_is_what_the_command_does_now(rule: str, mjrun_here: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fix_gallery, "mjrun", lambda *arguments: mjrun_here(*arguments).stdout.decode())
     (case,) = (case for case in fix_gallery.CASES if case.rule == rule)
     assert fix_gallery.part(case).strip() in fix_gallery.PAGE.read_text("utf-8")

@@ -9,8 +9,13 @@ from tests.conftest import Command
 from tests.documentation import ROOT, commands
 
 TEXT = (ROOT / "mjrun/SKILL.md").read_text("utf-8")
-SMALL = {"video": ["--size", "64x48", "--duration", "0.2"], "image": ["--size", "64x48"]}
-SMALL["dataset"] = ["--size", "32x24", "--jobs", "1"]
+DRAFT = ["--quality", "draft"]
+SMALL = {
+    "video": ["--size", "64x48", "--duration", "0.2", "--fps", "10", *DRAFT],
+    "image": ["--size", "64x48", *DRAFT],
+    "sweep": ["--jobs", "1"],
+    "dataset": ["--size", "32x24", "--jobs", "1", *DRAFT],
+}
 EXIT_CODES = {"diff": 1}  # the results that it compares differ
 
 
