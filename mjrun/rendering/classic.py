@@ -72,7 +72,8 @@ class ClassicRenderer:
         self._buffer: ExactFramebuffer | None = None  # made when it is needed
         try:
             self._gl = backend.context(width, height)
-            self._context = _offscreen(model, width, height, visual.quality)
+            has_shadows = bool(self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW])
+            self._context = _offscreen(model, width, height, visual.quality, has_shadows)
         except Exception as error:
             self.close()
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
@@ -210,18 +211,20 @@ def _check_shadows(model: mujoco.MjModel, backend: Backend) -> None:
         )
 
 
-def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> mujoco.MjrContext:
+def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str, has_shadows: bool) -> mujoco.MjrContext:
     """Creates a context whose offscreen buffer has exactly this size, regardless of the model's."""
     view, detail = model.vis.global_, model.vis.quality
-    previous = view.offwidth, view.offheight, detail.offsamples
+    previous = view.offwidth, view.offheight, detail.offsamples, detail.shadowsize
     view.offwidth, view.offheight = width, height
     if quality == "draft":
         detail.offsamples = 0
+    if not has_shadows:
+        detail.shadowsize = 0  # a map takes 64 MB and, in software, most of the time until the first image
     try:
         font = min(FONTS, key=lambda percent: abs(percent - height / 4.8))
         context = mujoco.MjrContext(model, font)
     finally:
-        view.offwidth, view.offheight, detail.offsamples = previous
+        view.offwidth, view.offheight, detail.offsamples, detail.shadowsize = previous
     mujoco.mjr_setBuffer(OFFSCREEN, context)
     return context
 

@@ -93,7 +93,7 @@ def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: Backend) -> No
     with closing(ClassicRenderer(model, (200, 100), backend, Visual(quality="draft"))) as renderer:
         assert picture(renderer, model, data, "free").shape == (100, 200, 3)
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (64, 64)
-    assert model.vis.quality.offsamples == 4
+    assert (model.vis.quality.offsamples, model.vis.quality.shadowsize) == (4, 512)
 
 
 def test_high_quality_is_the_average_of_a_picture_twice_the_size(swing: Path, backend: Backend, still: Still) -> None:
@@ -107,6 +107,21 @@ def test_a_draft_has_no_shadow_where_the_model_has_one(swing: Path, backend: Bac
     model, draft = (draw(swing, 0, backend, quality=q).astype(int) for q in ("model", "draft"))
     darker = (draft - model).max(axis=2) > 30
     assert 0.005 < darker.mean() < 0.3
+
+
+@pytest.mark.parametrize("show", [(), ("shadow",)])
+def test_a_draft_is_what_the_flags_of_mujoco_make_of_the_model(
+    swing: Path, backend: Backend, show: tuple[str, ...]
+) -> None:
+    model, data = at(swing, 0)
+    model.vis.quality.offsamples = 0
+    model.vis.global_.offwidth, model.vis.global_.offheight = SIZE
+    with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
+        renderer.update_scene(data, "side")
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = bool(show)
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        expected = renderer.render()
+    assert np.array_equal(draw(swing, 0, backend, quality="draft", show=show), expected)
 
 
 def test_hidden_things_are_not_drawn(swing: Path, backend: Backend) -> None:
