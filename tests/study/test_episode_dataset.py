@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 import minari
@@ -22,8 +22,7 @@ from mjrun.reporter import WarningReporter
 from mjrun.study import executors
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
 from mjrun.study.episode_spec import camera_keys
-from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import ChunkResult, PointChunk, StudySpec
+from mjrun.study.spec import ChunkResult, PointChunk, PointSpec
 from mjrun.task.task import Reward, Task
 from tests.evaluation.tasks import XML, cart_task, write_policies
 
@@ -45,9 +44,8 @@ def _here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
     """Simulates in the process of the test: a separate process shows nothing more, and takes a second."""
 
     def run_chunk(chunk: PointChunk) -> ChunkResult:
-        spec = chunk.study.spec.open()
-        assert isinstance(spec, StudySpec)
-        return ChunkResult([result for part in PointSimulator(spec).run(chunk.points) for result in part])
+        spec = cast("PointSpec", chunk.study.spec.open())  # of a study or of an evaluation
+        return ChunkResult([result for part in spec.simulator().run(chunk.points) for result in part])
 
     if "image" not in request.node.name and "processes" not in request.node.name:
         monkeypatch.setattr(executors, "run_chunk", run_chunk)
