@@ -29,7 +29,6 @@ from mjrun.child_process import python_call
 CHECK = "mjrun.check.worker:serve"
 MODULES = {
     CHECK: ("mjrun.check.worker",),
-    "mjrun.evaluation.execution:EpisodeServer": ("mjrun.evaluation.execution",),
     "mjrun.rendering.filament_worker:FilamentServer": ("mjrun.rendering.filament_worker",),
     "mjrun.rendering.worker_process:PaintServer": ("mjrun.rendering.worker_process", "mujoco"),
     "mjrun.study.point_files:PointFileServer": ("mjrun.study.point_files", "mujoco"),

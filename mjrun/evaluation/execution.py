@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Self
+from typing import Self, overload
 
 import mujoco
 
@@ -121,6 +121,31 @@ class EpisodeSimulator:
         return snapshot.with_original_names(text) if snapshot else text
 
 
+class EpisodeValues(Sequence[tuple[str, ...]]):
+    """The values of each episode: those of its group, and its seed. They are made on demand, for many episodes.
+
+    Args:
+      groups: values of each group.
+      seeds: seeds of the episodes of each group.
+    """
+
+    def __init__(self, groups: Sequence[tuple[str, ...]], seeds: Sequence[int]) -> None:
+        self._groups, self._seeds = groups, seeds
+
+    def __len__(self) -> int:
+        return len(self._groups) * len(self._seeds)
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[str, ...]: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[tuple[str, ...]]: ...
+    def __getitem__(self, index: int | slice) -> tuple[str, ...] | list[tuple[str, ...]]:
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(len(self)))]
+        group, place = divmod(range(len(self))[index], len(self._seeds))
+        return (*self._groups[group], str(self._seeds[place]))
+
+
 class PreparedEpisodes(PreparedPoints):
     """Episodes that are ready to be played in processes.
 
@@ -139,11 +164,9 @@ class PreparedEpisodes(PreparedPoints):
         self._episodes, self._seeds, self._task = spec, seeds, prepared.task
         several = len({group.policy for group in groups}) > 1
         names = (*(["policy"] if several else []), *prepared.points.names, "seed")
-        values = [
-            (*([group.name] if several else []), *prepared.points.points[group.point], str(seed))
-            for group in groups
-            for seed in seeds
-        ]
+        values = EpisodeValues(
+            [(*([group.name] if several else []), *prepared.points.points[group.point]) for group in groups], seeds
+        )
         sealed = Sealed(pickle.dumps(spec), prepared.modules)
         shipped = ShippedStudy(sealed, len(spec.numbers), prepared.snapshot)
         super().__init__(spec, Design(names, values), shipped, folder, spec.numbers)
@@ -157,12 +180,17 @@ class PreparedEpisodes(PreparedPoints):
             return super().chunk_sizes(options, ahead)
         return ChunkSizes(options.chunk, ahead, first=FIRST)
 
-    def records(self) -> list[list[EpisodeRecord]]:
-        """Returns the records of the episodes of each group."""
-        results, count = self.results(), len(self._seeds)
-        return [
-            [*map(self._record, self._seeds, results[start : start + count])] for start in range(0, len(results), count)
-        ]
+    def taken_records(self) -> list[list[EpisodeRecord]]:
+        """Returns the records of the episodes of each group, and removes their results from `known`.
+
+        There may be a million of them, and each has one representation at a time.
+        """
+        records, count, missing = dict[str, EpisodeRecord](), len(self._seeds), self.not_simulated
+        for index, key in enumerate(self.keys):
+            if key not in records:  # two groups may have the same episodes
+                records[key] = self._record(self._seeds[index % count], self.known.pop(key, missing))
+        keys = [self.keys[start : start + count] for start in range(0, len(self.keys), count)]
+        return [[records[key] for key in some] for some in keys]
 
     def _record(self, seed: int, result: PointResult) -> EpisodeRecord:
         total, length, outcome, *numbers = result.metrics
@@ -183,7 +211,7 @@ class PreparedEpisodes(PreparedPoints):
                 models[source] = task.stored_at(self.shipped.snapshot.place).load()
             spec = StudySpec(group.simulation(), ("seed",), group.metrics)
             identity = study_identity(spec, models[source], self.shipped.spec.modules)
-            keys += point_keys(identity, spec, [(str(seed),) for seed in self._seeds])
+            keys += point_keys(identity, spec, ((str(seed),) for seed in self._seeds))
         return keys
 
 
@@ -212,7 +240,7 @@ def play_all(
             reporter.note(f"{known} of {counted(len(episodes.keys), 'episode')} are known already")
         if missing:
             episodes.simulate(missing, options, reporter)
-        records |= zip(shared, episodes.records(), strict=True)
+        records |= zip(shared, episodes.taken_records(), strict=True)
     for place, group in enumerate(groups):
         if place not in records:
             records[place] = _played_here(group.spec, seeds, reporter)

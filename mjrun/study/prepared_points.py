@@ -89,8 +89,13 @@ class PreparedPoints(ABC):
 
     def results(self) -> list[PointResult]:
         """Returns the result of each point in order; a point without one has the status `missing`."""
-        missing = PointResult(-1, "missing", (math.nan,) * self._metrics, 0, 0, NOT_YET)
+        missing = self.not_simulated
         return [self.known.get(key, missing) for key in self.keys]
+
+    @property
+    def not_simulated(self) -> PointResult:
+        """The result of a point without one."""
+        return PointResult(-1, "missing", (math.nan,) * self._metrics, 0, 0, NOT_YET)
 
     def steps(self, indices: Sequence[int]) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""

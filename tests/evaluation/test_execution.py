@@ -135,5 +135,5 @@ def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: 
     expected = player_of(some.groups[0].spec).play(range(3))
     played, _ = play(some, range(3), tmp_path / "out")
     assert repr(played) == repr([expected])
-    assert repr(PreparedEpisodes(some, some.groups, range(3), tmp_path / "out").records()) == repr([expected])
+    assert repr(PreparedEpisodes(some, some.groups, range(3), tmp_path / "out").taken_records()) == repr([expected])
     assert execution.FIRST <= player.SIDE_BY_SIDE
