@@ -5,6 +5,7 @@ start of the interpreter, which a fork does not show, are tried by `RealCommand`
 """
 
 import ctypes
+import gc
 import json
 import os
 import pkgutil
@@ -218,6 +219,7 @@ def serve() -> None:
 
     for name in names:
         import_module(name)
+    gc.freeze()  # no run looks through what it shares with this process, which would copy all of it
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:
         request = json.loads(line)

@@ -6,6 +6,7 @@ from itertools import chain
 from pathlib import Path
 
 from tests.scoreboard import policy_forms, recording_forms, study_forms, table_forms
+from tests.scoreboard.command import QUICK_IMPORTS
 from tests.scoreboard.data import inputs_of
 from tests.scoreboard.input_forms import (
     BETWEEN,
@@ -39,7 +40,7 @@ METRIC = ("--metric", "x=max(qpos/hinge)")
 def documents(quick: bool) -> Tally:
     tally = Tally()
     if quick:
-        try_forms([form for form in quick_forms() if form.quick][::6], BASE, tally)
+        try_forms([form for form in quick_forms() if form.quick][::6], BASE, tally, QUICK_IMPORTS)
     else:
         try_forms(forms(), BASE, tally)
     return tally

@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -88,9 +88,11 @@ def faults(form: Form, ended: Ended, before: Mapping[str, bytes], after: Mapping
     return found
 
 
-def try_forms(forms: Iterable[Form], base: Mapping[str, Content], tally: Tally, memory: int = 6144) -> None:
-    """Runs each form in a new folder with the files of `base`, and counts it."""
-    with tempfile.TemporaryDirectory() as top, CommandServer(memory=memory, imports=IMPORTS) as server:
+def try_forms(
+    forms: Iterable[Form], base: Mapping[str, Content], tally: Tally, imports: Sequence[str] = IMPORTS
+) -> None:
+    """Runs each form in a new folder with the files of `base`, and counts it; `imports` are those of its server."""
+    with tempfile.TemporaryDirectory() as top, CommandServer(memory=6144, imports=imports) as server:
         Path(top, BETWEEN).write_text(f"{SECRET}\n")
         template = Path(top, "template")
         template.mkdir()
