@@ -672,8 +672,7 @@ class Evaluation(_Evaluation):
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.
@@ -1943,8 +1942,7 @@ def evaluate(
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.

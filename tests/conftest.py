@@ -348,6 +348,7 @@ def _nothing_is_left(request: pytest.FixtureRequest) -> Iterator[None]:
     yield
     assert not folder or not list(folder.rglob("*.part"))
     assert (LOG.stat().st_size if LOG.exists() else None) == LOG_SIZE
+    assert mujoco.get_mju_user_warning() is None, "a block of collected_warnings is still open"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "see the fixture own_signals"
 
 

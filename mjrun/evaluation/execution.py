@@ -85,7 +85,8 @@ class EpisodeSimulator:
             by_group.setdefault(point.index // self._spec.count, []).append(point)
         for group, some in by_group.items():
             with collected_warnings():  # which the parent process reports
-                yield self._played(group, some)
+                played = self._played(group, some)
+            yield played
 
     def _played(self, group: int, points: Sequence[StudyPoint]) -> list[PointResult]:
         start, seeds = time.perf_counter(), [int(point.values[-1]) for point in points]

@@ -12,7 +12,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.page import PageOptions
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.push import Push, push_option
+from mjrun.options.push import PUSHES, PUSHES_HELP, Push
 from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
@@ -98,7 +98,7 @@ class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, Poli
     seed: int = option(
         converter=Integer(), default=0, help="Seed of the first episode; each later episode uses the next seed."
     )
-    push: tuple[Push, ...] = push_option()
+    push: tuple[Push, ...] = option(converter=PUSHES, default=(), help=f"{PUSHES_HELP}.")
     compare: object | None = option(
         converter=Optional(PolicyKind()),
         default=None,

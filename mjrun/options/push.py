@@ -134,12 +134,8 @@ def _exact(value: Fraction) -> str:
     return f"{near!r}".removesuffix(".0") if rational(near) == value else str(value)
 
 
-def push_option() -> tuple[Push, ...]:
-    """Declares the option of pushes, which simulations and episodes share."""
-    return option(
-        converter=Several(PushKind()),
-        default=(),
-        help="Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its"
-        " duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up; --show "
-        "pertforce draws them.",
-    )
+PUSHES = Several(PushKind())
+PUSHES_HELP = (
+    "Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its duration "
+    "[s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up"
+)

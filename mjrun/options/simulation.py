@@ -9,7 +9,7 @@ from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
-from mjrun.options.push import Push, push_option
+from mjrun.options.push import PUSHES, PUSHES_HELP, Push
 from mjrun.options.setting_kinds import ColumnMap, JointNumbers, NamedNumbers
 
 INTERPOLATIONS = ("hold", "linear")
@@ -110,7 +110,7 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
         default=0.0,
         help="Correlation time of the control noise [s]; 0 makes it independent at every step.",
     )
-    push: tuple[Push, ...] = push_option()
+    push: tuple[Push, ...] = option(converter=PUSHES, default=(), help=f"{PUSHES_HELP}; --show pertforce draws them.")
     replay: str | None = option(
         converter=Optional(File()),
         default=None,

@@ -74,32 +74,40 @@ class PointSimulator:
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
         """Yields the results of points in the order in which they end."""
+        results = self._results(points)
+        while True:
+            with collected_warnings(), without_timers():  # but not while the caller uses them
+                some = next(results, None)
+            if some is None:
+                return
+            yield some
+
+    def _results(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
         batches = dict[object, list[_ReadyPoint]]()
         sizes = dict[int, int]()  # memory of their models, by id
-        with collected_warnings(), without_timers():
-            for point in points:
-                start = time.perf_counter()
-                if self._spec.product:
-                    yield [self._with_files(point)]
-                    continue
-                try:
-                    ready = self._ready(point)
-                    ready.wall = time.perf_counter() - start
-                except Exception as error:
-                    yield [self._failed(point, error, 0, time.perf_counter() - start)]
-                    continue
-                if ready.kind is None:
-                    yield [self._alone(ready)]
-                    self._variants.reuse(ready.variant)
-                    continue
-                batches.setdefault(ready.kind, []).append(ready)
-                sizes |= _model_sizes([ready])
-                if sum(map(len, batches.values())) == self._most or sum(sizes.values()) > self._most_bytes:
-                    largest = max(batches, key=lambda kind: len(batches[kind]))
-                    yield [*self._side_by_side(batches.pop(largest))]
-                    sizes = _model_sizes([ready for batch in batches.values() for ready in batch])
-            for batch in batches.values():
-                yield [*self._side_by_side(batch)]
+        for point in points:
+            start = time.perf_counter()
+            if self._spec.product:
+                yield [self._with_files(point)]
+                continue
+            try:
+                ready = self._ready(point)
+                ready.wall = time.perf_counter() - start
+            except Exception as error:
+                yield [self._failed(point, error, 0, time.perf_counter() - start)]
+                continue
+            if ready.kind is None:
+                yield [self._alone(ready)]
+                self._variants.reuse(ready.variant)
+                continue
+            batches.setdefault(ready.kind, []).append(ready)
+            sizes |= _model_sizes([ready])
+            if sum(map(len, batches.values())) == self._most or sum(sizes.values()) > self._most_bytes:
+                largest = max(batches, key=lambda kind: len(batches[kind]))
+                yield [*self._side_by_side(batches.pop(largest))]
+                sizes = _model_sizes([ready for batch in batches.values() for ready in batch])
+        for batch in batches.values():
+            yield [*self._side_by_side(batch)]
 
     def _ready(self, point: StudyPoint) -> "_ReadyPoint":
         simulation = self._spec.simulation(point.values)

@@ -1,5 +1,6 @@
 """A small task, and a policy for it in Python, for tests."""
 
+import threading
 from pathlib import Path
 from typing import cast
 
@@ -131,9 +132,12 @@ def write_policies(folder: Path) -> Path:
 def play_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plays episodes in the process of the test: a separate process shows nothing more, and takes a second."""
 
+    alone = threading.Lock()  # the threads of an engine share MuJoCo's handler of warnings
+
     def run_chunk(chunk: PointChunk) -> ChunkResult:
         spec = cast(EpisodesSpec, chunk.study.spec.open())
-        results = [result for some in spec.simulator().run(chunk.points) for result in some]
+        with alone:
+            results = [result for some in spec.simulator().run(chunk.points) for result in some]
         return ChunkResult(sorted(results, key=lambda result: result.index))
 
     monkeypatch.setattr(executors, "run_chunk", run_chunk)
