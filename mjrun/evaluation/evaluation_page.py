@@ -101,7 +101,7 @@ def _comparison(result: "EvaluationResult") -> list[PageFacts]:
     rows = [
         (
             name,
-            "" if each.difference is None else number(each.difference),
+            number(each.difference),
             _interval(each.interval),
             clean(each.better or "undecided"),
             f"{each.first_wins:,} / {each.second_wins:,} / {each.ties:,}",

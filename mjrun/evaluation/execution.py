@@ -15,7 +15,7 @@ from typing import Self, overload
 import mujoco
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import MjrunError, UsageError, counted, flag, option
+from mjrun.errors import UsageError, counted, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.prepared import EpisodeGroup, PreparedEvaluation
@@ -29,7 +29,6 @@ from mjrun.reporter import Reporter
 from mjrun.study.chunk_files import point_keys, study_identity
 from mjrun.study.executors import SLURM, ChunkSizes
 from mjrun.study.prepared_points import PreparedPoints
-from mjrun.study.simulate import BUG
 from mjrun.study.spec import PointResult, ShippedStudy, StudyPoint, StudySpec
 from mjrun.task.task import Task
 
@@ -39,7 +38,7 @@ MOST = 64  # episodes that are played at once in this process
 
 
 @dataclass(frozen=True)
-class EpisodesSpec:
+class EvaluationSpec:
     """The specification of the episodes of several groups, in this order; a picklable value.
 
     Attributes:
@@ -74,8 +73,9 @@ class EpisodesSpec:
 class EpisodeSimulator:
     """A simulator of episodes; those of one group that arrive together are played side by side."""
 
-    def __init__(self, spec: EpisodesSpec) -> None:
+    def __init__(self, spec: EvaluationSpec) -> None:
         self._spec, self._group = spec, -1
+        self._snapshot = spec.groups[0].chosen.snapshot
         self._player: EpisodePlayer
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
@@ -99,7 +99,7 @@ class EpisodeSimulator:
             self._group = -1
             if len(points) > 1:
                 return [result for point in points for result in self._played(group, [point])]
-            return [self._failed(points[0], error)]
+            return [PointResult.failed(points[0].index, error, len(self._spec.numbers), self._snapshot)]
         wall = (time.perf_counter() - start) / len(points)
         return [self._result(point, episode, wall) for point, episode in zip(points, episodes, strict=True)]
 
@@ -108,18 +108,10 @@ class EpisodeSimulator:
         rewards = episode.rewards
         terms = [rewards.get(name, math.nan) for name in self._spec.rewards]
         numbers = (episode.total, episode.length, outcome, *terms, *episode.metrics)
-        message = episode.ending if episode.status == "ok" else self._with_original_names(episode.message)
+        message = episode.ending
+        if episode.status != "ok":
+            message = self._snapshot.with_original_names(episode.message) if self._snapshot else episode.message
         return PointResult(point.index, episode.status, numbers, episode.steps, episode.exit_code, message, wall)
-
-    def _failed(self, point: StudyPoint, error: Exception) -> PointResult:
-        code = error.exit_code if isinstance(error, MjrunError) else BUG
-        text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
-        nothing = (math.nan,) * len(self._spec.numbers)
-        return PointResult(point.index, "failed", nothing, 0, code, self._with_original_names(text))
-
-    def _with_original_names(self, text: str) -> str:
-        snapshot = self._spec.groups[0].chosen.snapshot
-        return snapshot.with_original_names(text) if snapshot else text
 
 
 class EpisodeValues(Sequence[tuple[str, ...]]):
@@ -161,7 +153,7 @@ class PreparedEpisodes(PreparedPoints):
         self, prepared: PreparedEvaluation, groups: Sequence[EpisodeGroup], seeds: Sequence[int], folder: Path
     ) -> None:
         specs = tuple(group.spec for group in groups)
-        spec = EpisodesSpec(specs, len(seeds), tuple(prepared.player.rewards))
+        spec = EvaluationSpec(specs, len(seeds), tuple(prepared.player.rewards))
         self._episodes, self._seeds, self._task = spec, seeds, prepared.task
         several = len({group.policy for group in groups}) > 1
         names = (*(["policy"] if several else []), *prepared.points.names, "seed")

@@ -482,6 +482,7 @@ def _facts_of(entry: Mapping[str, Any]) -> dict[str, Any]:
         "rows": int(entry["rows"]),
         "return": float(entry["return"]),
         "success": bool(entry["success"]),
+        **({"demonstration": str(entry["demonstration"])} if "demonstration" in entry else {}),
     }
 
 

@@ -4,7 +4,6 @@ Points whose simulations are of one kind run side by side in one batch; every nu
 alone.
 """
 
-import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -14,7 +13,7 @@ from weakref import WeakKeyDictionary
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, flag, option
+from mjrun.errors import MjrunError, SimulationError, UsageError, option
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
 from mjrun.model.copied_fields import COPIED
@@ -31,7 +30,7 @@ from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricBatch, MetricEvaluation
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.spec import PointResult, Status, StudyPoint, StudySpec
+from mjrun.study.spec import PointResult, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -49,7 +48,6 @@ NOT_IN_WARP = (
 )
 ENOUGH = 512  # rows that are measured at once
 SIDE_BY_SIDE = 64  # most simulations in a batch: more only take memory
-BUG = 70
 
 
 class PointSimulator:
@@ -230,13 +228,8 @@ class PointSimulator:
         return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
-        status: Status = "unstable" if isinstance(error, UnstableError) else "failed"
-        code = error.exit_code if isinstance(error, MjrunError) else BUG
-        text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
-        if self._spec.base.snapshot:
-            text = self._spec.base.snapshot.with_original_names(text)
-        metrics = (math.nan,) * len(self._spec.metrics)
-        return PointResult(point.index, status, metrics, steps, code, text, wall)
+        spec = self._spec
+        return PointResult.failed(point.index, error, len(spec.metrics), spec.base.snapshot, steps, wall)
 
 
 class _CompiledModel:

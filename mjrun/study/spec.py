@@ -12,7 +12,17 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import (
+    BadValueError,
+    MjrunError,
+    UnknownNameError,
+    UnstableError,
+    UsageError,
+    clean,
+    concerning,
+    flag,
+    option,
+)
 from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
@@ -29,6 +39,7 @@ from mjrun.version import __version__
 if TYPE_CHECKING:
     from mjrun.study.simulate import PointSimulator
 
+BUG = 70  # the exit code
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 Controllers = Mapping[str, Callable[..., object]]  # by the values of the parameter `controller`
 
@@ -129,6 +140,28 @@ class PointResult:
     message: str = ""
     wall: float = 0.0
     files: tuple[tuple[str, bytes], ...] = ()
+
+    @classmethod
+    def failed(
+        cls,
+        index: int,
+        error: Exception,
+        metrics: int,
+        snapshot: InputSnapshot | None,
+        steps: int = 0,
+        wall: float = 0.0,
+    ) -> "PointResult":
+        """Returns the result of a point that failed with an error.
+
+        Args:
+          metrics: number of metrics.
+          snapshot: copies of files, which the reason names as the user does.
+        """
+        status: Status = "unstable" if isinstance(error, UnstableError) else "failed"
+        code = error.exit_code if isinstance(error, MjrunError) else BUG
+        text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
+        text = snapshot.with_original_names(text) if snapshot else text
+        return cls(index, status, (math.nan,) * metrics, steps, code, text, wall)
 
 
 class Simulator(Protocol):

@@ -91,6 +91,11 @@ def test_a_file_is_exported_as_a_dataset(mjrun_here: Command) -> None:
     assert done.returncode == 0, done.stderr
     assert {"episodes": 2, "rows": 9, "format": "lerobot"}.items() <= json.loads(done.stdout).items()
     assert b"d.hdf5:demo_1 does not state its version of MuJoCo" in done.stderr
+    manifest = mjrun_here.folder / "set/mjrun/dataset.json"
+    made = json.loads(manifest.read_bytes())["episodes"]
+    assert [each["demonstration"] for each in made] == ["d.hdf5:demo_1", "d.hdf5:demo_2"]
+    assert mjrun_here("export", "d.hdf5", "--jobs", "1", "-o", "set").returncode == 0
+    assert json.loads(manifest.read_bytes())["episodes"] == made
 
 
 def test_documents_name_demonstrations_relative_to_themselves(mjrun_here: Command) -> None:

@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from mjrun.evaluation.execution import EpisodesSpec
+from mjrun.evaluation.execution import EvaluationSpec
 from mjrun.study import executors
 from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.task.task import Action, Observation, Reset, Task, Termination
@@ -135,7 +135,7 @@ def play_here(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = threading.Lock()  # the threads of an engine share MuJoCo's handler of warnings
 
     def run_chunk(chunk: PointChunk) -> ChunkResult:
-        spec = cast(EpisodesSpec, chunk.study.spec.open())
+        spec = cast(EvaluationSpec, chunk.study.spec.open())
         with alone:
             results = [result for some in spec.simulator().run(chunk.points) for result in some]
         return ChunkResult(sorted(results, key=lambda result: result.index))
