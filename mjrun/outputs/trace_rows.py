@@ -95,6 +95,7 @@ class ProbeSampler:
         self._of_instants = [probe for probe in self.probes if not isinstance(probe, FieldProbe | ContactProbe)]
         self._copies_contacts = with_contacts or any(isinstance(probe, ContactProbe) for probe in self.probes)
         self._stepper: Stepper | None = None  # the last one that was read, and its data
+        self._episode: EpisodeStepper | None = None  # the same, if it steps through an episode
         self._data: mujoco.MjData | None = None
         self._initial_values: Fields = {}
         self._like: Fields = {}  # an instance of each field
@@ -170,6 +171,7 @@ class ProbeSampler:
         data = stepper.instant()
         if stepper is not self._stepper:
             self._stepper, self._initial_values = stepper, self._initial(stepper)
+            self._episode = stepper if isinstance(stepper, EpisodeStepper) else None  # slow, so once
         if data is not self._data:  # whose arrays stay in place
             self._data = data
             self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
@@ -177,8 +179,8 @@ class ProbeSampler:
         measured: list[np.ndarray] = []
         for probe in self._of_instants:
             if isinstance(probe, EpisodeProbe):
-                assert isinstance(stepper, EpisodeStepper)
-                measured.append(probe.read(stepper.now()))
+                assert self._episode
+                measured.append(probe.read(self._episode.now()))
             else:
                 measured.append(probe.measure(stepper.model, data))
         return InstantReading(

@@ -158,16 +158,20 @@ class ControlInstants:
 
     def __init__(self) -> None:
         self._instants: list[ControlInstant] = []
-        self._stepper: EpisodeStepper | None = None
+        self._stepper: Stepper | None = None
+        self._episode: EpisodeStepper | None = None
 
     def take(self, stepper: Stepper) -> None:
         """Records the control instant if `stepper` is at one; called at every step."""
-        if isinstance(stepper, EpisodeStepper) and stepper.step == len(self._instants) * stepper.control_steps:
+        if stepper is not self._stepper:
             self._stepper = stepper
-            self._instants.append(stepper.now())
+            self._episode = stepper if isinstance(stepper, EpisodeStepper) else None  # slow, so once
+        episode = self._episode
+        if episode and episode.step == len(self._instants) * episode.control_steps:
+            self._instants.append(episode.now())
 
     def replay(self, model: mujoco.MjModel, states: RecordedStates) -> ReplayStepper:
         """Returns a stepper through the recorded `states` of all steps."""
-        if self._stepper is None:
+        if self._episode is None:
             return ReplayStepper(model, states)
-        return ReplayedEpisode(model, states, self._instants, self._stepper)
+        return ReplayedEpisode(model, states, self._instants, self._episode)
