@@ -59,8 +59,8 @@ class PolicyChoice:
 
 
 @dataclass(frozen=True)
-class EpisodeSpec:
-    """Everything that episodes share except their seeds.
+class GroupSpec:
+    """Everything that the episodes of a group share: all but their seeds.
 
     Attributes:
       task: task to play.
@@ -93,7 +93,7 @@ class EpisodeSpec:
             snapshot=chosen.snapshot,
         )
 
-    def stored_at(self, root: Path) -> "EpisodeSpec":
+    def stored_at(self, root: Path) -> "GroupSpec":
         """Returns the same specification, whose files are in the folder `root`."""
         chosen = self.chosen
         snapshot = chosen.snapshot and replace(chosen.snapshot, root=root)

@@ -16,7 +16,7 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, counted, option
-from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, EpisodeSpec, PlayedEpisodes
+from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, GroupSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.prepared import EpisodeGroup, PreparedEvaluation
 from mjrun.evaluation.table import LENGTH, RETURN, REWARD
@@ -47,7 +47,7 @@ class EvaluationSpec:
       rewards: names of the terms of the reward.
     """
 
-    groups: tuple[EpisodeSpec, ...]
+    groups: tuple[GroupSpec, ...]
     count: int
     rewards: tuple[str, ...]
 
@@ -242,7 +242,7 @@ def play_all(
     return played, simulated
 
 
-def _played_here(spec: EpisodeSpec, seeds: Sequence[int], reporter: Reporter) -> list[EpisodeRecord]:
+def _played_here(spec: GroupSpec, seeds: Sequence[int], reporter: Reporter) -> list[EpisodeRecord]:
     player, episodes = player_of(spec), list[EpisodeRecord]()
     for start in range(0, len(seeds), MOST):
         episodes += player.play(seeds[start : start + MOST])

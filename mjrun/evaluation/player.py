@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import InvalidActionError, MjrunError, SimulationError, UnstableError, flag
-from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec
+from mjrun.evaluation.episode import EpisodeRecord, GroupSpec
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources.gym import GymSource
@@ -57,7 +57,7 @@ class EpisodePlayer(ABC):
         """
 
 
-def player_of(spec: EpisodeSpec) -> EpisodePlayer:
+def player_of(spec: GroupSpec) -> EpisodePlayer:
     """Creates the player of the episodes of `spec`: loads the policy, and checks that it fits the task.
 
     Raises:
@@ -262,7 +262,7 @@ class MeasuringPlayer(EpisodePlayer):
       UsageError: a metric is malformed, or a metric or push contains an unknown name.
     """
 
-    def __init__(self, player: EpisodePlayer, spec: EpisodeSpec, policy: Policy) -> None:
+    def __init__(self, player: EpisodePlayer, spec: GroupSpec, policy: Policy) -> None:
         self._player, self._policy = player, policy
         self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
         self._task, self._push = spec.source, spec.push

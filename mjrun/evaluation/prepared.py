@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.evaluation.episode import OUTCOMES, EpisodeSpec, PolicyChoice
+from mjrun.evaluation.episode import OUTCOMES, GroupSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria
 from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers
@@ -44,7 +44,7 @@ class EpisodeGroup:
     policy: int
     name: str
     point: int
-    spec: EpisodeSpec
+    spec: GroupSpec
 
 
 class PreparedEvaluation:
@@ -104,7 +104,7 @@ class PreparedEvaluation:
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
                 push = push_at(options.push, values[point])
-                spec = EpisodeSpec(tasks[point], replace(own, snapshot=snapshot), options.metric, push)
+                spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), options.metric, push)
                 groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         return groups
 

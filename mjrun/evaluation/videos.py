@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.evaluation.episode import EpisodeSpec, PlayedEpisodes
+from mjrun.evaluation.episode import GroupSpec, PlayedEpisodes
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.options.evaluation import EpisodeVideoOptions
 from mjrun.outputs.perform import perform, preview
@@ -114,7 +114,7 @@ class VideoMaker:
             reporter.progress("videos", done, len(choices))
         return videos, failures
 
-    def _video(self, spec: EpisodeSpec, seed: int, path: str) -> Video:
+    def _video(self, spec: GroupSpec, seed: int, path: str) -> Video:
         options = self._options
         return Video(
             spec.simulation(seed),
