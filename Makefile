@@ -4,7 +4,7 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check bench score docs release-check clean
+.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check loaders bench score docs release-check clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s  %s\n", $$1, $$2}' Makefile
@@ -46,6 +46,11 @@ test-lowest: setup ## run the tests of what libraries do, with the lowest versio
 	.venv-lowest/bin/python -m pip install --quiet 'pip>=25.1'
 	.venv-lowest/bin/python -m pip install --quiet --constraint .venv/lowest.txt --editable '.[all,dask,slurm,warp]' --group dev
 	.venv-lowest/bin/pytest -n auto --maxprocesses 4 --dist worksteal -W default $(LOWEST) $(ARGS)
+
+loaders: setup ## read datasets with Ultralytics and the BOP toolkit, which need PyTorch
+	.venv/bin/python -m pip install --quiet 'pip>=25.1'
+	.venv/bin/python -m pip install --quiet --group loaders
+	.venv/bin/pytest tests/formats/datasets/test_loaders.py $(ARGS)
 
 lint: setup-python ## check the code's style and layout
 	.venv/bin/ruff check
