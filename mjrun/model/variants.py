@@ -75,6 +75,7 @@ class ModelVariants:
         self._compiled_once = dict[Source, Source]()  # the last source that was compiled, by that without overrides
         self._copied_over = dict[Source, Source]()  # likewise the last one whose copied fields vary
         self._last: _CopiedPaths | None = None
+        self._same: tuple[Source, SharedCompilation] | None = None  # the last one that is loaded unchanged
 
     def load(self, source: Source) -> ModelVariant:
         """Returns the model of `source`; it must not be changed, because others may share it.
@@ -83,12 +84,15 @@ class ModelVariants:
           ModelError: it cannot be found or read, or MuJoCo refuses it.
           UsageError: an override refers to nothing, or its value does not fit.
         """
+        if self._same and self._same[0] is source:
+            return ModelVariant(self._same[1].model, self._same[1])
         last = self._last
         if last and last.fits(source) and (variant := last.variant(source)):
             return variant
         if source not in self._compilations and (variant := self._copied(source) or self._recompiled(source)):
             return variant
         compilation = self._compilation(source)
+        self._same = source, compilation
         return ModelVariant(compilation.model, compilation)
 
     def reuse(self, variant: ModelVariant) -> None:

@@ -8,7 +8,16 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
-from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, control_names, control_slices, identify, matching, names
+from mjrun.model.names import (
+    KINDS,
+    QPOS_COMPONENTS,
+    QVEL_COMPONENTS,
+    control_names,
+    control_slices,
+    identify,
+    matching,
+    names,
+)
 from mjrun.model.servos import servos
 from mjrun.options.setting_kinds import Angle, Length
 
@@ -72,7 +81,7 @@ class InitialState:
             raise BadValueError(option("seed"), self.seed, "a whole number of at least 0")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
-        if not all((abs(vector) <= mujoco.mjMAXVAL).all() for vector in _vectors(data).values()):
+        if not all((abs(vector) <= mujoco.mjMAXVAL).all() for vector in _vectors(data).values() if vector.size):
             own = mujoco.MjData(model)
             self._reset_to_source(model, own)
             raise _fault(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
@@ -163,6 +172,10 @@ def _joint_slices(
 
 def _joints(model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str) -> Iterator[tuple[int, int | None]]:
     """Yields the joint ids that `name` selects, each with the component that it names, if any."""
+    exact = mujoco.mj_name2id(model, KINDS["joint"], name)
+    if exact >= 0:  # as in each of many points of a study
+        yield exact, None
+        return
     owner, slash, part = name.rpartition("/")
     known = {*names(model, "joint"), *names(model, "body")}
     if name in known or owner not in known:

@@ -1,6 +1,6 @@
 """A simulation as a value: model, initial state, inputs and length."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 from fractions import Fraction
 from functools import cache, cached_property
@@ -21,9 +21,11 @@ from mjrun.model.override import overrides_of
 from mjrun.model.servos import sentence
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, demonstration_in, source_of
+from mjrun.options.kinds import AnyKind
 from mjrun.options.model import GAINS, parse_gains
-from mjrun.options.option import Exclusion, is_given, options
+from mjrun.options.option import Exclusion, exclusions_of, is_given, options, options_of
 from mjrun.options.policy import is_code
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
 from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.initial_state import InitialState
@@ -93,8 +95,8 @@ class Simulation(SimulationOptions):
     @property
     def source(self) -> Source:
         """Source of the model, with overrides."""
-        source = self._plain_source
-        return replace(source, overrides=(*source.overrides, *overrides_of(self)))
+        source, overrides = self._plain_source, overrides_of(self)
+        return replace(source, overrides=(*source.overrides, *overrides)) if overrides else source
 
     @cached_property
     def _plain_source(self) -> Source:
@@ -104,8 +106,39 @@ class Simulation(SimulationOptions):
 
     def with_overrides(self, overrides: Sequence[tuple[str, str]]) -> "Simulation":
         """Returns the same simulation with more overrides of the model, by path; many times faster than `replace`."""
+        return self._with_valid({"set": (*self.set, *overrides)})
+
+    def with_values(self, values: Mapping[str, object]) -> "Simulation":
+        """Returns the same simulation with other values of options; many times faster than `replace`.
+
+        Raises:
+          UsageError: a value is invalid, or values contradict each other.
+        """
+        names = frozenset(values)
+        if names not in self._freedoms:
+            self._freedoms[names] = self._is_free(names)
+        if not self._freedoms[names]:
+            return replace(self, **values)
+        try:
+            return self._with_valid({name: _kinds()[name](value) for name, value in values.items()})
+        except (InvalidValueError, AttributeError, TypeError, ValueError):
+            return replace(self, **values)  # whose error names the option
+
+    @cached_property
+    def _freedoms(self) -> dict[frozenset[str], bool]:
+        return {}
+
+    def _is_free(self, names: frozenset[str]) -> bool:
+        """Returns whether any valid values of these options are valid together in this simulation."""
+        partners = [pair for each in exclusions_of(type(self)) for pair in (each.names, each.names[::-1])]
+        is_limited = any(one in names and (other in names or is_given(self, other)) for one, other in partners)
+        return not is_limited and _kinds().keys() - {"replay", "policy", "normalize"} >= names
+
+    def _with_valid(self, values: Mapping[str, object]) -> "Simulation":
+        """Returns the same simulation with other values that are checked, and do not decide where its model is."""
         changed = object.__new__(type(self))
-        vars(changed).update(self.__getstate__(), set=(*self.set, *overrides), _plain_source=self._plain_source)
+        vars(changed).update(self.__getstate__(), _plain_source=self._plain_source)
+        vars(changed).update(values)
         return changed
 
     def _stored(self, path: str | Path) -> Path:
@@ -439,6 +472,11 @@ def require_countable(steps: int, name: str) -> None:
     """Raises UsageError if the option `name` requests more steps than floats can distinguish."""
     if steps > EXACT:
         raise UsageError(f"{option(name)}: more than {EXACT:.1g} steps, too many to count exactly in floating point")
+
+
+@cache
+def _kinds() -> Mapping[str, AnyKind]:
+    return {each.attribute: each.kind for each in options_of(SimulationOptions)}
 
 
 @cache

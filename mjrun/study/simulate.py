@@ -180,11 +180,12 @@ class PointSimulator:
         known = dict[tuple[int, ...], np.ndarray]()
         for ready in batch:
             try:
-                start = known.get(ready.start_key)
+                key = ready.start_key
+                start = known.get(key)
                 if start is None:
                     model = ready.variant.model
                     ready.simulation.start.reset(model, data)
-                    start = known[ready.start_key] = state.save(model, data)
+                    start = known[key] = state.save(model, data)
                 starts.append(start)
                 started.append(ready)
             except MjrunError as error:

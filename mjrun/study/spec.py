@@ -220,7 +220,7 @@ def simulation_at(
             entries |= dict([value])
         else:
             changes[key] = value
-    varied = replace(base, **changes) if changes else base
+    varied = base.with_values(changes) if changes else base
     return varied.with_overrides(overrides) if overrides else varied
 
 

@@ -1,5 +1,7 @@
 """Theorems about a simulation as a value: its length, start and model."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -273,3 +275,28 @@ def test_options_about_a_table_or_a_controller_need_one(path: Path, options: dic
     with pytest.raises(UsageError, match=rf"^{next(iter(options))} requires "):
         Simulation(path, **options).stepper(MODEL)
     Simulation(path, quat="wxyz", replay_mode="states").stepper(MODEL)  # as if nothing were said
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"seed": 3},
+        {"qpos": {"hinge": 1}, "perturb": 0.5},
+        {"duration": "1s"},
+        {"steps": 5, "duration": 1},
+        {"policy": "zero", "qpos": {"hinge": 1}},
+        {"replay": "run.npz"},
+        {"seed": 1.5},
+        {"model": "other.xml"},
+    ],
+)
+def test_other_values_are_those_of_replace(path: Path, values: dict[str, Any]) -> None:
+    def outcome(make: Callable[..., Simulation]) -> object:
+        try:
+            made = make()
+        except UsageError as error:
+            return type(error), str(error)
+        return made, made.source
+
+    for base in (Simulation(str(path)), Simulation(str(path), ctrl={"motor": 1}, steps=7)):
+        assert outcome(lambda base=base: base.with_values(values)) == outcome(lambda base=base: replace(base, **values))
