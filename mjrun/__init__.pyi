@@ -677,7 +677,7 @@ class Evaluation(_Evaluation):
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.
       metric: Additional number per episode, computed from a trace with one row per control period:
-        effort=mean(abs(ctrl/motor)).
+        effort=mean(abs(ctrl/motor)), 'pace [km/h]=3.6*mean(speed/torso)'.
       require: Exit with code 1 unless this condition holds for the table of episodes: share(success) >
         0.9, quantile(return, 0.05) > 100.
       fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
@@ -1407,7 +1407,8 @@ class Study(_Study):
     Options:
       output: Folder for the study; running again with the same folder continues the study.
       metric: Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time,
-        xpos/torso/z < 0.8). Uses the same expressions as assert.
+        xpos/torso/z < 0.8), 'pace [km/h]=3.6*max(speed/torso)' with a unit. Uses the same expressions
+        as assert.
       every: Evaluate metrics at every N-th step. [default: 1]
       require: Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.
       keep: Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet,
@@ -1947,7 +1948,7 @@ def evaluate(
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.
       metric: Additional number per episode, computed from a trace with one row per control period:
-        effort=mean(abs(ctrl/motor)).
+        effort=mean(abs(ctrl/motor)), 'pace [km/h]=3.6*mean(speed/torso)'.
       require: Exit with code 1 unless this condition holds for the table of episodes: share(success) >
         0.9, quantile(return, 0.05) > 100.
       fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
@@ -2523,7 +2524,8 @@ def sweep(
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       metric: Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time,
-        xpos/torso/z < 0.8). Uses the same expressions as assert.
+        xpos/torso/z < 0.8), 'pace [km/h]=3.6*max(speed/torso)' with a unit. Uses the same expressions
+        as assert.
       every: Evaluate metrics at every N-th step. [default: 1]
       require: Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.
       keep: Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet,

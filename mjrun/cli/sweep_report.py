@@ -8,6 +8,7 @@ from mjrun.cli.console import flag
 from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.table_cells import Column, byte_size, number
 from mjrun.errors import clean, counted, spelled
+from mjrun.model.table_column import with_unit
 from mjrun.options.option import is_given, options_of
 from mjrun.options.simulation import SimulationOptions
 
@@ -99,9 +100,7 @@ def _kept(result: "StudyResult") -> str:
 
 def _metrics(result: "StudyResult") -> list[Column]:
     summaries = list(result.metrics.values())
-    columns = [
-        Column("metric", [f"{name} [{each.unit}]" if each.unit else name for name, each in result.metrics.items()])
-    ]
+    columns = [Column("metric", [clean(with_unit(name, each.unit)) for name, each in result.metrics.items()])]
     columns += [
         Column(heading, [number(summary.quantiles[i]) for summary in summaries], right=True, extra=i in (1, 2, 4, 5))
         for i, heading in enumerate(HEADINGS)

@@ -100,7 +100,8 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         _warn_of_returns(outcome.policies, reporter)
 
         is_compared = outcome.comparison is not None
-        table = episode_table(groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=is_compared)
+        rewards, metrics, units = prepared.player.rewards, prepared.metrics, prepared.units
+        table = episode_table(groups, prepared.points, rewards, metrics, units, compared=is_compared)
         own = self.episodes * count
         verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
         facts: dict[str, object] = {
@@ -111,8 +112,8 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         with ExitStack() as stack:
             writers: list[OutputWriter] = [*table.open(stack, folder, facts, FILES)]
             if outcome.points:
-                points, metrics = point_table(prepared.points, outcome.points)
-                writers += points.open(stack, folder, {**facts, "metrics": metrics})
+                points, meanings = point_table(prepared.points, outcome.points, units)
+                writers += points.open(stack, folder, {**facts, "metrics": meanings})
             videos, failures = maker.make(policies[0], folder, reporter)
             paths = [video.path for video in videos]
             result = EvaluationResult(
@@ -125,6 +126,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
                 comparison=outcome.comparison,
                 names=prepared.points.names,
                 points=outcome.points,
+                units=units,
                 videos=videos,
                 assertions=verdicts,
                 failures=failure_groups(groups),
@@ -161,6 +163,7 @@ class EvaluationResult:
       comparison: comparison of two policies.
       names: parameters that vary.
       points: summary of each point, if something varies.
+      units: units of metrics, by name; empty where unknown.
       videos: videos of episodes.
       assertions: requirements and whether they hold.
       failures: reasons of failures, the most frequent first.
@@ -180,6 +183,7 @@ class EvaluationResult:
     comparison: PolicyComparison | None
     names: Sequence[str]
     points: Sequence[PointSummary]
+    units: Mapping[str, str]
     videos: Sequence[EpisodeVideo]
     assertions: Sequence[Verdict]
     failures: Sequence["EpisodeFailures"]

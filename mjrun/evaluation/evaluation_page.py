@@ -18,6 +18,7 @@ from mjrun.experiment.results_page import (
     table_figure,
     write_results_page,
 )
+from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
@@ -50,7 +51,7 @@ def write_evaluation_page(
         maker=MAKER,
         verdicts=[(result.path, verdict) for verdict in result.assertions],
         facts=[
-            *(_policy(each, result.confidence, several=len(result.policies) > 1) for each in result.policies),
+            *(_policy(each, result, several=len(result.policies) > 1) for each in result.policies),
             *_comparison(result),
             *parameters_table(points),
             *_endings(result.policies),
@@ -64,9 +65,10 @@ def write_evaluation_page(
     write_results_page(options.html, page)
 
 
-def _policy(summary: EpisodeSummary, confidence: float, *, several: bool) -> PageFacts:
+def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: bool) -> PageFacts:
     named: dict[str, NumberSummary] = {"return": summary.returns, "length [s]": summary.lengths}
-    named |= {f"reward {name}": each for name, each in summary.rewards.items()} | dict(summary.metrics)
+    named |= {f"reward {name}": each for name, each in summary.rewards.items()}
+    named |= {with_unit(name, result.units.get(name)): each for name, each in summary.metrics.items()}
     rows = [
         (
             name,
@@ -84,10 +86,11 @@ def _policy(summary: EpisodeSummary, confidence: float, *, several: bool) -> Pag
     ]
     if summary.success is not None:
         rows.insert(0, ("success", f"{summary.episodes:,}", *_share(summary.success), "", "", "", "", "", ""))
-    level = f"{100 * confidence:g} % interval"
+    level = f"{100 * result.confidence:g} % interval"
     heads = ("", "Episodes", "Mean", level, "Interquartile mean", level, "Median", "Std", "Min", "Max")
     title = f"Results of {clean(summary.policy)}" if several else "Results"
-    caption = "; ".join([f"{summary.episodes:,} episodes of {clean(summary.policy)}", *doubts(summary, confidence)])
+    episodes = f"{summary.episodes:,} episodes of {clean(summary.policy)}"
+    caption = "; ".join([episodes, *doubts(summary, result.confidence)])
     return PageFacts(title, caption, heads, rows, range(1, 10))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.errors import InvalidActionError, MjrunError, SimulationError, UnstableError, flag
 from mjrun.evaluation.episode import EpisodeRecord, GroupSpec
-from mjrun.experiment.results_table import metric_columns, parse_metrics
+from mjrun.experiment.results_table import column_units, metric_columns, metric_units, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
@@ -47,6 +47,10 @@ class EpisodePlayer(ABC):
     rewards: Sequence[str]
     endings: Sequence[str]
     can_succeed: bool
+
+    def metric_units(self) -> Mapping[str, str]:
+        """Returns the units of metrics that follow from those of columns, by name; empty where unknown."""
+        return {}
 
     @abstractmethod
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
@@ -270,8 +274,12 @@ class MeasuringPlayer(EpisodePlayer):
         assert simulation.episode
         model = simulation.load()
         PushForces(model, spec.push, rational(model.opt.timestep))  # which finds its bodies
+        self._named_metrics, self._model, self._episode_columns = spec.metrics, model, simulation.episode.columns
         self._metrics = parse_metrics(spec.metrics, model, simulation.episode.columns)
         self._columns = metric_columns(self._metrics)
+
+    def metric_units(self) -> Mapping[str, str]:
+        return metric_units(self._named_metrics, self._metrics, column_units(self._model, self._episode_columns))
 
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         return [self._played(seed) for seed in seeds]

@@ -10,7 +10,7 @@ from mjrun.evaluation.episode import OUTCOMES, GroupSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria
 from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers
-from mjrun.experiment.results_table import check_metric_names
+from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
@@ -60,6 +60,7 @@ class PreparedEvaluation:
       groups: groups of episodes by policy, then by point.
       modules: modules of the policies that are code, for processes that load them.
       metrics: names of the metrics.
+      units: units of the metrics, by name; empty where unknown.
       player: player of the first group.
       criteria: requirements and thresholds.
 
@@ -78,8 +79,9 @@ class PreparedEvaluation:
             self.groups = self._grouped(options, task, rewritten, snapshot)
             chosen = [group.spec.chosen for group in self.groups]
             self.modules = module_sources(dict.fromkeys(each.policy for each in chosen if each.is_code))
-            self.metrics = [name for name, _ in options.metric]
             self.player = self._checked_players()
+            self.metrics = [name for name, _ in plain_metrics(options.metric)]
+            self.units = {**self.player.metric_units(), **written_units(options.metric)}
             check_metric_names(
                 options.metric, (*OWN, RETURN + IQM, *OUTCOMES, *self.player.endings, *self.points.names)
             )
@@ -100,11 +102,11 @@ class PreparedEvaluation:
         policies = _policies(options, self.points)
         chosen = [[policy_at(policy, each) for each in values] for _, policy in policies]
         snapshot = snapshot.with_files(_files(tasks, [own for policy in chosen for own in policy]))
-        groups = list[EpisodeGroup]()
+        metrics, groups = plain_metrics(options.metric), list[EpisodeGroup]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
                 push = push_at(options.push, values[point])
-                spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), options.metric, push)
+                spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, push)
                 groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         return groups
 

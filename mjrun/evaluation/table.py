@@ -1,7 +1,7 @@
 """Tables of an evaluation, of episodes and of points, and requirements on them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
 from mjrun.evaluation.statistics import Interval
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_table import POINT, Requirements, ResultsTable
+from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, plain_metrics
+from mjrun.formats.study_reader import NO_UNITS
 from mjrun.model.table_column import Column
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.probe.verdict import Verdict
@@ -26,13 +27,20 @@ OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "endin
 
 
 def episode_table(
-    groups: Sequence[PlayedEpisodes], points: Design, rewards: Sequence[str], metrics: Sequence[str], *, compared: bool
+    groups: Sequence[PlayedEpisodes],
+    points: Design,
+    rewards: Sequence[str],
+    metrics: Sequence[str],
+    units: Mapping[str, str] = NO_UNITS,
+    *,
+    compared: bool,
 ) -> ResultsTable:
     """Returns the table of episodes in the order of policies, points and seeds.
 
     Args:
       points: parameters that vary; one point without values if nothing varies.
       rewards, metrics: names of terms of the reward and of metrics.
+      units: units of metrics, by name.
       compared: whether a column names the policy.
     """
     table = ResultsTable()
@@ -59,31 +67,37 @@ def episode_table(
         sums = [episode.rewards.get(name, math.nan) for episode in episodes]
         table.add(Column(f"{REWARD}{name}", meaning="sum of a term of the reward"), sums)
     for index, name in enumerate(metrics):
-        table.add(Column(name, meaning="metric"), [episode.metrics[index] for episode in episodes])
+        table.add(Column(name, units.get(name, ""), "metric"), [episode.metrics[index] for episode in episodes])
     table.add_texts("status", [episode.status for episode in episodes], "whether it failed")
     table.add_texts("message", [episode.message for episode in episodes], "why it failed")
     return table
 
 
-def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[ResultsTable, dict[str, str]]:
+def point_table(
+    design: Design, points: Sequence[PointSummary], units: Mapping[str, str] = NO_UNITS
+) -> tuple[ResultsTable, dict[str, str]]:
     """Returns the table of points in the form of a study, for `mjrun plot`, and the meaning of each metric in it.
 
     The ends of intervals come last, so that they are not metrics themselves.
+
+    Args:
+      units: units of metrics, by name.
     """
+    units = {**units, LENGTH: "s"}
     measured = [measures(point.policies[0], point.comparison) for point in points]
     meanings = {name: measure.meaning for name, measure in measured[0].items()}
     table = ResultsTable()
     table.add(POINT, range(len(points)))
     table.add_parameters(design, range(len(points)))
     for name in meanings:
-        table.add(Column(name, meaning="metric"), [_number(each[name].value) for each in measured])
+        table.add(Column(name, units.get(name, ""), "metric"), [_number(each[name].value) for each in measured])
     table.add_texts("status", ["ok" if point.policies[0].episodes else "failed" for point in points])
     for name in meanings:
         intervals = [each[name].interval for each in measured]
         ends = (("low", [each.low for each in intervals]), ("high", [each.high for each in intervals]))
         for end, values in ends:
             meaning = f"{end} end of the interval of {name}"
-            table.add(Column(f"{name}_{end}", meaning=meaning), [*map(_number, values)])
+            table.add(Column(f"{name}_{end}", units.get(name, ""), meaning), [*map(_number, values)])
     return table, meanings
 
 
@@ -139,7 +153,7 @@ class PassCriteria:
             RETURN,
             RETURN + IQM,
             LENGTH,
-            *(name for name, _ in options.metric),
+            *(name for name, _ in plain_metrics(options.metric)),
             *([SUCCESS] if can_succeed else []),
         ]
         is_compared = options.compare is not None

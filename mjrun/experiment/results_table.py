@@ -10,17 +10,18 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option
+from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
 from mjrun.experiment.design import Design, is_whole, numbers
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
-from mjrun.model.table_column import Column
+from mjrun.model.table_column import Column, split_unit
 from mjrun.probe.assertion import Assertion, parse
 from mjrun.probe.episode_columns import EpisodeColumns
+from mjrun.probe.expression_units import expression_unit
 from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
-from mjrun.probe.select import TIME
+from mjrun.probe.select import TIME, available_columns
 from mjrun.probe.verdict import Verdict
 from mjrun.probe.vocabularies import AvailableProbes
 
@@ -174,18 +175,26 @@ def raise_failures(result: object, verdicts: Sequence[Verdict], other: MjrunErro
         raise error
 
 
+def plain_metrics(metrics: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Returns name and text of each metric, without the units of the names as written: `v` for `v [m/s]`."""
+    return tuple((split_unit(name)[0], text) for name, text in metrics)
+
+
 def check_metric_names(metrics: Sequence[tuple[str, str]], reserved: Sequence[str]) -> None:
-    """Refuses names of metrics that cannot be columns beside the `reserved` ones.
+    """Refuses names of metrics, as written, that cannot be columns beside the `reserved` ones.
 
     Raises:
-      UsageError: a name is invalid, or is given twice.
+      UsageError: a name or a unit is invalid, or a name is given twice.
     """
-    names = [name for name, _ in metrics]
-    for name in names:
-        with concerning("metric", name):
+    names = [name for name, _ in plain_metrics(metrics)]
+    for name, (written, _) in zip(names, metrics, strict=True):
+        unit = split_unit(written)[1] or ""
+        with concerning("metric", written):
             if not name.isidentifier() or name in reserved:
-                reason = "use letters, digits and _, and a name that no other column has"
-                raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
+                reason = "use letters, digits and _, and a name that no other column has, as in 'v' or 'v [m/s]'"
+                raise UsageError(f"{option('metric')}: {quoted(name)} cannot be the name of a metric: {reason}")
+            if not unit.isprintable():
+                raise UsageError(f"{option('metric')} {name}: {quoted(unit)} cannot be a unit")
             if names.count(name) > 1:
                 raise UsageError(f"{option('metric')}: {name} is given twice")
 
@@ -193,7 +202,7 @@ def check_metric_names(metrics: Sequence[tuple[str, str]], reserved: Sequence[st
 def parse_metrics(
     metrics: Sequence[tuple[str, str]], model: mujoco.MjModel, episode: EpisodeColumns | None = None
 ) -> list[Metric]:
-    """Parses metrics, given by name and text, in the names of a model and of the episode of a policy.
+    """Parses metrics, given by name as written and text, in the names of a model and of the episode of a policy.
 
     Raises:
       UsageError: a metric is malformed, or contains an unknown name.
@@ -202,10 +211,35 @@ def parse_metrics(
         return []
     available = AvailableProbes(model, episode.names if episode else ())
     parsed: list[Metric] = []
-    for name, text in metrics:
-        with concerning("metric", name):
-            parsed.append(parse_metric(text, available, f"{option('metric')} {name}"))
+    for written, text in metrics:
+        with concerning("metric", written):
+            parsed.append(parse_metric(text, available, f"{option('metric')} {split_unit(written)[0]}"))
     return parsed
+
+
+def metric_units(
+    metrics: Sequence[tuple[str, str]], parsed: Sequence[Metric], columns: Mapping[str, str]
+) -> dict[str, str]:
+    """Returns the unit of each metric: the one beside its name as written, or that of the columns that it reads.
+
+    A unit that does not follow from those of the columns is empty.
+
+    Args:
+      columns: the units of the columns of a trace.
+    """
+    named = zip(plain_metrics(metrics), parsed, strict=True)
+    units = {name: expression_unit(metric.root, columns) for (name, _), metric in named}
+    return units | written_units(metrics)
+
+
+def written_units(metrics: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Returns the units beside the names of metrics as written, of those that have one."""
+    return {name: unit for name, unit in map(split_unit, dict(metrics)) if unit is not None}
+
+
+def column_units(model: mujoco.MjModel, episode: EpisodeColumns | None = None) -> dict[str, str]:
+    """Returns the units of the columns of a trace, by name."""
+    return {"time": "s"} | {each.name: each.unit for each in available_columns(model, episode)}
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[str]:

@@ -12,6 +12,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.input_file import decoding, opened
 from mjrun.formats.tables import input_format
+from mjrun.model.table_column import with_unit
 from mjrun.suffixes import MODELS
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class StudyResults:
 
     def with_unit(self, name: str) -> str:
         """Returns the name of a parameter or a metric with its unit: `slid [m]`."""
-        return f"{name} [{self.units[name]}]" if name in self.units else name
+        return with_unit(name, self.units.get(name))
 
     @property
     def status(self) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, clean, counted
+from mjrun.model.table_column import with_unit
 from mjrun.packages import require
 
 SHOWN_COLUMNS, SHOWN_ROWS = 20, 5  # in a notebook; the rows at either end
@@ -85,7 +86,7 @@ class Table:
         return _library("polars").DataFrame(self.columns)
 
     def __repr__(self) -> str:
-        names = [clean(f"{name} [{unit}]" if unit else name) for name, unit in self.units.items()]
+        names = [clean(with_unit(name, unit)) for name, unit in self.units.items()]
         width = max((len(name) for name in names[:SHOWN_COLUMNS]), default=0)
         lines = [f"Table of {counted(self.rows, 'row')} and {counted(len(self), 'column')}"]
         for name, column in zip(names[:SHOWN_COLUMNS], self.columns.values(), strict=False):

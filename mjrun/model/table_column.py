@@ -1,6 +1,10 @@
 """The description of a table column: its name, its unit, and the model object that it belongs to."""
 
+import re
+
 from mjrun.dataclass import dataclass
+
+_WITH_UNIT = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -24,3 +28,14 @@ class Column:
     id: int = -1
     labels: tuple[str, ...] = ()
     integer: bool = False
+
+
+def with_unit(name: str, unit: str | None) -> str:
+    """Returns a name with its unit in brackets, if it has one: `depth [mm]`."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def split_unit(text: str) -> tuple[str, str | None]:
+    """Splits a name from the unit in brackets after it: `depth [mm]`, or None."""
+    match = _WITH_UNIT.fullmatch(text)
+    return (match[1], match[2].strip()) if match else (text, None)

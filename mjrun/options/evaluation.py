@@ -115,7 +115,7 @@ class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, Poli
         default=(),
         key="metrics",
         help="Additional number per episode, computed from a trace with one row per control period: "
-        "effort=mean(abs(ctrl/motor)).",
+        "effort=mean(abs(ctrl/motor)), 'pace [km/h]=3.6*mean(speed/torso)'.",
     )
     require: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),

@@ -170,7 +170,7 @@ class StudyOptions(KeepOptions, PageOptions, VariationOptions):
         default=(),
         key="metrics",
         help="Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < "
-        "0.8). Uses the same expressions as --assert.",
+        "0.8), 'pace [km/h]=3.6*max(speed/torso)' with a unit. Uses the same expressions as --assert.",
     )
     every: int = option(converter=Integer(1), default=1, help="Evaluate metrics at every N-th step.")
     require: tuple[str, ...] = option(

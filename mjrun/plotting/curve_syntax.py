@@ -13,6 +13,7 @@ from fnmatch import fnmatchcase
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option, quoted
+from mjrun.model.table_column import split_unit
 from mjrun.options.number_kinds import Range
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
@@ -20,7 +21,6 @@ from mjrun.probe.scanner import spelled
 
 _TITLE = re.compile(r"\s*((?:[^:='`]|:(?!\s))+?)\s*:\s+(.*)", re.DOTALL)
 _LABEL = re.compile(r"\s*([^='`]*[^='`\s])\s*=(.*)", re.DOTALL)
-_UNIT = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 _WILDCARD = re.compile(r"[^\s()]*(?:/\*|\*/|\?)[^\s()]*|\*[^\s()]*|[^\s()]*\*")  # not a product of two values
 _QUOTES, _OPENING, _CLOSING = "'`", "([", ")]"
 _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
@@ -208,12 +208,6 @@ def panel_index(number: int, panels: int, name: str) -> int:
     if number > panels:
         raise UsageError(f"{option(name)}: panel {number} does not exist; the last is {panels}")
     return number - 1
-
-
-def split_unit(text: str) -> tuple[str, str | None]:
-    """Splits a name from the unit in brackets after it: `depth [mm]`, or None."""
-    match = _UNIT.fullmatch(text)
-    return (match[1], match[2].strip()) if match else (text, None)
 
 
 def _of_column(name: str) -> CurveSpec:

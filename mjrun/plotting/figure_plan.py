@@ -6,6 +6,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
+from mjrun.model.table_column import split_unit, with_unit
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
 from mjrun.plotting.envelope import Envelope, Points, Window
@@ -156,8 +157,8 @@ class FigurePlan:
         if self.x is None:
             return "row"
         unit = self._units[self.x.column] if self.x.unit is None and self.x.column else self.x.unit
-        name = curve_syntax.split_unit(self.x.name)[0] if self.x.column else self.x.name
-        return f"{name} [{unit}]" if unit else name
+        name = split_unit(self.x.name)[0] if self.x.column else self.x.name
+        return with_unit(name, unit)
 
     def _panels(self, panels: Sequence[Panel] | None) -> list[Panel]:
         if self.options.y:

@@ -8,8 +8,9 @@ from itertools import groupby, takewhile
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.model.names import FREE, QPOS_COMPONENTS, QVEL_COMPONENTS
+from mjrun.model.table_column import split_unit, with_unit
 from mjrun.model.units import DATA_UNITS
-from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel, split_unit
+from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel
 from mjrun.probe.fields import DOF_UNITS
 
 CURVES = 12  # maximum number of curves in a panel that the user did not choose
@@ -45,7 +46,7 @@ class Panel:
     @property
     def label(self) -> str:
         """The label of the y axis."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
+        return with_unit(self.title, self.unit)
 
 
 def time_column(names: Iterable[str]) -> str | None:

@@ -11,13 +11,18 @@ import numpy as np
 
 from mjrun.errors import MjrunError, UsageError, clean
 from mjrun.experiment.design import Design, design
-from mjrun.experiment.results_table import Requirements, check_metric_names, metric_columns, parse_metrics
+from mjrun.experiment.results_table import (
+    Requirements,
+    check_metric_names,
+    column_units,
+    metric_columns,
+    metric_units,
+    parse_metrics,
+)
 from mjrun.model.setting_units import setting_unit
 from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
-from mjrun.probe.expression_units import expression_unit
 from mjrun.probe.metric import Metric
-from mjrun.probe.select import available_columns
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
 from mjrun.study.chunk_files import point_keys, study_identity
@@ -76,8 +81,8 @@ class PreparedStudy(PreparedPoints):
             snapshot = base.snapshot.with_files(varied_files(spec.base, self.points))
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
-            metrics = self._check(options.require)
-            self.columns, self.units = metric_columns(metrics), self._units(metrics)
+            metrics = self._check(options)
+            self.columns, self.units = metric_columns(metrics), self._units(options.metric, metrics)
             folder, names = Path(options.output), [name for name, _ in spec.metrics]
             super().__init__(self.spec, self.points, self.shipped, folder, names)
 
@@ -142,13 +147,13 @@ class PreparedStudy(PreparedPoints):
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
         return executors.ChunkSizes(options.chunk, ahead, first=self._first_size)
 
-    def _check(self, requirements: Sequence[str]) -> Sequence[Metric]:
+    def _check(self, options: StudyOptions) -> Sequence[Metric]:
         """Raises errors that concern all points before the first is simulated; returns the metrics."""
         episode = self.first.episode
-        check_metric_names(self.spec.metrics, (*self.points.names, *STATUSES, *TABLE_COLUMNS))
-        metrics = parse_metrics(self.spec.metrics, self.model, episode.columns if episode else None)
+        check_metric_names(options.metric, (*self.points.names, *STATUSES, *TABLE_COLUMNS))
+        metrics = parse_metrics(options.metric, self.model, episode.columns if episode else None)
         numbers = [*self.points.names, *(name for name, _ in self.spec.metrics)]
-        Requirements(requirements, numbers, STATUSES, with_flags)
+        Requirements(options.require, numbers, STATUSES, with_flags)
         if isinstance(self.spec.product, EpisodeSpec):  # whose simulation would take as long as the whole point
             return metrics
         try:
@@ -164,13 +169,10 @@ class PreparedStudy(PreparedPoints):
             raise
         return metrics
 
-    def _units(self, metrics: Sequence[Metric]) -> Mapping[str, str]:
+    def _units(self, written: Sequence[tuple[str, str]], metrics: Sequence[Metric]) -> Mapping[str, str]:
         episode = self.first.episode
-        available = available_columns(self.model, episode.columns if episode else None)
-        columns = {"time": "s"} | {each.name: each.unit for each in available}
-        named = zip(self.spec.metrics, metrics, strict=True)
-        of_metrics = {name: expression_unit(metric.root, columns) for (name, _), metric in named}
-        return parameter_units(self.points.names, columns, self.model) | of_metrics
+        columns = column_units(self.model, episode.columns if episode else None)
+        return parameter_units(self.points.names, columns, self.model) | metric_units(written, metrics, columns)
 
 
 def parameter_units(names: Sequence[str], columns: Mapping[str, str], model: mujoco.MjModel) -> dict[str, str]:

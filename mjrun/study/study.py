@@ -14,7 +14,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_table import Requirements, manifest_writer, raise_failures
+from mjrun.experiment.results_table import Requirements, manifest_writer, plain_metrics, raise_failures
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.study_reader import read_study
 from mjrun.model.mujoco_globals import reported_warnings
@@ -59,7 +59,8 @@ class Study(StudyOptions, ExecutionOptions):
     def spec(self) -> StudySpec:
         """Specification of the points, without the names of parameters."""
         engine = "warp" if self.engine == WARP else "c"
-        return StudySpec(self.simulation, (), self.metric, self.every, engine, tuple(self.controllers.items()))
+        controllers = tuple(self.controllers.items())
+        return StudySpec(self.simulation, (), plain_metrics(self.metric), self.every, engine, controllers)
 
     def run(self, reporter: Reporter | None = None) -> "StudyResult":
         """Simulates the points without a result, and writes the table of all points.
@@ -145,10 +146,10 @@ class Study(StudyOptions, ExecutionOptions):
     ) -> "StudyResult":
         """Writes the table, the kept files and the manifest; raises errors of a finished study with its result."""
         points, results = prepared.points, prepared.results()
-        names = [name for name, _ in self.metric]
+        names = [name for name, _ in prepared.spec.metrics]
         table = study_table(points, names, results, prepared.units)
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
-        facts |= {"metrics": dict(self.metric), "columns": prepared.columns}
+        facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
         files = table.write(prepared.folder, facts)  # the same for all runs, unlike the manifest
 
         verdicts, kept = list[Verdict](), KeptFiles()

@@ -14,6 +14,7 @@ from mjrun.experiment.results_page import (
     study_figures,
     write_results_page,
 )
+from mjrun.model.table_column import with_unit
 from mjrun.options.page import PageOptions
 from mjrun.options.sweep import MANIFEST
 from mjrun.plotting.html_page import VIDEOS, Page, PageFacts
@@ -60,7 +61,7 @@ def write_study_page(
 def _metrics(result: "StudyResult") -> list[PageFacts]:
     rows = [
         (
-            f"{name} [{each.unit}]" if each.unit else name,
+            clean(with_unit(name, each.unit)),
             f"{each.count:,}",
             *map(number, each.quantiles),
             number(each.mean),

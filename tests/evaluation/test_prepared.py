@@ -117,6 +117,13 @@ def test_groups_are_by_policies_and_then_by_points(tmp_path: Path) -> None:
     assert result.points.values(1) == {"opt.timestep": "0.01"}
 
 
+def test_units_of_metrics_are_those_beside_their_names_and_those_of_columns(tmp_path: Path) -> None:
+    metrics = (("late [min]", "last(time)/60"), ("far", "max(qpos/slider)"), ("twice", "2*max(qpos/slider)"))
+    some = prepare(tmp_path, policy="random", metric=metrics, fail_below={"late": 1})
+    assert some.units == {"late": "min", "far": "m", "twice": ""}
+    assert some.metrics == [name for name, _ in some.groups[0].spec.metrics] == ["late", "far", "twice"]
+
+
 def test_two_policies_of_one_name_are_reported_apart(tmp_path: Path) -> None:
     result = prepare(tmp_path, policy="random", compare="random")
     assert [group.name for group in result.groups] == ["random (1)", "random (2)"]

@@ -24,7 +24,7 @@ ALONE = Design((), [()])
 
 def test_a_row_is_an_episode_with_integers_as_integers(tmp_path: Path) -> None:
     some = episodes(20, np.random.default_rng(1), seed=7)
-    table = episode_table([PlayedEpisodes("p", 0, some)], ALONE, ["near", "cost"], ["m"], compared=False)
+    table = episode_table([PlayedEpisodes("p", 0, some)], ALONE, ["near", "cost"], ["m"], {"m": "N"}, compared=False)
     table.write(tmp_path, {}, FILES)
 
     csv, parquet = (
@@ -42,6 +42,7 @@ def test_a_row_is_an_episode_with_integers_as_integers(tmp_path: Path) -> None:
     assert csv["ending"].tolist() == parquet["ending"].to_pylist() == [each.ending for each in some]
     assert csv["outcome"].tolist() == [each.outcome for each in some]
     assert csv["m"].tolist() == [each.metrics[0] for each in some]
+    assert parquet.schema.field("m").metadata[b"unit"] == b"N"
 
 
 def test_policies_and_points_tell_rows_apart() -> None:

@@ -62,10 +62,17 @@ def test_a_requirement_on_nothing_is_refused_with_its_place() -> None:
 
 @pytest.mark.parametrize(
     ("metrics", "expected"),
-    [(["a b"], "'a b' cannot be the name"), (["status"], "'status' cannot be"), (["x", "x"], "x is given twice")],
+    [
+        (["a b"], "'a b' cannot be the name"),
+        (["status"], "'status' cannot be"),
+        (["status [m]"], "'status' cannot be"),
+        (["x", "x"], "x is given twice"),
+        (["x [m]", "x [mm]"], "x is given twice"),
+        (["x [m\x1b]"], "metric x: 'm.*' cannot be a unit"),
+    ],
 )
 def test_names_that_metrics_cannot_have_are_refused(metrics: Sequence[str], expected: str) -> None:
-    check_metric_names([("x", "max(time)"), ("y", "max(time)")], ["status"])
+    check_metric_names([("x", "max(time)"), ("y [m/s]", "max(time)")], ["status"])
     with pytest.raises(UsageError, match=expected):
         check_metric_names([(name, "max(time)") for name in metrics], ["status"])
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.model.table_column import split_unit
 from mjrun.outputs.trace import columns
 from mjrun.plotting.curve_syntax import (
     ReferenceLine,
@@ -14,7 +15,6 @@ from mjrun.plotting.curve_syntax import (
     parse_log,
     parse_panel,
     parse_reference_line,
-    split_unit,
 )
 from mjrun.plotting.panel import CURVES, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.simulation.simulation import Simulation

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet
 import pytest
 
 from mjrun.cli.simulation_command import load_controller
@@ -58,6 +59,20 @@ def test_parameters_and_metrics_have_units_in_the_table(simulation: Simulation, 
     units = {name: unit for name, unit in result.table.units.items() if unit}
     assert units == {"qpos/ball/z": "m", "opt.timestep": "s", "low": "m", "drift": "J"}
     assert result.metrics["drift"].unit == "J"
+
+
+def test_a_unit_beside_the_name_of_a_metric_is_that_of_its_column_and_identifies_no_result(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    vary = {"qpos/ball/z": "0.2,0.3"}
+    bare = study(simulation, tmp_path / "study", vary=vary, metric={"low": "1000*min(qpos/ball/z)"}).run()
+    assert not bare.table.units["low"]
+    named = {"low [mm]": "1000*min(qpos/ball/z)"}
+    result = study(simulation, tmp_path / "study", vary=vary, metric=named, require=["max(low) < 300"]).run()
+    assert (result.simulated, result.table.units["low"], result.metrics["low"].unit) == (0, "mm", "mm")
+    schema = pyarrow.parquet.read_schema(tmp_path / "study" / "results.parquet")
+    assert schema.field("low").metadata[b"unit"] == b"mm"
+    assert (tmp_path / "study" / "results.csv").read_text().startswith("point,qpos/ball/z,low,status")
 
 
 def test_a_run_that_cannot_begin_leaves_the_folder_as_it_was(simulation: Simulation, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Evaluate a policy on episodes of a task: returns, success rates, videos, comparisons."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import Column, number
 from mjrun.errors import clean, counted
+from mjrun.model.table_column import with_unit
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationOptions
@@ -164,7 +165,7 @@ def _markdown_table(columns: Sequence[Column]) -> str:
 
 def _number_rows(result: "EvaluationResult") -> "list[tuple[str, str, NumberSummary]]":
     """Returns policy, name and summary of each number."""
-    numbers = [(each.policy, _numbers(each)) for each in result.policies]
+    numbers = [(each.policy, _numbers(each, result.units)) for each in result.policies]
     return [(policy, name, of[name]) for name in numbers[0][1] for policy, of in numbers]
 
 
@@ -196,9 +197,10 @@ def _verdicts(result: "EvaluationResult") -> list[tuple[str, str]]:
     return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
 
 
-def _numbers(summary: "EpisodeSummary") -> "dict[str, NumberSummary]":
+def _numbers(summary: "EpisodeSummary", units: Mapping[str, str]) -> "dict[str, NumberSummary]":
     rewards = {f"reward/{name}": each for name, each in summary.rewards.items()}
-    return {"return": summary.returns, "length [s]": summary.lengths, **rewards, **summary.metrics}
+    metrics = {with_unit(name, units.get(name)): each for name, each in summary.metrics.items()}
+    return {"return": summary.returns, "length [s]": summary.lengths, **rewards, **metrics}
 
 
 def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str) -> list[Column]:

@@ -10,6 +10,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.study_reader import StudyResults
+from mjrun.model.table_column import with_unit
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.curve_syntax import (
     CurveSpec,
@@ -153,7 +154,7 @@ class StudyFigurePlan:
         """Returns the name of an expression with its unit."""
         units = self._results.units
         unit = expression_unit(curve.expression.root, units) if curve.unit is None else curve.unit
-        return f"{curve.name} [{unit}]" if unit else curve.name
+        return with_unit(curve.name, unit)
 
     def _curves(self, text: str, columns: list[str]) -> Sequence[CurveSpec]:
         """Parses curves over metrics and parameters; an error about columns over time alone is specific."""

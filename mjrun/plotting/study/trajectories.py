@@ -7,6 +7,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.formats.study_reader import StudyResults, point_names, point_values
 from mjrun.formats.table_reader import Table, open_table, read_table
+from mjrun.model.table_column import with_unit
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
 from mjrun.plotting.figure_data import MARGIN, Scale, scale
 from mjrun.plotting.study.figure_data import GraphPanel, Series
@@ -85,7 +86,7 @@ class Trajectories:
             Series(label, table[TIME], values, dots=False, colour=colour, opacity=opacity)
             for label, colour, table, values in zip(labels, colours, tables.values(), curve.values, strict=True)
         ]
-        name = f"{curve.name} [{curve.unit}]" if curve.unit else curve.name
+        name = with_unit(curve.name, curve.unit)
         values = np.concatenate(curve.values)
         if curve.largest < NOISE * largest:
             values = np.array([-largest, largest])
