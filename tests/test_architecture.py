@@ -76,7 +76,7 @@ LIBRARIES = {
     "submitit": ("study.executors",),
     "scipy": (
         "formats.tables.mat",
-        "evaluation.statistics",
+        "experiment.statistics",
         "physics.random_distribution",
         "experiment.design",
         "plotting.study.statistics",

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.errors import clean
-from mjrun.evaluation.statistics import Interval, NumberSummary, Share
 from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, doubts
 from mjrun.evaluation.table import FILES, LENGTH, RETURN
 from mjrun.experiment.design import Design
@@ -18,6 +17,7 @@ from mjrun.experiment.results_page import (
     table_figure,
     write_results_page,
 )
+from mjrun.experiment.statistics import Interval, NumberSummary, Share
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.page import PageOptions

@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.evaluation import statistics
 from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer
-from mjrun.evaluation.statistics import Interval, NumberSummary, Share
+from mjrun.experiment import statistics
 from mjrun.experiment.design import Design
+from mjrun.experiment.statistics import Interval, NumberSummary, Share
 
 
 @dataclass(frozen=True)

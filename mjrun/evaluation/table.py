@@ -8,10 +8,10 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
-from mjrun.evaluation.statistics import Interval
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, plain_metrics
+from mjrun.experiment.statistics import Interval
 from mjrun.formats.study_reader import NO_UNITS
 from mjrun.model.table_column import Column
 from mjrun.options.evaluation import EvaluationOptions

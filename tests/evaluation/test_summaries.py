@@ -8,9 +8,9 @@ import pytest
 import scipy.stats
 
 from mjrun.evaluation.player import EpisodePlayer
-from mjrun.evaluation.statistics import paired_share_interval
 from mjrun.evaluation.summaries import compared, summaries, summary_of
 from mjrun.experiment.design import Design
+from mjrun.experiment.statistics import paired_share_interval
 from tests.evaluation.episodes import episodes, played, totals
 
 POINTS = Design(("mass",), [("1",), ("2",)])

@@ -11,11 +11,11 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.evaluation.episode import EpisodeRecord, PlayedEpisodes
-from mjrun.evaluation.statistics import mean_interval, wilson_interval
 from mjrun.evaluation.summaries import PointSummary, compared, summary_of
 from mjrun.evaluation.table import FILES, PassCriteria, episode_table, point_table
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import ResultsTable
+from mjrun.experiment.statistics import mean_interval, wilson_interval
 from mjrun.options.evaluation import EvaluationOptions
 from tests.evaluation.episodes import ENDINGS, episodes, played
 

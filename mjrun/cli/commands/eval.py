@@ -23,8 +23,8 @@ from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import EpisodeFailures, Evaluation, EvaluationResult
-    from mjrun.evaluation.statistics import Interval, NumberSummary, Share
     from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, PointSummary, PolicyComparison
+    from mjrun.experiment.statistics import Interval, NumberSummary, Share
 
     Located = Callable[[], AbstractContextManager[None]]
 

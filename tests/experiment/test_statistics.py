@@ -6,7 +6,7 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.evaluation.statistics import (
+from mjrun.experiment.statistics import (
     Interval,
     doubt,
     enough_cases,
