@@ -9,7 +9,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.evaluation.episode import OUTCOMES, GroupSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria
-from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers
+from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
@@ -123,9 +123,7 @@ class PreparedEvaluation:
 
     def _criteria(self, options: EvaluationOptions) -> PassCriteria:
         varying = [
-            name
-            for index, name in enumerate(self.points.names)
-            if numbers([values[index] for values in self.points.points]) is not None
+            name for index, name in enumerate(self.points.names) if self.points.column(index).numbers is not None
         ]
         rewards = [f"{REWARD}{name}" for name in self.player.rewards]
         columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]

@@ -6,7 +6,7 @@ from decimal import Decimal, localcontext
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from functools import cache
-from itertools import product
+from math import lcm, prod
 from pathlib import Path
 
 import mujoco
@@ -14,6 +14,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.experiment.design_points import LARGEST_INTEGER, DesignColumn, GridPoints, NumberTexts, Values, numbers
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.kinds import AnyKind, Optional
@@ -26,14 +27,11 @@ from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
 
 EACH = "each:"
-COMBINATIONS = {"grid": product, "zip": zip}
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
 
 SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<count>.+)")
 MOST_IN_SPAN = 1_000_000
 DIGITS = 50  # far more than a float has, so that 1e-4..1e-1:4 contains 0.001
-
-Values = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -42,11 +40,22 @@ class Design:
 
     Attributes:
       names: parameters that vary, as written: `geom/floor.friction[0]`, `seed`.
-      points: values of each point as texts, in the order of `names`.
+      points: values of each point as texts, in the order of `names`; they may be made on demand.
     """
 
     names: tuple[str, ...]
     points: Sequence[Values]
+
+    def at(self, indices: Sequence[int]) -> list[Values]:
+        """Returns the values of points."""
+        points = self.points
+        return points.at(indices) if isinstance(points, GridPoints) else [points[index] for index in indices]
+
+    def column(self, number: int) -> DesignColumn:
+        """Returns the values of a parameter, given by its place in `names`."""
+        if isinstance(self.points, GridPoints):
+            return self.points.column(number)
+        return DesignColumn.of([values[number] for values in self.points])
 
     def values(self, index: int) -> dict[str, str]:
         """Returns the values of a point by parameter."""
@@ -83,7 +92,8 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
         parts.append(_sampled(distributions, options.samples, options.sampler, seed))
     if options.repeats > 1:
         _require_possible([options.repeats])
-        parts.append(Design(("seed",), [(str(seed + k),) for k in range(options.repeats)]))
+        seeds = NumberTexts(np.arange(seed, seed + options.repeats, dtype=float), has_integers=True)
+        parts.append(_beside(("seed",), [seeds]))
     return _chosen(_product([part for part in parts if part.names]), options.where)
 
 
@@ -108,19 +118,31 @@ def _expanded(path: str, model: mujoco.MjModel) -> list[str]:
 def _listed(lists: Mapping[str, Sequence[str]], how: str) -> Design:
     """Combines lists of values as a grid, or element by element."""
     if how == "grid":
-        _require_possible(map(len, lists.values()))
-    elif len({len(values) for values in lists.values()}) > 1:
+        return _product([_beside((name,), [values]) for name, values in lists.items()])
+    if len({len(values) for values in lists.values()}) > 1:
         lengths = ", ".join(f"{len(values)} of {clean(name)}" for name, values in lists.items())
         raise UsageError(f"{option('design')} zip: the lists must have the same length, not {lengths}")
-    return Design(tuple(lists), list(COMBINATIONS[how](*lists.values())))
+    return _beside(tuple(lists), [*lists.values()])
+
+
+def _beside(names: tuple[str, ...], columns: Sequence[Sequence[str]]) -> Design:
+    """Returns points that combine columns of one length element by element."""
+    count = len(columns[0]) if columns else 1
+    return Design(names, GridPoints([(texts, 1) for texts in columns], count))
 
 
 def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str, seed: int) -> Design:
     """Draws points from independent distributions."""
     _require_possible([count])
     fractions = SAMPLERS[sampler](count, len(distributions), np.random.default_rng(seed))
-    columns = [each.values(column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
-    return Design(tuple(distributions), list(zip(*columns, strict=True)))
+    columns = [_drawn(each, column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
+    return _beside(tuple(distributions), columns)
+
+
+def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
+    if distribution.name == "choice":
+        return distribution.values(fractions)
+    return NumberTexts(distribution.quantiles(fractions), has_integers=distribution.name == "integers")
 
 
 def _sobol(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
@@ -151,8 +173,13 @@ def _product(parts: Sequence[Design]) -> Design:
     if twice := next((name for name in all_names if all_names.count(name) > 1), None):
         raise UsageError(f"{clean(twice)} varies twice: {option('vary')}, {option('points')} or {option('repeats')}")
     _require_possible(len(part.points) for part in parts)
-    points = [tuple(value for values in each for value in values) for each in product(*(p.points for p in parts))]
-    return Design(tuple(all_names), points)
+    columns, count = list[tuple[Sequence[str], int]](), prod(len(part.points) for part in parts)
+    repeat = count
+    for part in parts:
+        assert isinstance(part.points, GridPoints)
+        repeat //= len(part.points)
+        columns += [(texts, own * repeat) for texts, own in part.points.columns]
+    return Design(tuple(all_names), GridPoints(columns, count))
 
 
 def _require_possible(counts: Iterable[int]) -> None:
@@ -183,13 +210,13 @@ def read_points(path: str) -> Design:
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(rows[0]) or not all(row):
             raise FileError(path, f"row {number} does not have one value for each of the {len(rows[0])} columns")
-    return Design(tuple(rows[0]), [tuple(row) for row in rows[1:]])
+    return _beside(tuple(rows[0]), [*zip(*rows[1:], strict=True)])
 
 
 # --- lists of values ---------------------------------------------------------------------------------
 
 
-def value_list(path: str, text: str, name: str) -> list[str]:
+def value_list(path: str, text: str, name: str) -> Sequence[str]:
     """Splits a list of values at commas, or at semicolons where values contain commas; a single one ends in one.
 
     `0.1..1:10` means ten evenly spaced values from 0.1 to 1, `log:1e-4..1:5` for five in equal ratios.
@@ -202,7 +229,12 @@ def value_list(path: str, text: str, name: str) -> list[str]:
       UsageError: the list is empty or contains a value twice, or a span is invalid.
     """
     place = f"{option(name)} {clean(path)}={clean(text)}"
-    values: list[str] = []
+    if (span := SPAN.fullmatch(text.strip())) and not {*text} & {*",;"}:
+        values = _spaced(span, place)
+        distinct = numbers(values)
+        if distinct is not None and len(np.unique(distinct)) == len(values):
+            return values
+    values = list[str]()
     for part in text.removesuffix(";").split(";" if ";" in text else ","):
         span = SPAN.fullmatch(part.strip())
         values += _spaced(span, place) if span else [part.strip()]
@@ -211,7 +243,7 @@ def value_list(path: str, text: str, name: str) -> list[str]:
     return values
 
 
-def _spaced(span: re.Match[str], place: str) -> list[str]:
+def _spaced(span: re.Match[str], place: str) -> Sequence[str]:
     """Returns the values of `FIRST..LAST:COUNT`, including both ends; evenly spaced ones are exact in decimals."""
     try:
         first, last, count = Fraction(span["first"]), Fraction(span["last"]), int(span["count"])
@@ -221,7 +253,12 @@ def _spaced(span: re.Match[str], place: str) -> list[str]:
         reason = f"write FIRST..LAST:COUNT, with two different ends and from 2 to {MOST_IN_SPAN} values"
         raise UsageError(f"{place}: {reason}")
     if span["log"] is None:
-        return [_decimal(first + (last - first) * k / (count - 1)) for k in range(count)]
+        step = (last - first) / (count - 1)
+        unit = lcm(first.denominator, step.denominator)
+        if max(abs(first * unit), abs(last * unit), unit) < LARGEST_INTEGER:  # their ratios are rounded correctly
+            multiples = int(first * unit) + int(step * unit) * np.arange(count)
+            return NumberTexts(multiples / unit, has_integers=True)
+        return [_decimal(first + step * k) for k in range(count)]
     if first <= 0 or last <= 0:
         raise UsageError(f"{place}: values in equal ratios require positive bounds")
     with localcontext(prec=DIGITS):
@@ -255,24 +292,17 @@ def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
             is_chosen &= _holds(condition, whole)
     if not is_chosen.any():
         raise UsageError(f"{option('where')}: none of the {len(whole.points)} points satisfies it")
-    return Design(whole.names, [point for point, chosen in zip(whole.points, is_chosen, strict=True) if chosen])
+    assert isinstance(whole.points, GridPoints)
+    return Design(whole.names, whole.points.only(np.flatnonzero(is_chosen)))
 
 
 def _holds(condition: Condition, whole: Design) -> np.ndarray:
-    columns = {name: numbers([point[i] for point in whole.points]) for i, name in enumerate(whole.names)}
+    columns = {name: whole.column(number).numbers for number, name in enumerate(whole.names)}
     usable = {name: values for name, values in columns.items() if values is not None}
     try:
         return np.broadcast_to(condition.holds(usable), len(whole.points))
     except KeyError as error:
         raise UsageError(f"{quoted(str(error.args[0]))} has values that are not numbers") from None
-
-
-def numbers(texts: Sequence[str]) -> np.ndarray | None:
-    """Converts the values of a parameter to numbers `(n,)`; returns None if they are not numbers."""
-    try:
-        return np.array([float(text) for text in texts])
-    except ValueError:
-        return None
 
 
 def is_whole(name: str) -> bool:

@@ -5,7 +5,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjrun.errors import MissingExtraError, UsageError, clean, listing
-from mjrun.experiment.design import Design, numbers
+from mjrun.experiment.design import Design
+from mjrun.experiment.design_points import numbers
 from mjrun.formats.study_reader import read_study
 from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
@@ -49,9 +50,9 @@ def parameters_table(design: Design) -> list[PageFacts]:
     """Returns a table of the varied parameters and their values, if anything varies."""
     rows = list[tuple[str, str, str]]()
     for index, name in enumerate(design.names):
-        texts = list(dict.fromkeys(point[index] for point in design.points))
+        texts = design.column(index).distinct
         values = numbers(texts)
-        if values is not None:
+        if values is not None and len(texts) <= LISTED:
             texts = [number(float(value)) for value in values]
         if len(texts) <= LISTED:
             shown = ", ".join(texts)

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
-from mjrun.experiment.design import Design, is_whole, numbers
+from mjrun.experiment.design import Design, is_whole
+from mjrun.experiment.design_points import texts_at
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
@@ -56,7 +57,7 @@ class ResultsTable:
     def add(self, column: Column, values: Sequence[float] | np.ndarray) -> None:
         """Appends a numeric column `(n,)`."""
         self.columns.append(column)
-        self._values.append(np.array(values, float))
+        self._values.append(np.asarray(values, float))
 
     def add_texts(self, name: str, texts: Sequence[str], meaning: str = "") -> None:
         """Appends a text column; empty strings become null."""
@@ -77,14 +78,14 @@ class ResultsTable:
           points: number of the point of each row.
           units: units of parameters, by name.
         """
+        rows = np.asarray(points, np.intp)
         for index, name in enumerate(design.names):
-            texts = [design.points[point][index] for point in points]
-            values = numbers(texts)
-            if values is None:
-                self.add_texts(name, texts, text_meaning)
+            values = design.column(index)
+            if values.numbers is None:
+                self.add_texts(name, texts_at(values.texts, values.places[rows]), text_meaning)
             else:
                 column = Column(name, units.get(name, ""), "what varies", integer=is_whole(name))
-                self.add(column, values)
+                self.add(column, values.numbers[rows])
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:
         """Returns a flag column `(n,)` for each text: 1 in the rows where the column `name` contains it, else 0."""
@@ -102,12 +103,12 @@ class ResultsTable:
         Raises:
           FileError: a file cannot be written.
         """
-        writers, rows = list[TableWriter](), self.rows
+        writers, count = list[TableWriter](), len(self._values[0])
         for name in files:
             path = str(folder / name)
             writers.append(stack.enter_context(TableWriter(path, output_format(path).name, self.columns, manifest)))
-            for start in range(0, len(rows), BLOCK):
-                writers[-1].write(rows[start : start + BLOCK])
+            for start in range(0, count, BLOCK):
+                writers[-1].write(np.stack([values[start : start + BLOCK] for values in self._values], axis=1))
         return writers
 
     def write(self, folder: Path, manifest: Mapping[str, object], files: Sequence[str] = FILES) -> list[Path]:

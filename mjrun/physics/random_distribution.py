@@ -48,8 +48,12 @@ class Distribution:
         if self.name == "choice":
             count = len(self.arguments)
             return [self.arguments[min(int(fraction * count), count - 1)] for fraction in fractions]
-        values = _quantiles(self.name, self.numbers)(fractions)
-        return [str(int(value)) if self.name == "integers" else repr(float(value)) for value in values]
+        values = self.quantiles(fractions).tolist()
+        return [str(int(value)) if self.name == "integers" else repr(value) for value in values]
+
+    def quantiles(self, fractions: np.ndarray) -> np.ndarray:
+        """Returns the quantiles of a distribution of numbers at these fractions `(n,)` from 0 to 1."""
+        return np.asarray(_quantiles(self.name, self.numbers)(fractions), float)
 
     @cached_property
     def numbers(self) -> list[float]:

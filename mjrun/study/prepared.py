@@ -37,7 +37,6 @@ from mjrun.study.spec import (
     StudySpec,
     require_values,
     simulation_at,
-    without_cameras,
 )
 
 IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # options of simulations
@@ -200,12 +199,8 @@ def checked_design(
     """
     points = design(options, model, spec.base.seed)
     try:
-        shared = None if MODEL in points.names else source
-        names, values = points.names, points.points
-        if spec.product:
-            values = [without_cameras(names, point)[1] for point in values]
-            names = without_cameras(names, names)[0]
-        require_values(names, values, dict(spec.controllers), shared)
+        shared, has_cameras = None if MODEL in points.names else source, spec.product is not None
+        require_values(points, dict(spec.controllers), shared, has_cameras=has_cameras)
     except UsageError as error:
         if options.points is not None:
             error.add_note(f"the columns of {clean(options.points)} are parameters, too")
@@ -217,6 +212,6 @@ def varied_files(base: Simulation, points: Design) -> Iterator[Path]:
     """Yields the files that values of points name. A value that names no valid model fails at its points."""
     for index, name in enumerate(points.names):
         if name in FILES:
-            for text in dict.fromkeys(values[index] for values in points.points):
+            for text in points.column(index).distinct:
                 with suppress(MjrunError):
                     yield from (path for _, path in simulation_at(base, (name,), (text,)).inputs)

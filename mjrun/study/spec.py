@@ -23,7 +23,8 @@ from mjrun.errors import (
     flag,
     option,
 )
-from mjrun.experiment.design import simulation_kinds
+from mjrun.experiment.design import Design, simulation_kinds
+from mjrun.experiment.design_points import numbers
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import demonstration_in, source_of
@@ -225,18 +226,21 @@ def simulation_at(
 
 
 def require_values(
-    names: Sequence[str], points: Sequence[Sequence[str]], controllers: Controllers, spec: mujoco.MjSpec | None
+    points: Design, controllers: Controllers, spec: mujoco.MjSpec | None, *, has_cameras: bool = False
 ) -> None:
     """Refuses values that are invalid in every model, such as a seed of 1.5.
 
     Args:
       spec: specification of the model, if all points share it.
+      has_cameras: whether points have parameters of cameras, which are not checked.
 
     Raises:
       UsageError: a value is invalid.
     """
-    for index, name in enumerate(names):
-        for text in _representative([point[index] for point in points]):
+    for index, name in enumerate(points.names):
+        if has_cameras and name.startswith(CAMERA):
+            continue
+        for text in _representative(points.column(index).distinct):
             if not _is_path(name):
                 _change(name, text, controllers)
             elif spec is not None:
@@ -276,15 +280,14 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
             raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
 
 
-def _representative(texts: Sequence[str]) -> list[str]:
+def _representative(distinct: Sequence[str]) -> Sequence[str]:
     """Selects values that show whether any of many is invalid: the extremes and a fraction of numbers."""
-    distinct = list(dict.fromkeys(texts))
-    try:
-        numbers = {float(text): text for text in distinct}
-    except ValueError:
+    values = numbers(distinct)
+    if values is None or np.isnan(values).any():
         return distinct[:MANY]
-    broken = next((text for number, text in numbers.items() if not number.is_integer()), distinct[0])
-    return list(dict.fromkeys([distinct[0], broken, numbers[min(numbers)], numbers[max(numbers)]]))
+    is_broken = values != np.floor(values)
+    chosen = [0, int(is_broken.argmax()), int(values.argmin()), int(values.argmax())]
+    return [distinct[place] for place in dict.fromkeys(chosen)]
 
 
 # --- versions and chunks -----------------------------------------------------------------------------

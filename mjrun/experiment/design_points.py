@@ -1,0 +1,183 @@
+"""Points that are computed from their index: a design of millions of points needs little memory."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import overload
+
+import numpy as np
+
+from mjrun.dataclass import dataclass
+
+Values = tuple[str, ...]
+BLOCK = 4096  # points that are made at once
+LARGEST_INTEGER = 2.0**53  # up to which floats are exact
+
+
+class NumberTexts(Sequence[str]):
+    """Numbers as texts, which are made on demand: `0.3`, and `2.0` or `2`.
+
+    Args:
+      numbers: float64 `(n,)`.
+      has_integers: whole numbers are written as integers.
+    """
+
+    def __init__(self, numbers: np.ndarray, *, has_integers: bool = False) -> None:
+        self.numbers, self._has_integers = numbers, has_integers
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        if isinstance(index, slice):
+            return self.at(np.arange(len(self))[index])
+        return self.at(np.array([index]))[0]
+
+    def __iter__(self) -> Iterator[str]:
+        for start in range(0, len(self), BLOCK):
+            yield from self[start : start + BLOCK]
+
+    def at(self, places: np.ndarray) -> list[str]:
+        """Returns the texts at these places."""
+        numbers = self.numbers[places].tolist()
+        if not self._has_integers:
+            return list(map(repr, numbers))
+        return [str(int(number)) if number.is_integer() else repr(number) for number in numbers]
+
+    def only(self, places: np.ndarray) -> "NumberTexts":
+        """Returns the numbers at these places."""
+        return NumberTexts(self.numbers[places], has_integers=self._has_integers)
+
+    @property
+    def content(self) -> bytes:
+        """Bytes that determine the texts."""
+        return bytes([self._has_integers]) + self.numbers.tobytes()
+
+
+@dataclass(frozen=True)
+class DesignColumn:
+    """The values of a parameter: point k has `texts[places[k]]`.
+
+    Attributes:
+      texts: values.
+      places: whole numbers `(n,)`.
+    """
+
+    texts: Sequence[str]
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, values: Sequence[str]) -> "DesignColumn":
+        """Returns the column of the value of each point."""
+        place = {text: index for index, text in enumerate(dict.fromkeys(values))}
+        return cls(list(place), np.array([place[text] for text in values], np.intp))
+
+    @cached_property
+    def distinct(self) -> Sequence[str]:
+        """The different values of all points, in the order of `texts`."""
+        is_used = np.zeros(len(self.texts), bool)
+        is_used[self.places] = True
+        used = np.flatnonzero(is_used)
+        if not isinstance(self.texts, NumberTexts):
+            return list(dict.fromkeys(texts_at(self.texts, used)))
+        _, first = np.unique(self.texts.numbers[used], return_index=True)
+        return self.texts.only(used[np.sort(first)])
+
+    @property
+    def numbers(self) -> np.ndarray | None:
+        """The value of each point `(n,)`; None if they are not numbers."""
+        if isinstance(self.texts, NumberTexts):
+            return self.texts.numbers[self.places]
+        used = np.unique(self.places)
+        values = numbers(texts_at(self.texts, used))
+        if values is None:
+            return None
+        spread = np.empty(len(self.texts))
+        spread[used] = values
+        return spread[self.places]
+
+
+class GridPoints(Sequence[Values]):
+    """Points that combine columns of texts: point k has `texts[k // repeat % len(texts)]` of each column.
+
+    Args:
+      columns: texts and `repeat` of each parameter.
+      count: number of points.
+      chosen: indices of the points to include, ascending; None for all.
+    """
+
+    def __init__(
+        self, columns: Sequence[tuple[Sequence[str], int]], count: int, chosen: np.ndarray | None = None
+    ) -> None:
+        self.columns, self._whole, self._chosen = tuple(columns), count, chosen
+
+    def __len__(self) -> int:
+        return self._whole if self._chosen is None else len(self._chosen)
+
+    @overload
+    def __getitem__(self, index: int) -> Values: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Values]: ...
+    def __getitem__(self, index: int | slice) -> Values | list[Values]:
+        if isinstance(index, slice):
+            return self.at(range(*index.indices(len(self))))
+        return self.at([range(len(self))[index]])[0]
+
+    def __iter__(self) -> Iterator[Values]:
+        for start in range(0, len(self), BLOCK):
+            yield from self[start : start + BLOCK]
+
+    def at(self, indices: Sequence[int]) -> list[Values]:
+        """Returns the values of these points."""
+        if not self.columns:
+            return [()] * len(indices)
+        columns = [texts_at(*self._places(number, np.asarray(indices, np.intp))) for number in range(len(self.columns))]
+        return list(zip(*columns, strict=True))
+
+    def column(self, number: int) -> DesignColumn:
+        """Returns the values of a parameter."""
+        return DesignColumn(*self._places(number, np.arange(len(self))))
+
+    def only(self, chosen: np.ndarray) -> "GridPoints":
+        """Returns the points with these indices."""
+        return GridPoints(self.columns, self._whole, chosen if self._chosen is None else self._chosen[chosen])
+
+    @property
+    def digest(self) -> bytes:
+        """A hash of all values and their order."""
+        made = hashlib.sha256(json.dumps([self._whole, [repeat for _, repeat in self.columns]]).encode())
+        for texts, _ in self.columns:
+            made.update(_content(texts))
+        made.update(b"" if self._chosen is None else self._chosen.tobytes())
+        return made.digest()
+
+    def _places(self, number: int, indices: np.ndarray) -> tuple[Sequence[str], np.ndarray]:
+        texts, repeat = self.columns[number]
+        indices = indices if self._chosen is None else self._chosen[indices]
+        return texts, indices // repeat % len(texts)
+
+
+def numbers(texts: Sequence[str]) -> np.ndarray | None:
+    """Converts the values of a parameter to numbers `(n,)`; returns None if they are not numbers."""
+    if isinstance(texts, NumberTexts):
+        return texts.numbers
+    try:
+        return np.fromiter(map(float, texts), float, len(texts))
+    except ValueError:
+        return None
+
+
+def texts_at(texts: Sequence[str], places: np.ndarray) -> list[str]:
+    """Returns the texts at these places."""
+    if isinstance(texts, NumberTexts):
+        return texts.at(places)
+    return [texts[int(place)] for place in places]
+
+
+def _content(texts: Sequence[str]) -> bytes:
+    return texts.content if isinstance(texts, NumberTexts) else json.dumps([*texts]).encode()
