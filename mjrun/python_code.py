@@ -19,7 +19,7 @@ from types import ModuleType
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
-from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, option, quoted
+from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, clean, option, quoted
 
 
 class RedirectedFunction:
@@ -209,8 +209,20 @@ def load_code(code: str, name: str, form: str) -> object:
     require_unconfined(f"{option(name)} {quoted(code)} is code")
     place, _, attribute = code.rpartition(":")
     if not place or not attribute:
-        raise UsageError(f"{option(name)} {quoted(code)} names no code\n{form}")
+        raise UsageError(f"{option(name)} {quoted(code)} names no code\n{code_of_file(Path(code)) or form}")
     return RedirectedFunction(lambda: _load(place, attribute, name, form))()
+
+
+def code_of_file(path: Path) -> str:
+    """Returns how to name each public function and class that a Python file defines; empty if it defines none."""
+    if path.suffix != ".py":
+        return ""
+    try:
+        statements = ast.parse(path.read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return ""
+    defined = [each.name for each in statements if isinstance(each, ast.FunctionDef | ast.ClassDef)]
+    return ", ".join(f"{clean(str(path))}:{clean(name)}" for name in defined if not name.startswith("_"))
 
 
 def made(thing: object, code: str, name: str) -> object:

@@ -29,7 +29,8 @@ def test_names_are_found_in_files_and_modules(folder: Path, place: str, capsys: 
 @pytest.mark.parametrize(
     ("code", "error", "message"),
     [
-        ("a.py", UsageError, "^policy 'a.py' names no code\nFORM"),
+        ("some_code_in_test.py", UsageError, "names no code\nsome_code_in_test.py:A$"),
+        ("missing.py", UsageError, "^policy 'missing.py' names no code\nFORM$"),
         (":a", UsageError, "names no code"),
         ("none.py:a", FileError, "none.py: there is no such file\nFORM"),
         ("some_code_in_test.py:B", UsageError, "no policy 'B'"),

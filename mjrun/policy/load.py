@@ -15,7 +15,7 @@ from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.loaders import loader_of, loaders
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.python_code import RedirectedFunction, load_code, made
+from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made
 
 STREAM = 1_886_350_441  # separates the random numbers of policies from those of tasks
 FORM = (
@@ -195,6 +195,8 @@ def _load(text: object, trust: bool, normalize: str | None, place: Callable[[str
     path = place(text)
     if loader := loader_of(path):
         return loader.load(path, text, trust, normalize)
+    if named := code_of_file(path):
+        raise UsageError(f"{option('policy')} {clean(text)}: select one of its policies\n{named}")
     formats = ", ".join([*sorted(each.description for each in loaders()), "FILE.py:NAME", *BUILT_IN])
     raise UsageError(
         f"{option('policy')} {clean(text)}: unknown policy format{suggestion(text, BUILT_IN)}\nformats: {formats}"

@@ -86,6 +86,13 @@ def test_what_is_no_policy_is_refused(name: str, error: type[Exception], message
         load_policy(name)
 
 
+def test_a_file_of_code_is_refused_with_the_policies_that_it_defines(tmp_path: Path) -> None:
+    path = tmp_path / "walk.py"
+    path.write_text("class Walk: pass\ndef run(observation): pass\ndef _helper(): pass\n")
+    with pytest.raises(UsageError, match=f"select one of its policies\n{path}:Walk, {path}:run$"):
+        load_policy(str(path))
+
+
 CLIPPED = ActionSpace(["a", "b", "c"], np.array([-2.0, -np.inf, 3.0]), np.array([5.0, np.inf, np.inf]))
 
 
