@@ -441,7 +441,8 @@ class Dataset(_Dataset):
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
         are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
         random. [default: 'sobol']
-      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      repeats: Number of simulations per point, each with the next seed; the table of means,
+        repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       jobs: Number of processes on this machine. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
@@ -683,7 +684,6 @@ class Evaluation(_Evaluation):
       fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
         mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
         lower end of a confidence interval, success_low=0.8.
-      confidence: Confidence level of all intervals. [default: 0.95]
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
         and best.
       camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
@@ -707,8 +707,10 @@ class Evaluation(_Evaluation):
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
         are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
         random. [default: 'sobol']
-      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      repeats: Number of simulations per point, each with the next seed; the table of means,
+        repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
+      confidence: Confidence level of all intervals. [default: 0.95]
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.
@@ -750,6 +752,7 @@ class Evaluation(_Evaluation):
         trust: bool = ...,
         policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
         normalize: str | PathLike[str] | None = ...,
+        confidence: float = ...,
         vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
@@ -773,7 +776,6 @@ class Evaluation(_Evaluation):
         metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         require: str | Sequence[str] = ...,
         fail_below: Mapping[str, float | Sequence[float]] = ...,
-        confidence: float = ...,
         command: str = ...,
         rewritten: Callable[[Mapping[str, str]], Source] | None = ...,
     ) -> None: ...
@@ -1442,8 +1444,10 @@ class Study(_Study):
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
         are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
         random. [default: 'sobol']
-      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      repeats: Number of simulations per point, each with the next seed; the table of means,
+        repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
+      confidence: Confidence level of all intervals. [default: 0.95]
       jobs: Number of processes on this machine. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
@@ -1462,6 +1466,7 @@ class Study(_Study):
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
         retry_failed: bool = ...,
+        confidence: float = ...,
         vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
@@ -1656,7 +1661,8 @@ class VariedPlot(_VariedPlot):
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
         are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
         random. [default: 'sobol']
-      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      repeats: Number of simulations per point, each with the next seed; the table of means,
+        repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       probe: Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use
         adds a panel below the others; values with different units get separate panels. [default: the
@@ -1898,7 +1904,6 @@ def evaluate(
     metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     require: str | Sequence[str] = ...,
     fail_below: Mapping[str, float | Sequence[float]] = ...,
-    confidence: float = ...,
     videos: int = ...,
     camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
     size: Sequence[int] = ...,
@@ -1914,6 +1919,7 @@ def evaluate(
     sampler: Literal["sobol", "lhs", "random"] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
+    confidence: float = ...,
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
@@ -1954,7 +1960,6 @@ def evaluate(
       fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
         mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
         lower end of a confidence interval, success_low=0.8.
-      confidence: Confidence level of all intervals. [default: 0.95]
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
         and best.
       camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
@@ -1978,8 +1983,10 @@ def evaluate(
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
         are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
         random. [default: 'sobol']
-      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      repeats: Number of simulations per point, each with the next seed; the table of means,
+        repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
+      confidence: Confidence level of all intervals. [default: 0.95]
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.
@@ -2442,6 +2449,7 @@ def sweep(
     sampler: Literal["sobol", "lhs", "random"] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
+    confidence: float = ...,
     jobs: int | Literal["auto"] = ...,
     engine: str = ...,
     chunk: int | None = ...,
@@ -2559,8 +2567,10 @@ def sweep(
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
         are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
         random. [default: 'sobol']
-      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      repeats: Number of simulations per point, each with the next seed; the table of means,
+        repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
+      confidence: Confidence level of all intervals. [default: 0.95]
       jobs: Number of processes on this machine. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a

@@ -2,11 +2,13 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.console import flag
 from mjrun.cli.page_layout import PageLayout
-from mjrun.cli.table_cells import Column, byte_size, number
+from mjrun.cli.report_formats.markdown import escaped, markdown_table
+from mjrun.cli.table_cells import Column, byte_size, interval_text, number
 from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
 from mjrun.options.option import is_given, options_of
@@ -31,22 +33,54 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
         extremes = _extremes(result)
         if extremes:
             page.table("extremes", extremes, 2 * len(result.metrics))
+    if result.repeats:
+        hint = f"{result.path}/repeats.csv has all"
+        page.table("means over repeats", _repeats(result), len(result.repeats), SHOWN, hint)
     if result.failures:
         hint = f"{result.path}/results.csv has all"
         page.table("failures", _failures(result), len(result.failures), SHOWN, hint)
         shown = result.failures[:SHOWN]
         page.verbatim("to see the first of each", [point_command(simulation, failure.values) for failure in shown])
     if result.assertions:
-        verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
-        page.lines("required", verdicts)
+        page.lines("required", _verdicts(result))
     if result.kept.points:
         page.note(_kept(result))
+    page.note(_last_line(result))
+    return page.text()
+
+
+def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
+    """Formats the report of a study as Markdown, the requirements and failures first."""
+    lines = _verdicts(result)
+    parts = [f"### mjrun sweep: {escaped(simulation.source.text)}", escaped(_last_line(result))]
+    parts.append("\n".join(f"- **{escaped(name)}** {escaped(text)}" for name, text in lines))
+    tables = list[list[Column]]()
+    if result.failures:
+        first = [f"{each.point}: {_where(each.values)}" for each in result.failures]
+        tables.append(_first_rows([*_failures(result), Column("first of them", first)]))
+    if result.metrics:
+        tables += [_metrics(result), _extremes(result)]
+    if result.repeats:
+        tables.append(_first_rows(_repeats(result)))
+    return "\n\n".join([*filter(None, parts), *map(markdown_table, filter(None, tables))])
+
+
+def _first_rows(columns: Sequence[Column]) -> list[Column]:
+    """Returns the rows of a table that a report shows."""
+    return [replace(column, cells=column.cells[:SHOWN]) for column in columns]
+
+
+def _verdicts(result: "StudyResult") -> list[tuple[str, str]]:
+    return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
+
+
+def _last_line(result: "StudyResult") -> str:
+    """Formats the numbers of points, and the wall time."""
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
     before = result.points - result.simulated - result.statuses.get("missing", 0)
     known = f", {before:,} of them known before" if before else ""
     points = f"{result.points:,} point{'' if result.points == 1 else 's'}"
-    page.note(f"{clean(result.path)}: {points} ({counts}){known}; {result.wall:.1f} s")
-    return page.text()
+    return f"{clean(result.path)}: {points} ({counts}){known}; {result.wall:.1f} s"
 
 
 def preview_report(preview: "StudyPreview") -> str:
@@ -135,6 +169,21 @@ def _extremes(result: "StudyResult") -> list[Column]:
         Column("point", points, right=True),
         Column("where", where),
     ]
+
+
+def _repeats(result: "StudyResult") -> list[Column]:
+    """Returns the first means over repeats, with a row for each combination of the other parameters."""
+    groups, level = result.repeats, f"{100 * result.confidence:g} %"
+    columns = [
+        Column(clean(name), [clean(_short(group.values[name])) for group in groups], right=True)
+        for name in groups[0].values
+    ]
+    columns.append(Column("points", [str(group.points) for group in groups], right=True))
+    for name, summary in result.metrics.items():
+        means = [group.metrics[name] for group in groups]
+        columns.append(Column(clean(with_unit(name, summary.unit)), [number(each.mean) for each in means], right=True))
+        columns.append(Column(level, [interval_text(each.interval) for each in means], right=True))
+    return columns
 
 
 def _where(values: Mapping[str, str]) -> str:

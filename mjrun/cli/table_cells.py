@@ -1,9 +1,13 @@
 """Columns of report tables: texts, numbers, vectors and ranges with their units."""
 
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
+
+if TYPE_CHECKING:
+    from mjrun.experiment.statistics import Interval
 
 UNITS = ("B", "KiB", "MiB", "GiB")
 
@@ -35,6 +39,11 @@ class Column:
 def number(value: float | None) -> str:
     """Formats a number with five significant digits; empty for None."""
     return "" if value is None else f"{value + 0:.5g}"
+
+
+def interval_text(interval: "Interval") -> str:
+    """Formats a confidence interval; empty if it is undefined."""
+    return "" if interval.low is None else f"{number(interval.low)}..{number(interval.high)}"
 
 
 def vector(values: Iterable[float] | None) -> str:

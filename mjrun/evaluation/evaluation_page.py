@@ -9,6 +9,7 @@ from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, doubts
 from mjrun.evaluation.table import FILES, LENGTH, RETURN
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page import (
+    interval,
     number,
     origin,
     parameters_table,
@@ -17,7 +18,7 @@ from mjrun.experiment.results_page import (
     table_figure,
     write_results_page,
 )
-from mjrun.experiment.statistics import Interval, NumberSummary, Share
+from mjrun.experiment.statistics import NumberSummary, Share
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.page import PageOptions
@@ -74,9 +75,9 @@ def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: boo
             name,
             f"{each.count:,}",
             number(each.mean),
-            _interval(each.mean_interval),
+            interval(each.mean_interval),
             number(each.iqm),
-            _interval(each.iqm_interval),
+            interval(each.iqm_interval),
             number(each.median),
             number(each.std),
             number(each.min),
@@ -105,7 +106,7 @@ def _comparison(result: "EvaluationResult") -> list[PageFacts]:
         (
             name,
             number(each.difference),
-            _interval(each.interval),
+            interval(each.interval),
             clean(each.better or "undecided"),
             f"{each.first_wins:,} / {each.second_wins:,} / {each.ties:,}",
         )
@@ -143,9 +144,3 @@ def _share(share: Share) -> tuple[str, str]:
     low, high = share.interval.low, share.interval.high
     interval = "" if low is None or high is None else f"{100 * low:.3g} … {100 * high:.3g} %"
     return "" if share.share is None else f"{100 * share.share:.3g} %", interval
-
-
-def _interval(interval: Interval) -> str:
-    if interval.low is None or interval.high is None:
-        return ""
-    return f"{number(interval.low)} … {number(interval.high)}"

@@ -7,6 +7,7 @@ from pathlib import Path
 from mjrun.errors import MissingExtraError, UsageError, clean, listing
 from mjrun.experiment.design import Design
 from mjrun.experiment.design_points import numbers
+from mjrun.experiment.statistics import Interval
 from mjrun.formats.study_reader import read_study
 from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
@@ -93,6 +94,11 @@ def shown_files(paths: Iterable[str], options: PageOptions) -> list[PageFile]:
 def origin(path: Path, facts: Mapping[str, object], names: Sequence[str]) -> FileManifest:
     """Returns the facts with these names as a manifest."""
     return FileManifest(clean(str(path)), {name: facts[name] for name in names if facts.get(name) not in (None, "")})
+
+
+def interval(ends: Interval) -> str:
+    """Formats a confidence interval; empty if it is undefined."""
+    return "" if ends.low is None or ends.high is None else f"{number(ends.low)} … {number(ends.high)}"
 
 
 def number(value: float | None) -> str:

@@ -140,6 +140,45 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: 
     return Interval(mean - half, mean + half)
 
 
+@dataclass(frozen=True)
+class GroupMeans:
+    """Means of groups of cases, with Student's t intervals: arrays `(groups,)`.
+
+    Attributes:
+      count: number of finite cases.
+      mean: NaN without any.
+      std: standard deviation of the population, estimated with n − 1; NaN for fewer than two.
+      low, high: ends of the interval; NaN for fewer than two.
+    """
+
+    count: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def group_means(values: np.ndarray, groups: np.ndarray, count: int, confidence: float = CONFIDENCE) -> GroupMeans:
+    """Returns the means of many groups of cases at once.
+
+    Args:
+      values: number of each case `(n,)`; those that are not finite are left out.
+      groups: number of the group of each case `(n,)`, from 0.
+      count: number of groups.
+    """
+    from scipy.special import stdtrit  # pyright: ignore[reportMissingTypeStubs]
+
+    is_good = np.isfinite(values)
+    values, groups = values[is_good], groups[is_good]
+    sizes = np.bincount(groups, minlength=count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(groups, values, count) / sizes
+        squares = np.bincount(groups, (values - mean[groups]) ** 2, count)
+        std = np.where(sizes > 1, np.sqrt(squares / (sizes - 1)), np.nan)
+        half = stdtrit(np.maximum(sizes - 1, 1), (1 + confidence) / 2) * std / np.sqrt(sizes)
+    return GroupMeans(sizes, mean, std, mean - half, mean + half)
+
+
 def doubt(values: np.ndarray, clusters: Clusters = None) -> Doubt:
     """Returns a reason to doubt Student's interval of the mean of `values` `(n,)`; empty if they are all equal.
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real, Size
+from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.page import PageOptions
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
@@ -16,7 +16,7 @@ from mjrun.options.push import PUSHES, PUSHES_HELP, Push
 from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
-from mjrun.options.sweep import VariationOptions
+from mjrun.options.sweep import ConfidenceOptions, VariationOptions
 
 # Extras of evaluations: the library that each installs, and what needs it.
 EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
@@ -74,7 +74,9 @@ class EpisodeVideoOptions(Options):
 
 
 @options
-class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, PolicyOptions, ModelOptions):
+class EvaluationOptions(
+    EpisodeVideoOptions, PageOptions, VariationOptions, ConfidenceOptions, PolicyOptions, ModelOptions
+):
     """An evaluation.
 
     Args:
@@ -129,9 +131,6 @@ class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, Poli
         help="Exit with code 1 if a value is below its threshold: the success rate, success=90%; the mean return, "
         "return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the lower end of a confidence "
         "interval, success_low=0.8.",
-    )
-    confidence: float = option(
-        converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="Confidence level of all intervals."
     )
 
 

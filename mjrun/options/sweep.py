@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import ClassVar
 
 from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
-from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Size
+from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
 from mjrun.options.page import PageOptions
@@ -140,7 +140,10 @@ class VariationOptions(Options):
         help="Sampling method: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
     )
     repeats: int = option(
-        converter=Integer(1), default=1, help="Number of simulations per point, each with the next seed."
+        converter=Integer(1),
+        default=1,
+        help="Number of simulations per point, each with the next seed; the table of means, repeats.csv, has "
+        "confidence intervals.",
     )
     where: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),
@@ -150,7 +153,18 @@ class VariationOptions(Options):
 
 
 @options
-class StudyOptions(KeepOptions, PageOptions, VariationOptions):
+class ConfidenceOptions(Options):
+    """Confidence intervals of results."""
+
+    section: ClassVar[str] = "Study"
+
+    confidence: float = option(
+        converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="Confidence level of all intervals."
+    )
+
+
+@options
+class StudyOptions(KeepOptions, PageOptions, VariationOptions, ConfidenceOptions):
     """A study.
 
     Args:
@@ -263,4 +277,10 @@ class StudyCommandOptions(Options):
     )
     csv: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all points to stdout."
+    )
+    markdown: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print the report as Markdown to stdout, for the summary of a pull request.",
     )

@@ -5,6 +5,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import field, replace
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import Requirements, manifest_writer, plain_metrics, raise_failures
-from mjrun.formats.atomic_output import OutputWriter
+from mjrun.experiment.statistics import CONFIDENCE
+from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
@@ -24,10 +26,12 @@ from mjrun.plotting.table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
+from mjrun.study import repeats
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.point_files import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview, preview
+from mjrun.study.repeats import RepeatSummary
 from mjrun.study.results import STATUSES, FailureGroup, point_failures, study_table, with_flags
 from mjrun.study.spec import StudySpec
 from mjrun.version import __version__
@@ -150,7 +154,15 @@ class Study(StudyOptions, ExecutionOptions):
         table = study_table(points, names, results, prepared.units)
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
-        files = table.write(prepared.folder, facts)  # the same for all runs, unlike the manifest
+        values = {name: [each.metrics[index] for each in results] for index, name in enumerate(names)}
+        means = repeats.RepeatMeans(points, values, self.confidence)
+        with ExitStack() as stack:
+            writers = table.open(stack, prepared.folder, facts)  # the same for all runs, unlike the manifest
+            if means.design.points:
+                writers += means.table(prepared.units).open(stack, prepared.folder, facts, repeats.FILES)
+            files = publish_together(writers)
+        if not means.design.points:
+            repeats.remove_old(prepared.folder)
 
         verdicts, kept = list[Verdict](), KeptFiles()
         if all(result.status != "missing" for result in results):
@@ -164,16 +176,15 @@ class Study(StudyOptions, ExecutionOptions):
             points=len(results),
             simulated=simulated,
             statuses={status: count for status, count in statuses.items() if count},
-            metrics={
-                name: replace(_summary(points, [r.metrics[i] for r in results]), unit=prepared.units[name])
-                for i, name in enumerate(names)
-            },
+            metrics={name: replace(_summary(points, values[name]), unit=prepared.units[name]) for name in names},
             failures=point_failures(points, results),
             assertions=verdicts,
             files=[*map(str, files), str(prepared.folder / MANIFEST)],
             wall=time.perf_counter() - start,
             names=points.names,
             kept=kept,
+            repeats=means.summaries(),
+            confidence=self.confidence,
         )
         self.write_manifest(dataclasses.asdict(result))
         if self.html is not None:
@@ -207,6 +218,9 @@ class StudyResult:
       wall: wall time [s].
       names: parameters that vary.
       kept: files of single points.
+      repeats: means over points that differ in their seed only, for the first 100 of the other parameters' values;
+        `repeats.csv` has all.
+      confidence: confidence of their intervals.
       schema: name of this schema.
     """
 
@@ -221,6 +235,8 @@ class StudyResult:
     wall: float
     names: Sequence[str]
     kept: KeptFiles = field(default_factory=KeptFiles)
+    repeats: Sequence[RepeatSummary] = ()
+    confidence: float = CONFIDENCE
     schema: str = SCHEMA
 
     @property

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mjrun.errors import clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page import (
+    interval,
     number,
     origin,
     parameters_table,
@@ -49,7 +50,7 @@ def write_study_page(
         maker=MAKER,
         verdict=(not failed, f"{result.points:,} points: {statuses}"),
         verdicts=[(result.path, verdict) for verdict in result.assertions],
-        facts=[*parameters_table(points), *_metrics(result), *_failures(result)],
+        facts=[*parameters_table(points), *_metrics(result), *_repeats(result), *_failures(result)],
         figures=figures,
         files=shown_files([path for path in result.kept.files if Path(path).suffix in VIDEOS], options),
         manifests=[origin(folder / MANIFEST, {**facts, "model": {"path": model, "sha256": facts["model"]}}, FACTS)],
@@ -71,6 +72,24 @@ def _metrics(result: "StudyResult") -> list[PageFacts]:
     ]
     heads = ("Metric", "Points", *QUANTILES, "Mean", "Std")
     return [PageFacts("Metrics", "Metrics over all points", heads, rows, range(1, len(heads)))] if rows else []
+
+
+def _repeats(result: "StudyResult") -> list[PageFacts]:
+    if not result.repeats:
+        return []
+    names, level = list(result.repeats[0].values), f"{100 * result.confidence:g} % interval"
+    rows = [
+        (
+            *(group.values[name] for name in names),
+            f"{group.points:,}",
+            *(text for each in group.metrics.values() for text in (number(each.mean), interval(each.interval))),
+        )
+        for group in result.repeats
+    ]
+    means = [head for name, each in result.metrics.items() for head in (clean(with_unit(name, each.unit)), level)]
+    heads = (*names, "Points", *means)
+    caption = "Means over points that differ in their seed only"
+    return [PageFacts("Repeats", caption, heads, rows, range(len(names), len(heads)))]
 
 
 def _failures(result: "StudyResult") -> list[PageFacts]:

@@ -10,6 +10,7 @@ from mjrun.experiment.statistics import (
     Interval,
     doubt,
     enough_cases,
+    group_means,
     interquartile_mean,
     iqm_interval,
     mean_interval,
@@ -32,6 +33,21 @@ def ends(interval: Interval) -> tuple[float, float]:
 def rounding(values: np.ndarray, *ends: float) -> float:
     """Returns a bound on rounding errors in computations with numbers as large as these."""
     return 1e-11 * max(1.0, *np.abs(values), *map(abs, ends))
+
+
+def test_means_of_groups_are_those_of_each_group_alone() -> None:
+    generator = np.random.default_rng(3)
+    values, groups = generator.normal(5, 2, 60), np.repeat([0, 2, 3, 4], [1, 20, 9, 30])
+    values[[25, 40]] = np.nan, np.inf
+    made = group_means(values, groups, 5, 0.9)
+    for group in range(5):
+        alone = values[(groups == group) & np.isfinite(values)]
+        expected = mean_interval(alone, 0.9) if len(alone) > 1 else Interval(np.nan, np.nan)
+        mean = alone.mean() if len(alone) else np.nan
+        assert made.count[group] == len(alone)
+        np.testing.assert_allclose(
+            [made.mean[group], made.low[group], made.high[group]], [mean, *ends(expected)], rtol=1e-12
+        )
 
 
 @given(st.integers(1, 400).flatmap(lambda of: st.tuples(st.integers(0, of), st.just(of))), LEVELS)

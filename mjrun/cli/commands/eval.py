@@ -9,10 +9,10 @@ import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
-from mjrun.cli.report_formats.markdown import escaped
+from mjrun.cli.report_formats.markdown import escaped, markdown_table
 from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
-from mjrun.cli.table_cells import Column, number
+from mjrun.cli.table_cells import Column, interval_text, number
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
 from mjrun.options.confinement import ConfinementOptions
@@ -153,14 +153,7 @@ def evaluation_markdown(result: "EvaluationResult") -> str:
     parts.append("\n".join(f"- **{escaped(name)}** {escaped(text)}" for name, text in lines))
     tables = [_number_columns(rows, level), _ending_columns(result.policies, level)]
     tables += [_point_columns(result.points[:SHOWN], result.names, level)] if result.points else []
-    return "\n\n".join([*filter(None, parts), *map(_markdown_table, tables)])
-
-
-def _markdown_table(columns: Sequence[Column]) -> str:
-    rule = ["--:" if column.right else ":--" for column in columns]
-    rows = [[column.heading for column in columns], rule, *zip(*(column.cells for column in columns), strict=True)]
-    cells = ([cell if row is rule else escaped(cell) for cell in row] for row in rows)
-    return "\n".join(f"| {' | '.join(row)} |" for row in cells)
+    return "\n\n".join([*filter(None, parts), *map(markdown_table, tables)])
 
 
 def _number_rows(result: "EvaluationResult") -> "list[tuple[str, str, NumberSummary]]":
@@ -209,11 +202,11 @@ def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str
         Column("number", names),
         *_policy_column([policy for policy, _, _ in rows]),
         Column("mean", [number(each.mean) for each in numbers], right=True),
-        Column(level, [_interval(each.mean_interval) for each in numbers], right=True),
+        Column(level, [interval_text(each.mean_interval) for each in numbers], right=True),
         Column("iq mean", [number(each.iqm) for each in numbers], right=True),
-        Column(level, [_interval(each.iqm_interval) for each in numbers], right=True),
+        Column(level, [interval_text(each.iqm_interval) for each in numbers], right=True),
         Column("median", [number(each.median) for each in numbers], right=True),
-        Column(level, [_interval(each.median_interval) for each in numbers], right=True, extra=True),
+        Column(level, [interval_text(each.median_interval) for each in numbers], right=True, extra=True),
         Column("std", [number(each.std) for each in numbers], right=True, extra=True),
         Column("min", [number(each.min) for each in numbers], right=True),
         Column("max", [number(each.max) for each in numbers], right=True),
@@ -250,7 +243,7 @@ def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level
         columns.append(Column("success", [_percent(each.share) if each else "" for each in shares], right=True))
         columns.append(Column(level, [_percents(each.interval) if each else "" for each in shares], right=True))
     columns.append(Column("return", [number(each.returns.mean) for each in own], right=True))
-    columns.append(Column(level, [_interval(each.returns.mean_interval) for each in own], right=True))
+    columns.append(Column(level, [interval_text(each.returns.mean_interval) for each in own], right=True))
     columns.append(Column("length [s]", [number(each.lengths.mean) for each in own], right=True, extra=True))
     if points[0].comparison:
         differences = [point.comparison.returns for point in points if point.comparison]
@@ -272,7 +265,7 @@ def _difference(comparison: "PolicyComparison", found: "PairedDifference", level
     if found.difference is None:
         return "no pair of episodes that did not fail"
     size = f"{100 * found.difference:+.3g} %" if share else _signed(found.difference)
-    interval = _percents(found.interval) if share else _interval(found.interval)
+    interval = _percents(found.interval) if share else interval_text(found.interval)
     method = "Newcombe's paired interval" if share else "paired t interval"
     note = f" ({level} {interval}, {method})" if interval else ""
     verdict = f"{clean(found.better)} is better" if found.better else "no significant difference"
@@ -308,10 +301,6 @@ def _share(share: "Share", level: str) -> str:
     if share.share is None:
         return "no episode that did not fail"
     return f"{_percent(share.share)}, {share.count} of {share.of} episodes ({interval})"
-
-
-def _interval(interval: "Interval") -> str:
-    return "" if interval.low is None else f"{number(interval.low)}..{number(interval.high)}"
 
 
 def _percents(interval: "Interval") -> str:

@@ -49,7 +49,11 @@ if TYPE_CHECKING:
     Located = Callable[[], AbstractContextManager[None]]
 
 # Options that do not affect the results of a study: the command line accepts them with its folder or its plan.
-WITH_RESULTS = ("require", *(each.attribute for cls in (KeepOptions, PageOptions) for each in options_of(cls)))
+WITH_RESULTS = (
+    "require",
+    "confidence",
+    *(each.attribute for cls in (KeepOptions, PageOptions) for each in options_of(cls)),
+)
 ARGUMENTS = (
     ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
@@ -92,7 +96,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     options = command_line.make(StudyCommandOptions)
     _start_early(command_line)
     import_mujoco()
-    form = command_line.form("csv")
+    form = command_line.form("csv", "markdown")
     if options.task is not None:
         _simulate_task(console, command_line, *options.task)
         return
@@ -245,7 +249,12 @@ def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
 
         return study_report(result, study.simulation)
 
+    def markdown() -> str:
+        from mjrun.cli.sweep_report import study_markdown
+
+        return study_markdown(result, study.simulation)
+
     result = results[0]
     table = Path(result.path, FILES[1])
-    forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n")}
+    forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n"), "markdown": markdown}
     return Report("sweep", result, summary=summary, forms=forms)

@@ -2,9 +2,10 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from mjrun.cli.report_forms import Case
+from mjrun.cli.table_cells import Column
 from mjrun.errors import clean, counted
 
 LEVELS = {"error": "❌", "warning": "⚠️", "note": "ℹ️"}  # worst first
@@ -34,6 +35,14 @@ def _row(case: Case) -> str:
     if remedy:
         parts.append(f"<sub>{escaped(remedy)}</sub>")
     return f"| {LEVELS[case.level]} | {escaped(place)} | {'<br>'.join(parts)} |"
+
+
+def markdown_table(columns: Sequence[Column]) -> str:
+    """Formats a table."""
+    rule = ["--:" if column.right else ":--" for column in columns]
+    rows = [[column.heading for column in columns], rule, *zip(*(column.cells for column in columns), strict=True)]
+    cells = ([cell if row is rule else escaped(cell) for cell in row] for row in rows)
+    return "\n".join(f"| {' | '.join(row)} |" for row in cells)
 
 
 def escaped(value: str) -> str:

@@ -183,6 +183,7 @@ def result(**facts: object) -> EvaluationResult:
         "comparison": None,
         "names": [],
         "points": [],
+        "units": {"effort": "N"},
         "videos": [],
         "assertions": [],
         "failures": [],
@@ -197,7 +198,7 @@ def test_every_number_stands_with_its_interval() -> None:
     assert OWN.returns.mean is not None
     assert f"{OWN.returns.mean:.5g}" in text
     assert f"{OWN.returns.mean_interval.low:.5g}..{OWN.returns.mean_interval.high:.5g}" in text
-    for name in ("return", "length [s]", "reward/near", "reward/cost", "effort", "arrived", "fallen", "90 %"):
+    for name in ("return", "length [s]", "reward/near", "reward/cost", "effort [N]", "arrived", "fallen", "90 %"):
         assert name in text
     assert OWN.success
     assert f"{OWN.success.count} of 30 episodes (90 %" in text
