@@ -76,10 +76,10 @@ def _dataset(console: Console, command_line: CommandLine) -> "tuple[Dataset, Abs
         return made, nullcontext()
     from mjrun.document.study import read_study
 
+    request = read_study(model, assignments, command=console.command)
     if given := command_line.explicit(VariationOptions, SimulationOptions):
         name = next(iter(given))
-        raise UsageError(f"{option(name)}: {clean(model)} describes what varies; change it as in {name}=VALUE")
-    request = read_study(model, assignments, command=console.command)
+        raise UsageError(f"{option(name)} cannot accompany {clean(model)}; write {name}=VALUE instead")
     study = request.made
     varied = {each.attribute: getattr(study, each.attribute) for each in options_of(VariationOptions)}
     made = command_line.make(Dataset, simulation=study.simulation, command=console.command, **varied)

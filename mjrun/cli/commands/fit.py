@@ -84,7 +84,7 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
 
     for each in options_of(SimulationOptions):
         if each.attribute in command_line.explicit(SimulationOptions):
-            raise UsageError(f"{option(each.name)}: {clean(model)} sets it already; change it as in {each.key}=VALUE")
+            raise UsageError(f"{option(each.name)} cannot accompany {clean(model)}; write {each.key}=VALUE instead")
     request = read_fit(model, data, values=command_line.explicit(FitOptions))
     return request.made, request.located()
 

@@ -145,9 +145,10 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     if is_study(model):
         from mjrun.document.study import read_study
 
-        beside = _beside_study(command_line, model)
         code = command_line.with_converted("controller", load_controller).make(CodeOptions)
+        beside = _beside_study(command_line, model)
         request = read_study(model, assignments, values=beside, code=code, command=console.command)
+        _require_said_there(command_line, model)
         return request.made, request.located
     if assignments:
         raise UsageError(f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it")
@@ -158,7 +159,9 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     if is_file(Path(model) / MANIFEST):
         from mjrun.document.study import read_folder
 
-        return replace(read_folder(model, _beside_study(command_line, model)), command=console.command), nullcontext
+        study = read_folder(model, _beside_study(command_line, model))
+        _require_said_there(command_line, model)
+        return replace(study, command=console.command), nullcontext
     if is_folder(model) and not any(Path(model).glob("*.xml")):
         raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
     if command_line.value("output") is None:
@@ -179,6 +182,7 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
     if not _is_plan(path):
         raise UsageError(f"{option('task')}: {clean(path)} is not a plan (.jsonl); {option('plan')} FILE writes one")
     plan = read_plan(path, _beside_study(command_line, path))
+    _require_said_there(command_line, path)
     if plan is None:
         raise UsageError(f"{clean(path)} has no points: all results existed when it was made")
     return plan
@@ -186,12 +190,15 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
 
 def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
     """Returns the options that may accompany the file of a study: its folder, and its execution."""
-    own = () if is_yaml(file) else WITH_RESULTS
-    _require_said_there(command_line, file, own)
+    own = _accepted_beside(file)
     options = command_line.explicit(ExecutionOptions)
     options |= {name: value for name, value in command_line.explicit(StudyOptions).items() if name in own}
     output = command_line.value("output")
     return options if output is None else {**options, "output": output}
+
+
+def _accepted_beside(file: str) -> Sequence[str]:
+    return () if is_yaml(file) else WITH_RESULTS
 
 
 def _with_document(study: "Study", *, required: bool = False) -> "Study":
@@ -226,19 +233,20 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
     console.answer(Report("", result, summary=lambda: f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s"))
 
 
-def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]) -> None:
-    """Raises UsageError for options that belong in the file of the study, except those in `own`."""
+def _require_said_there(command_line: CommandLine, file: str) -> None:
+    """Raises UsageError for options that belong in the file of the study."""
+    own = _accepted_beside(file)
     ours = {"output", *own, *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
     explicit = command_line.explicit(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
         if each.attribute in explicit and each.name not in ours:
-            says = f"{option(each.name)}: {clean(file)} sets it already"
             if own:
+                says = f"{option(each.name)}: {clean(file)} sets it already"
                 raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
             assignment = (
                 f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | NamedNumbers) else f"{each.key}=VALUE"
             )
-            raise UsageError(f"{says}; change it as in {assignment}")
+            raise UsageError(f"{option(each.name)} cannot accompany {clean(file)}; write {assignment} instead")
 
 
 def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:

@@ -75,4 +75,4 @@ def test_a_study_document_describes_what_varies(mjrun_here: Command, ball: str) 
     assert paths[0].read_bytes() == paths[1].read_bytes()
     refused = mjrun_here("dataset", "images.yaml", *SMALL, "--samples", "4", "-o", "other")
     assert refused.returncode == 2
-    assert b"--samples: images.yaml describes what varies; change it as in samples=VALUE" in refused.stderr
+    assert b"--samples cannot accompany images.yaml; write samples=VALUE instead" in refused.stderr

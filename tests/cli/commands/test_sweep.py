@@ -232,9 +232,10 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("k.yaml", "--samples", "3"), "--samples: k.yaml sets it already; change it as in samples=VALUE"),
-        (("k.yaml", "--metric", "x=1"), "--metric: k.yaml sets it already; change it as in metrics.NAME=VALUE"),
-        (("k.yaml", "--qpos", "x=1"), "--qpos: k.yaml sets it already; change it as in qpos.NAME=VALUE"),
+        (("k.yaml", "--samples", "3"), "--samples cannot accompany k.yaml; write samples=VALUE instead"),
+        (("k.yaml", "--metric", "x=1"), "--metric cannot accompany k.yaml; write metrics.NAME=VALUE instead"),
+        (("k.yaml", "--qpos", "x=1"), "--qpos cannot accompany k.yaml; write qpos.NAME=VALUE instead"),
+        (("r.yaml", "--samples", "3"), "'traces' makes this a run document, for mjrun run; expected a study document"),
         (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
         (("ball.xml", "samples=3"), "samples=3: ball.xml is not a document, so KEY=VALUE cannot change it"),
         (("ball.xml", "--task", "1/2"), "--task: ball.xml is not a plan (.jsonl); --plan FILE writes one"),
@@ -252,6 +253,7 @@ def test_what_does_not_go_together_is_reported(
     mjrun_here: Command, ball: str, words: tuple[str, ...], expected: str
 ) -> None:
     (mjrun_here.folder / "k.yaml").write_text(f"model: {ball}\nsteps: 5\n")
+    (mjrun_here.folder / "r.yaml").write_text(f"model: {ball}\ntraces: [{{output: t.csv}}]\n")
     (mjrun_here.folder / "p.jsonl").write_text("")
     done = mjrun_here("sweep", *words)
     assert done.returncode == 2
