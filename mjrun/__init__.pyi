@@ -685,7 +685,7 @@ class Evaluation(_Evaluation):
         mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
         lower end of a confidence interval, success_low=0.8.
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
-        and best.
+        and best; or failures, all episodes that end in a failure.
       camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
@@ -762,7 +762,7 @@ class Evaluation(_Evaluation):
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
-        videos: int = ...,
+        videos: int | str = ...,
         camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         size: Sequence[int] = ...,
         quality: Literal["draft", "model", "high"] = ...,
@@ -1904,7 +1904,7 @@ def evaluate(
     metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     require: str | Sequence[str] = ...,
     fail_below: Mapping[str, float | Sequence[float]] = ...,
-    videos: int = ...,
+    videos: int | str = ...,
     camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
     size: Sequence[int] = ...,
     quality: Literal["draft", "model", "high"] = ...,
@@ -1961,7 +1961,7 @@ def evaluate(
         mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
         lower end of a confidence interval, success_low=0.8.
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
-        and best.
+        and best; or failures, all episodes that end in a failure.
       camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']

@@ -18,7 +18,8 @@ from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, Status
 
-OUTCOMES = ("success", "failure", "timeout")
+FAILURE = "failure"
+OUTCOMES = ("success", FAILURE, "timeout")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Videos of episodes, evenly spaced by return from the lowest to the highest.
+"""Videos of episodes, evenly spaced by return from the lowest to the highest, or of all failures.
 
 Each video shows the very episode, as `mjrun video TASK --policy P --seed S` does.
 """
@@ -11,14 +11,14 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.evaluation.episode import GroupSpec, PlayedEpisodes
+from mjrun.evaluation.episode import FAILURE, GroupSpec, PlayedEpisodes
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.options.evaluation import EpisodeVideoOptions
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.reporter import Reporter, WarningReporter
 
-NAMES = re.compile(r"(worst|median|best|rank\d+)(_point\d+)?_seed\d+\.mp4")
+NAMES = re.compile(r"(worst|median|best|failure|rank\d+)(_point\d+)?_seed\d+\.mp4")
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class EpisodeVideo:
     """A video of an episode.
 
     Attributes:
-      rank: `worst`, `median`, `best`, or `rank7` for the seventh lowest return.
+      rank: `worst`, `median`, `best`, or `rank7` for the seventh lowest return; `failure` of all failures.
       path: path of the file.
       seed: seed of the episode.
       point: point of the episode, if something varies.
@@ -63,13 +63,19 @@ class VideoChoice:
         return f"{self.rank}{point}_seed{group.episodes[self.episode].seed}.mp4"
 
 
-def chosen_videos(groups: Sequence[PlayedEpisodes], count: int) -> list[VideoChoice]:
+def chosen_videos(groups: Sequence[PlayedEpisodes], count: int | str) -> list[VideoChoice]:
     """Chooses the episodes of `count` videos, evenly spaced by rank of their returns; at most all that did not fail.
 
     One video shows the median. Equal returns are ranked in the order of their seeds. The median of an even number of
     episodes is the lower of the two in the middle.
+
+    Args:
+      count: number of videos, or `failures` for all episodes that end in a failure, by group and seed.
     """
     where = [(g, e) for g, group in enumerate(groups) for e, each in enumerate(group.episodes) if each.status == "ok"]
+    if isinstance(count, str):
+        is_failure = [groups[g].episodes[e].outcome == FAILURE for g, e in where]
+        return [VideoChoice(FAILURE, g, e) for (g, e), fails in zip(where, is_failure, strict=True) if fails]
     returns = np.array([groups[g].episodes[e].total for g, e in where])
     order: list[int] = np.argsort(np.where(np.isnan(returns), -np.inf, returns), kind="stable").tolist()
     last, middle = len(order) - 1, (len(order) - 1) // 2

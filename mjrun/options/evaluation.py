@@ -6,7 +6,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
@@ -22,6 +22,7 @@ from mjrun.options.sweep import ConfidenceOptions, VariationOptions
 EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
 MANIFEST = "evaluation.json"  # of the folder of an evaluation
 NO_THRESHOLDS: dict[str, Numbers] = {}
+FAILURES = "failures"
 
 
 class Thresholds(NamedNumbers):
@@ -51,16 +52,38 @@ class Thresholds(NamedNumbers):
         return name, (number,)
 
 
+class VideoCount(Kind[int | str, int | str]):
+    """A number of episodes, or `failures`."""
+
+    metavar = f"N|{FAILURES}"
+    accepted = f"a number of episodes, or {FAILURES}"
+
+    @property
+    def form(self) -> Schema:
+        number = {"type": "integer", "minimum": 0}
+        return {"anyOf": [number, {"type": "string", "enum": [FAILURES]}], "forms": self.accepted}
+
+    def __call__(self, value: int | str) -> int | str:
+        is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+        if value != FAILURES and not is_count:
+            raise InvalidValueError(self.accepted)
+        return value
+
+    def parse(self, text: str) -> int | str:
+        return self(int(text) if text.isascii() and text.isdigit() and len(text) < 10 else text)
+
+
 @options
 class EpisodeVideoOptions(Options):
     """Videos of selected episodes."""
 
     section: ClassVar[str] = "Videos"
 
-    videos: int = option(
-        converter=Integer(),
+    videos: int | str = option(
+        converter=VideoCount(),
         default=0,
-        help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best.",
+        help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best; or "
+        "failures, all episodes that end in a failure.",
     )
     camera: tuple[object, ...] = option(
         converter=Several(Camera()), default="auto", help="Camera of the videos: a camera of the model, or a rig."

@@ -1,17 +1,19 @@
 """The choice of episodes, and their videos."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
+from mjrun.evaluation.episode import PlayedEpisodes
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.videos import NAMES, chosen_videos, remove_old_videos
 from mjrun.formats.video_reader import read_video
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
-from tests.evaluation.episodes import played, totals
+from tests.evaluation.episodes import episodes, played, totals
 from tests.evaluation.tasks import cart_task, play_here, write_policies
 
 
@@ -55,6 +57,23 @@ def test_equal_returns_are_ranked_by_their_seeds_and_what_is_no_number_is_the_wo
     groups = [played(1, 1, 1)]
     assert [video.episode for video in chosen_videos(groups, 3)] == [0, 1, 2]
     assert chosen_videos([played(1, float("nan"), 0)], 2)[0].episode == 1
+
+
+def test_failures_are_all_episodes_that_end_in_one() -> None:
+    first, second = (episodes(20, np.random.default_rng(point), seed=5) for point in range(2))
+    second[3] = replace(second[3], status="failed", outcome="failure")
+    groups = [PlayedEpisodes("p", 0, first), PlayedEpisodes("p", 1, second)]
+    choices = chosen_videos(groups, "failures")
+    expected = [
+        f"failure_point{group.point}_seed{each.seed}.mp4"
+        for group in groups
+        for each in group.episodes
+        if (each.outcome, each.status) == ("failure", "ok")
+    ]
+    assert 2 < len(expected) < 40
+    assert [choice.name(groups, varies=True) for choice in choices] == expected
+    assert all(map(NAMES.fullmatch, expected))
+    assert not chosen_videos([played(1, 2)], "failures")
 
 
 def test_names_tell_rank_point_and_seed_and_are_known_as_videos() -> None:
