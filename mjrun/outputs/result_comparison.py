@@ -162,9 +162,13 @@ def common_kind(a: str, b: str) -> str:
 
     Raises:
       UsageError: the files are of different kinds.
+      FileError: one of them does not exist.
     """
     kinds = kind_of(a), kind_of(b)
     if kinds[0] != kinds[1]:
+        for path, kind in zip((a, b), kinds, strict=True):
+            if kind == MODEL and (file := source_of(path).main_file):  # as is whatever has another suffix, or none
+                require_file(file, "file", tables.suffixes())
         facts = [f"{clean(path)} is {_with_article(kind)}" for path, kind in zip((a, b), kinds, strict=True)]
         raise UsageError(f"{' and '.join(facts)}: only results of the same kind can be compared")
     return kinds[0]

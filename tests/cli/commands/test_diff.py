@@ -85,6 +85,7 @@ def test_a_workflow_gets_annotations(diff: Command) -> None:
     [
         (["a.csv", "none.csv"], 7, "none.csv: no such file"),
         (["a.csv", "b.png"], 2, "only results of the same kind can be compared"),
+        (["a.csv", "none"], 7, "none: no such file"),
         (["a.csv", "b.parquet", "--json", "--github"], 2, "--json and --github exclude each other"),
         (["a.csv", "b.parquet", "--tol", "x"], 2, "'x' is not COLUMNS=ATOL"),
         (["a.csv", "b.parquet", "--columns", "q"], 2, "no column 'q'"),
