@@ -26,13 +26,15 @@ class Thresholds:
     inertia_spread: float = _threshold(  # 0.58 for a solid box
         "MJ206", 1.5, "mean distance of the mass from its centre, relative to the reach of the geoms"
     )
-    min_inertia_spread: float = _threshold("MJ206", 0.058, "smallest such distance")
+    min_inertia_share: float = _threshold(
+        "MJ206", 0.1, "smallest inertia, relative to that of the boxes around the geoms, filled with the mass"
+    )
     placeholder_slenderness: float = _threshold("MJ206", 3.0, "length to width of a body with equal inertias")
 
-    # Of boxes: osmium has 22,590 kg/m³, helium 0.18, and a sphere fills half of its box.
-    density: float = _threshold("MJ207", 22_000.0, "density of a body [kg/m³]")
-    absurd_density: float = _threshold("MJ207", 40_000.0, "density from which it is an error [kg/m³]")
-    min_density: float = _threshold("MJ207", 0.05, "smallest density [kg/m³]")
+    density: float = _threshold("MJ207", 12_000.0, "density of a body [kg/m³]")  # lead has 11,340
+    absurd_density: float = _threshold("MJ207", 80_000.0, "density from which it is an error [kg/m³]")
+    min_density: float = _threshold("MJ207", 20.0, "smallest density [kg/m³]")  # of packaging foam
+    absurd_min_density: float = _threshold("MJ207", 1.2, "density under which it is a warning [kg/m³]")  # of air
 
     centre_offset: float = _threshold(
         "MJ208", 0.25, "distance of the centre of mass from the box of the geoms, relative to the longest side"

@@ -1,16 +1,18 @@
 """Bodies whose size does not fit their mass, its centre, or what they show; boxes around the geoms of welded bodies."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
+from mjrun.check.rules.meshes import convex_volume
 from mjrun.check.rules.unnamed_objects import flex_bodies
 
 MIN_DENSE_MASS = 0.05  # [kg]; placeholders between two joints are lighter
+SAME_BOX = 0.8  # of the box of all geoms that those that collide fill, if the others repeat them
 TOLERANCE = 0.01  # [m] by which the boxes of visual and colliding geoms are larger, so that flat ones overlap
 MAX_GRAVITY = 50.0  # [m/s²]; with more, lengths are in centimetres or millimetres
 SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
@@ -19,33 +21,32 @@ INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 @rule("MJ207", "warning", "density that no material has")
 def impossible_densities(context: LintContext) -> Iterator[Violation]:
-    """Yields moving bodies that are heavier than any metal, or lighter than any gas; the worst of both kinds.
-
-    The volume is that of the box around the geoms, so the density is at most that of the geoms themselves.
-    """
+    """Yields moving bodies that are denser than lead, or lighter than foam; the worst of both kinds."""
     model, limits = context.model, context.thresholds
     if np.linalg.norm(model.opt.gravity) > MAX_GRAVITY:
         return
-    densities = {body: _density(context, body, geoms) for body, geoms in moving_geoms(model).items()}
+    volumes = {body: _volume(context, body, geoms) for body, geoms in moving_geoms(model).items()}
+    densities = {body: _mass(model, body) / volume for body, volume in volumes.items() if volume > 0}
     dense = {b: d for b, d in densities.items() if d > limits.density and _mass(model, b) > MIN_DENSE_MASS}
     thin = {b: d for b, d in densities.items() if 0 < d < limits.min_density}
 
     if dense:
         worst = max(dense, key=lambda body: dense[body])
         severity = "error" if dense[worst] > limits.absurd_density else ""
-        yield _density_violation(context, worst, dense[worst], len(dense) - 1, "g or mm", severity)
+        yield _density_violation(context, worst, dense, "lead has 11340", "g or mm", severity)
     if thin:
         worst = min(thin, key=lambda body: thin[body])
-        yield _density_violation(context, worst, thin[worst], len(thin) - 1, "t or cm")
+        severity = "note" if thin[worst] > limits.absurd_min_density else ""
+        yield _density_violation(context, worst, thin, "packaging foam has 20", "t or cm", severity)
 
 
 def _density_violation(
-    context: LintContext, body: int, density: float, others: int, units: str, severity: str = ""
+    context: LintContext, body: int, densities: Mapping[int, float], known: str, units: str, severity: str
 ) -> Violation:
-    more = f" (and {others} more)" if others else ""
+    more = f" (and {len(densities) - 1} more)" if len(densities) > 1 else ""
+    density, mass = densities[body], _mass(context.model, body)
     message = (
-        f"its mass of {_mass(context.model, body):.3g} kg in a box of {_sides(context, body)} m makes "
-        f"{density:.3g} kg/m³; water has 1000, steel 7850{more}"
+        f"its mass of {mass:.3g} kg in {mass / density:.3g} m³ makes {density:.3g} kg/m³; water has 1000, {known}{more}"
     )
     remedy = f"correct its mass or its size: is one of them in {units}? MuJoCo's units are kg and m"
     return context.violation("body", body, message, remedy, severity)
@@ -127,11 +128,27 @@ def corners(context: LintContext, geoms: np.ndarray) -> np.ndarray:
     return (data.geom_xpos[geoms][:, None] + local @ frames.transpose(0, 2, 1)).reshape(-1, 3)
 
 
-def _density(context: LintContext, body: int, geoms: np.ndarray) -> float:
-    """Returns the mass of a body per volume of its box [kg/m³]; 0 without a volume."""
-    low, high = box(context, body, geoms)
-    volume = float(np.prod(high - low))
-    return _mass(context.model, body) / volume if volume > 0 else 0.0
+def _volume(context: LintContext, body: int, geoms: np.ndarray) -> float:
+    """Returns the volume of a body [m³], at most that of its box.
+
+    Visual geoms often repeat the colliding ones; they count where they reach farther.
+    """
+    model = context.model
+    collides = (model.geom_contype[geoms] | model.geom_conaffinity[geoms]) != 0
+    whole = _box_volume(context, body, geoms)
+    volume = _convex_volumes(model, geoms[collides])
+    if _box_volume(context, body, geoms[collides]) < SAME_BOX * whole:
+        volume = max(volume, _convex_volumes(model, geoms[~collides]))
+    return min(volume, whole)
+
+
+def _convex_volumes(model: mujoco.MjModel, geoms: np.ndarray) -> float:
+    return sum(convex_volume(model, int(geom)) for geom in geoms)
+
+
+def _box_volume(context: LintContext, body: int, geoms: np.ndarray) -> float:
+    low, high = box(context, body, geoms) if geoms.size else (np.zeros(3), np.zeros(3))
+    return float(np.prod(high - low))
 
 
 def _mass(model: mujoco.MjModel, body: int) -> float:

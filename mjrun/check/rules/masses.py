@@ -93,10 +93,13 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
     exceed the square of how far the mass reaches.
     """
     model = context.model
+    moves = (model.body_weldid != 0) | (model.nv == 0)  # without joints, it is a part of other models
+    heaviest = model.body_mass[moves].max(initial=0)
+    most_inert = model.body_inertia[moves].max(initial=0)
     for body in [b.id for b in context.spec.bodies if b.explicitinertial] if context.spec else ():
-        heavy = model.body_mass[body] > NEGLIGIBLE * model.body_mass.max()
-        inert = model.body_inertia[body].max() > NEGLIGIBLE * model.body_inertia.max()
-        if not (model.body_weldid[body] and model.body_mass[body] > 0 and (heavy or inert)):
+        heavy = model.body_mass[body] > NEGLIGIBLE * heaviest
+        inert = model.body_inertia[body].max() > NEGLIGIBLE * most_inert
+        if not (moves[body] and model.body_mass[body] > 0 and (heavy or inert)):
             continue
         if problem := _inertia_problem(context, body):
             remedy = "correct its <inertial>, or remove it so that MuJoCo infers it from the geoms; units are kg and m"
@@ -146,15 +149,39 @@ def _inertia_problem(context: LintContext, body: int) -> str:
             f"{ratio:.1f} times farther out than its geoms reach"
         )
     own = _reach(context, body, model.geom_bodyid == body)
-    if own.all() and (spread / own).max() < context.thresholds.min_inertia_spread:
-        return f"its inertia {shown} kg m² is too small for its geoms: its mass of {mass:.3g} kg would be in a point"
     slenderness = own.max() / own.min() if own.all() else 0.0
     if np.ptp(inertia) <= EQUAL * inertia.max() and slenderness > context.thresholds.placeholder_slenderness:
         return (
             f"its inertia is {inertia[0]:.3g} kg m² about every axis, but its geoms are {slenderness:.1f} times as "
             "long as wide: is it a placeholder?"
         )
+    solid = _solid_inertia(context, body) if own.all() else np.zeros(3)
+    if (small := inertia < context.thresholds.min_inertia_share * solid).any():
+        ratio = (solid[small] / np.maximum(inertia[small], mujoco.mjMINVAL)).max()
+        return (
+            f"its inertia {shown} kg m² is too small: about one axis, a solid of its shape and mass has {ratio:.3g} "
+            "times as much"
+        )
     return ""
+
+
+def _solid_inertia(context: LintContext, body: int) -> np.ndarray:
+    """Returns the inertia of the boxes around a body's geoms, filled with its mass, along its principal axes, `(3,)`
+    [kg m²].
+    """
+    model, data = context.model, context.data_at(None)
+    geoms = np.flatnonzero(model.geom_bodyid == body)
+    halves = model.geom_aabb[geoms, 3:]
+    volumes = np.prod(halves, axis=1)
+    if not volumes.sum() > 0:
+        return np.zeros(3)
+    shares = volumes / volumes.sum()
+    frames = data.ximat[body].reshape(3, 3).T @ data.geom_xmat[geoms].reshape(-1, 3, 3)
+    centres = data.geom_xpos[geoms] @ data.ximat[body].reshape(3, 3)
+    centres += np.einsum("gij,gj->gi", frames, model.geom_aabb[geoms, :3])
+    distances = (centres - shares @ centres) ** 2 + np.einsum("gij,gj->gi", frames**2, halves**2) / 3
+    squares = shares @ distances
+    return model.body_mass[body] * (squares.sum() - squares)
 
 
 def _reach(context: LintContext, body: int, selected: np.ndarray) -> np.ndarray:

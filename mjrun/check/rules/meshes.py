@@ -138,16 +138,29 @@ def geom_mass(context: LintContext, geom: mujoco.MjsGeom) -> float:
 def _volume(context: LintContext, geom: int) -> float:
     """Returns the volume of a geom as MuJoCo computes it [m³], or the area of a shell [m²]; 0 for an infinite geom."""
     model, spec = context.model, context.spec
-    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-    if kind == MESH and spec:
+    if model.geom_type[geom] == MESH and spec:
         mesh = int(model.geom_dataid[geom])
         method = next((asset.inertia for asset in spec.meshes if asset.id == mesh), LEGACY)
         surface = Surface.hull(model, mesh) if method == CONVEX else Surface.of(model, mesh)
         if method == SHELL or surface is None:
             return surface.area if surface else 0.0
         return float(abs(surface.volumes).sum()) if method == LEGACY else surface.volume
-    x, y, z = map(float, size)
+    return primitive_volume(model, geom)
+
+
+def primitive_volume(model: mujoco.MjModel, geom: int) -> float:
+    """Returns the volume of a geom that is neither a mesh nor infinite [m³]; else 0."""
+    x, y, z = map(float, model.geom_size[geom])
     cylinder = 2 * np.pi * x * x * y
     ball = 4 / 3 * np.pi * x**3
     volumes = {SPHERE: ball, CAPSULE: ball + cylinder, CYLINDER: cylinder, BOX: 8 * x * y * z}
-    return {**volumes, ELLIPSOID: 4 / 3 * np.pi * x * y * z}.get(kind, 0.0)
+    return {**volumes, ELLIPSOID: 4 / 3 * np.pi * x * y * z}.get(int(model.geom_type[geom]), 0.0)
+
+
+def convex_volume(model: mujoco.MjModel, geom: int) -> float:
+    """Returns the volume of a geom [m³]; for a mesh that of its hull, or of its box if it has none."""
+    if model.geom_type[geom] != MESH:
+        return primitive_volume(model, geom)
+    hull = Surface.hull(model, int(model.geom_dataid[geom]))
+    x, y, z = map(float, model.geom_aabb[geom, 3:])
+    return abs(hull.volume) if hull else 8 * x * y * z

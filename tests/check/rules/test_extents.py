@@ -25,7 +25,16 @@ def box(sides: np.ndarray = SIDES, more: str = "") -> str:
 
 @pytest.mark.parametrize(
     ("density", "severity"),
-    [(21_900, ""), (22_100, "warning"), (39_900, "warning"), (40_100, "error"), (0.051, ""), (0.049, "warning")],
+    [
+        (11_900, ""),
+        (12_100, "warning"),
+        (79_000, "warning"),
+        (81_000, "error"),
+        (21, ""),
+        (19, "note"),
+        (1.3, "note"),
+        (1.1, "warning"),
+    ],
 )
 def test_the_density_of_a_box_decides(density: float, severity: str) -> None:
     mass = f'mass="{density * SIDES.prod()}"'
@@ -33,11 +42,30 @@ def test_the_density_of_a_box_decides(density: float, severity: str) -> None:
     assert found("MJ207", body(box(more=mass)), '<option gravity="0 0 -981"/>') == []
 
 
-def test_the_box_spans_welded_bodies_and_visual_geoms_and_small_masses_may_be_dense() -> None:
+@pytest.mark.parametrize(
+    ("geom", "volume"),
+    [
+        ('size="0.1"', 4 / 3 * np.pi * 0.1**3),
+        ('type="capsule" size="0.1 0.2"', 4 / 3 * np.pi * 0.1**3 + 0.4 * np.pi * 0.1**2),
+        ('type="mesh" mesh="tetrahedron"', 0.2**3 / 6),
+        (f'type="box" size="0.1 0.1 0.1"/><geom {VISUAL} type="box" size="0.1 0.1 0.1"', 0.2**3),
+        (f'size="0.1"/><geom {VISUAL} type="box" size="0.1 0.1 0.1"', 4 / 3 * np.pi * 0.1**3),
+        ('size="0.1"/><geom size="0.1"/><geom size="0.1"', 0.2**3),
+    ],
+    ids=["sphere", "capsule", "hull", "repeated", "shell", "box around"],
+)
+def test_the_volume_of_the_geoms_decides_and_repeated_ones_count_once(geom: str, volume: float) -> None:
+    mesh = '<asset><mesh name="tetrahedron" vertex="0 0 0 0.2 0 0 0 0.2 0 0 0 0.2"/></asset>'
+    for density, reported in ((11_900, False), (12_100, True)):
+        inertial = f'<inertial pos="0 0 0" mass="{density * volume}" diaginertia="1 1 1"/>'
+        assert bool(found("MJ207", body(f"{inertial}<geom {geom}/>"), mesh)) == reported
+
+
+def test_welded_bodies_and_visual_geoms_count_and_small_masses_may_be_dense() -> None:
     heavy = box(more=f'mass="{30_000 * SIDES.prod()}"')
     assert found("MJ207", body(heavy)) != []
     assert found("MJ207", body(heavy + box(2 * SIDES, VISUAL))) == []
-    assert found("MJ207", body(heavy + f'<body pos="0 0 0.4">{box(more=VISUAL)}</body>')) == []
+    assert found("MJ207", body(heavy + f'<body pos="0 0 0.4">{box(2 * SIDES, VISUAL)}</body>')) == []
     assert found("MJ207", heavy) == []
 
     for mass, reported in ((0.049, False), (0.051, True)):

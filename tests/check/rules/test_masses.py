@@ -12,7 +12,7 @@ from tests.check.models import lint, mjcf
 SIDES = st.floats(0.05, 0.3)
 
 
-BOUNDS = (Thresholds.min_inertia_spread, Thresholds.inertia_spread)
+BOUNDS = (Thresholds.min_inertia_share, 3 * Thresholds.inertia_spread**2)  # of the inertia relative to a solid box's
 
 
 def inertial(mass: float, inertia: np.ndarray, more: str = "") -> str:
@@ -35,19 +35,27 @@ def box(sides: tuple[float, float, float]) -> tuple[str, np.ndarray]:
 
 
 @given(sides=st.tuples(SIDES, SIDES, SIDES), factor=st.floats(0.005, 20))
-def test_an_inertia_of_a_box_is_possible_within_the_bounds_on_its_spread(
-    sides: tuple[float, float, float], factor: float
-) -> None:
+def test_an_inertia_of_a_box_is_possible_within_its_bounds(sides: tuple[float, float, float], factor: float) -> None:
     """The mean distance of the mass of a box is its reach over √3; it grows with the root of the inertia."""
     geom, inertia = box(sides)
-    spread = np.sqrt(factor / 3)
-    if any(abs(spread / bound - 1) < 1e-3 for bound in BOUNDS):
+    if any(abs(factor / bound - 1) < 1e-3 for bound in BOUNDS):
         return
     is_placeholder = np.ptp(inertia) <= masses.EQUAL * inertia.max() and max(
         sides
     ) > Thresholds.placeholder_slenderness * min(sides)
-    possible = BOUNDS[0] < spread < BOUNDS[1] and not is_placeholder
+    possible = BOUNDS[0] < factor < BOUNDS[1] and not is_placeholder
     assert findings(body(inertial(2, factor * inertia), geom)) == ([] if possible else ["body 'b'"])
+
+
+@pytest.mark.parametrize(("share", "reported"), [(0.09, True), (0.11, False)])
+def test_the_inertia_about_each_axis_is_compared_with_that_of_a_solid(share: float, reported: bool) -> None:
+    """Two boxes that make a larger one have its inertia, wherever the mass is and whichever axes are principal."""
+    geom = 'type="box" size="0.1 0.2 0.15" pos="-0.1 0 0"/><geom type="box" size="0.2 0.1 0.15" pos="0.1 0 0" '
+    geom += 'euler="0 0 90"'
+    inertia = 2 / 3 * np.array([0.2**2 + 0.15**2, 0.2**2 + 0.15**2, 0.2**2 + 0.2**2])
+    shown = " ".join(map(str, np.roll(inertia * (1, 1, share), -1)))
+    inner = f'<inertial pos="0.01 0 0" quat="0.5 0.5 0.5 0.5" mass="2" diaginertia="{shown}"/>'
+    assert findings(body(inner, geom)) == ["body 'b'"] * reported
 
 
 @pytest.mark.parametrize(
@@ -88,7 +96,11 @@ def test_visual_geoms_give_less_than_a_third_of_the_mass(visual: str, share: int
 
 def test_bodies_that_do_not_move_and_negligible_ones_are_left_alone() -> None:
     bad = inertial(1, np.full(3, 0.4))
-    assert findings(f'<body name="b">{bad}<geom size="0.1"/></body>') == []
+    still = f'<body name="b">{bad}<geom size="0.1"/></body>'
+    assert findings(still) == ["body 'b'"]  # a part of other models
+    assert findings(still + body("", 'size="0.1"', "moves")) == []
+    heavy = f'<body>{inertial(1e6, np.full(3, 1e4))}<geom size="0.1"/></body>'
+    assert findings(heavy + body(bad, 'size="0.1"')) == ["body 'b'"]
 
     small = body(inertial(1e-8, np.full(3, 1e-7)), 'size="0.1"', "small")
     assert findings(small) == ["body 'small'"]
