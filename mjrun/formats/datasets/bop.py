@@ -63,7 +63,7 @@ def _info(labelled: Record) -> dict[str, Any]:
         "px_count_all": silhouette,
         "px_count_valid": round(silhouette * (1 - labelled["truncated"])),  # depth is known in the whole image
         "px_count_visib": labelled["pixels"],
-        "visib_fract": labelled["visible"],
+        "visib_fract": labelled["pixels"] / silhouette if silhouette else 0.0,
     }
 
 

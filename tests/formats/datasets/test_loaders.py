@@ -110,6 +110,7 @@ def test_the_bop_toolkit_reads_every_pose_mask_and_depth(folder: Path) -> None:
                 assert not (visible & ~whole).any()
                 assert fact["px_count_visib"] == visible.sum()
                 assert fact["px_count_all"] == whole.sum() > 0
+                assert fact["visib_fract"] == visible.sum() / whole.sum()
                 seen = camera["cam_K"] @ pose["cam_t_m2c"]
                 x, y = (seen[:2] / seen[2]).ravel()
                 assert whole[round(float(y)), round(float(x))]  # both objects are convex
