@@ -172,6 +172,8 @@ class Action(_Action):
       scale: Factor to multiply by: one number, or one per component. [default: (1.0,)]
       offset: Value added last: one number, one per component, or the keyframe that contains the
         targets. [default: (0.0,)]
+      delay: Delay of the action, in control periods; until the first one arrives, an action of zeros is
+        in force.
     """
     def __init__(
         self,
@@ -185,6 +187,7 @@ class Action(_Action):
         clip: Sequence[float | Sequence[float]] | None = ...,
         scale: float | Sequence[float] = ...,
         offset: float | str | Sequence[float] = ...,
+        delay: int = ...,
     ) -> None: ...
 
 class Bench(_Bench):
@@ -672,8 +675,6 @@ class Evaluation(_Evaluation):
         evaluation.
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.
@@ -710,6 +711,13 @@ class Evaluation(_Evaluation):
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       confidence: Confidence level of all intervals. [default: 0.95]
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
@@ -753,6 +761,9 @@ class Evaluation(_Evaluation):
         policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
         normalize: str | PathLike[str] | None = ...,
         confidence: float = ...,
+        ctrl_noise: float | None = ...,
+        ctrl_noise_time: float | None = ...,
+        push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
         vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
@@ -770,7 +781,6 @@ class Evaluation(_Evaluation):
         speed: float | str | Fraction = ...,
         episodes: int = ...,
         seed: int = ...,
-        push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
         compare: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
         compare_normalize: str | PathLike[str] | None = ...,
         metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1306,11 +1316,6 @@ class Simulation(_Simulation):
         named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
       ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
         [default: 'hold']
-      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
-      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
       replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
         such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
         qpos/hip: motion capture, a log, the output of another simulator.
@@ -1340,6 +1345,13 @@ class Simulation(_Simulation):
         without them.
       trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
         torch files.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       controller: Python code that sets the controls: a function or class such as policy.py:act or
         package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
         class may have a method reset.
@@ -1372,6 +1384,9 @@ class Simulation(_Simulation):
         assets: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
         controller: Callable[..., object] | None = ...,
         control_dt: float | str | Fraction | None = ...,
+        ctrl_noise: float | None = ...,
+        ctrl_noise_time: float | None = ...,
+        push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
         trust: bool = ...,
         policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
         normalize: str | PathLike[str] | None = ...,
@@ -1381,9 +1396,6 @@ class Simulation(_Simulation):
         ctrl: Mapping[str, float | Sequence[float]] = ...,
         ctrl_from: str | PathLike[str] | None = ...,
         ctrl_interpolation: Literal["hold", "linear"] = ...,
-        ctrl_noise: float = ...,
-        ctrl_noise_time: float = ...,
-        push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
         replay: str | PathLike[str] | None = ...,
         replay_mode: Literal["states", "controls"] = ...,
         replay_rate: float | str | Fraction | None = ...,
@@ -1898,7 +1910,6 @@ def evaluate(
     output: str | PathLike[str] = ...,
     episodes: int = ...,
     seed: int = ...,
-    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     compare: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     compare_normalize: str | PathLike[str] | None = ...,
     metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1919,6 +1930,9 @@ def evaluate(
     sampler: Literal["sobol", "lhs", "random"] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
+    ctrl_noise: float | None = ...,
+    ctrl_noise_time: float | None = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     confidence: float = ...,
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
@@ -1948,8 +1962,6 @@ def evaluate(
         evaluation.
       episodes: Number of episodes for each policy and each point of a study. [default: 100]
       seed: Seed of the first episode; each later episode uses the next seed.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up.
       compare: Second policy, evaluated on the same episodes; the report gives paired differences with
         confidence intervals.
       compare_normalize: Normalization statistics for the observations of the second policy.
@@ -1986,6 +1998,13 @@ def evaluate(
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       confidence: Confidence level of all intervals. [default: 0.95]
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
@@ -2022,9 +2041,6 @@ def fit(
     ctrl: Mapping[str, float | Sequence[float]] = ...,
     ctrl_from: str | PathLike[str] | None = ...,
     ctrl_interpolation: Literal["hold", "linear"] = ...,
-    ctrl_noise: float = ...,
-    ctrl_noise_time: float = ...,
-    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     replay: str | PathLike[str] | None = ...,
     replay_mode: Literal["states", "controls"] = ...,
     replay_rate: float | str | Fraction | None = ...,
@@ -2039,6 +2055,9 @@ def fit(
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
+    ctrl_noise: float | None = ...,
+    ctrl_noise_time: float | None = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
@@ -2091,11 +2110,6 @@ def fit(
         named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
       ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
         [default: 'hold']
-      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
-      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
       replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
         such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
         qpos/hip: motion capture, a log, the output of another simulator.
@@ -2125,6 +2139,13 @@ def fit(
         without them.
       trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
         torch files.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       controller: Python code that sets the controls: a function or class such as policy.py:act or
         package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
         class may have a method reset.
@@ -2194,9 +2215,6 @@ def frames(
     ctrl: Mapping[str, float | Sequence[float]] = ...,
     ctrl_from: str | PathLike[str] | None = ...,
     ctrl_interpolation: Literal["hold", "linear"] = ...,
-    ctrl_noise: float = ...,
-    ctrl_noise_time: float = ...,
-    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     replay: str | PathLike[str] | None = ...,
     replay_mode: Literal["states", "controls"] = ...,
     replay_rate: float | str | Fraction | None = ...,
@@ -2211,6 +2229,9 @@ def frames(
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
+    ctrl_noise: float | None = ...,
+    ctrl_noise_time: float | None = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
@@ -2281,11 +2302,6 @@ def frames(
         named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
       ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
         [default: 'hold']
-      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
-      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
       replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
         such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
         qpos/hip: motion capture, a log, the output of another simulator.
@@ -2315,6 +2331,13 @@ def frames(
         without them.
       trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
         torch files.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       controller: Python code that sets the controls: a function or class such as policy.py:act or
         package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
         class may have a method reset.
@@ -2400,9 +2423,6 @@ def sweep(
     ctrl: Mapping[str, float | Sequence[float]] = ...,
     ctrl_from: str | PathLike[str] | None = ...,
     ctrl_interpolation: Literal["hold", "linear"] = ...,
-    ctrl_noise: float = ...,
-    ctrl_noise_time: float = ...,
-    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     replay: str | PathLike[str] | None = ...,
     replay_mode: Literal["states", "controls"] = ...,
     replay_rate: float | str | Fraction | None = ...,
@@ -2417,6 +2437,9 @@ def sweep(
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
+    ctrl_noise: float | None = ...,
+    ctrl_noise_time: float | None = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
@@ -2478,11 +2501,6 @@ def sweep(
         named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
       ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
         [default: 'hold']
-      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
-      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
       replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
         such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
         qpos/hip: motion capture, a log, the output of another simulator.
@@ -2512,6 +2530,13 @@ def sweep(
         without them.
       trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
         torch files.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       controller: Python code that sets the controls: a function or class such as policy.py:act or
         package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
         class may have a method reset.
@@ -2589,9 +2614,6 @@ def trace(
     ctrl: Mapping[str, float | Sequence[float]] = ...,
     ctrl_from: str | PathLike[str] | None = ...,
     ctrl_interpolation: Literal["hold", "linear"] = ...,
-    ctrl_noise: float = ...,
-    ctrl_noise_time: float = ...,
-    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     replay: str | PathLike[str] | None = ...,
     replay_mode: Literal["states", "controls"] = ...,
     replay_rate: float | str | Fraction | None = ...,
@@ -2606,6 +2628,9 @@ def trace(
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
+    ctrl_noise: float | None = ...,
+    ctrl_noise_time: float | None = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
@@ -2650,11 +2675,6 @@ def trace(
         named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
       ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
         [default: 'hold']
-      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
-      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
-      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
-        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
-        show pertforce draws them.
       replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
         such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
         qpos/hip: motion capture, a log, the output of another simulator.
@@ -2684,6 +2704,13 @@ def trace(
         without them.
       trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
         torch files.
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+        [default: 0, or that of the task]
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+        [default: 0, or that of the task]
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them in videos and images.
       controller: Python code that sets the controls: a function or class such as policy.py:act or
         package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
         class may have a method reset.

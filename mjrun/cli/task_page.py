@@ -74,6 +74,7 @@ def _actions(task: "TaskDescription") -> list[Column]:
         numbers("offset", [row.offset for row in rows]),
         numbers("kp", [row.kp for row in rows]),
         numbers("kd", [row.kd for row in rows]),
+        numbers("delay", [row.delay for row in rows], "periods"),
         texts("actuator", ["" if row.actuator == row.name else row.actuator for row in rows]),
         ranges("ctrlrange", [row.range for row in rows]),
     ]

@@ -10,8 +10,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.model.source import Source
+from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import is_code
-from mjrun.options.push import Push
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
 from mjrun.simulation.input_snapshot import InputSnapshot
@@ -67,13 +67,13 @@ class GroupSpec:
       task: task to play.
       chosen: policy that plays.
       metrics: name and text of each metric.
-      push: forces on bodies in addition to those of the task.
+      disturbances: noise instead of that of the task, and additional pushes.
     """
 
     task: Source
     chosen: PolicyChoice
     metrics: tuple[tuple[str, str], ...] = ()
-    push: tuple[Push, ...] = ()
+    disturbances: Disturbances = NO_DISTURBANCES
 
     @property
     def source(self) -> Source:
@@ -89,7 +89,7 @@ class GroupSpec:
             policy=chosen.policy,
             normalize=chosen.normalize,
             trust=chosen.trust,
-            push=self.push,
+            **vars(self.disturbances),
             seed=seed,
             snapshot=chosen.snapshot,
         )

@@ -10,24 +10,23 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.errors import InvalidActionError, MjrunError, SimulationError, UnstableError, flag
+from mjrun.errors import InvalidActionError, MjrunError, SimulationError, flag
 from mjrun.evaluation.episode import EpisodeRecord, GroupSpec
 from mjrun.experiment.results_table import column_units, metric_columns, metric_units, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.push_forces import PushForces
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.probe.metric import MetricEvaluation
-from mjrun.simulation.episode import UNLIMITED
+from mjrun.simulation.episode import UNLIMITED, require_undisturbed
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult
 from mjrun.task.batch_columns import ALL, Rows
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.task.external_environment import ExternalEnvironment
-from mjrun.task.task import TIMED_OUT, UNSTABLE, Task
+from mjrun.task.task import TIMED_OUT, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import Timeline, rational
 
@@ -72,14 +71,15 @@ def player_of(spec: GroupSpec) -> EpisodePlayer:
     policy, task = spec.chosen.load(), spec.source
     player: EpisodePlayer
     if isinstance(task, GymSource):
+        require_undisturbed(spec.disturbances)
         player = EnvironmentPlayer(task, policy)
     elif isinstance(task, Task):
-        player = TaskPlayer(task, policy)
+        player = TaskPlayer(task.with_disturbances(spec.disturbances), policy)
     else:
         from mjrun.policy.inferred_task import inferred_task
 
-        player = TaskPlayer(inferred_task(policy, task), policy)
-    return MeasuringPlayer(player, spec, policy) if spec.metrics or spec.push else player
+        player = TaskPlayer(inferred_task(policy, task).with_disturbances(spec.disturbances), policy)
+    return MeasuringPlayer(player, spec, policy) if spec.metrics else player
 
 
 class _Tallies:
@@ -258,22 +258,19 @@ class EnvironmentPlayer(EpisodePlayer):
 
 
 class MeasuringPlayer(EpisodePlayer):
-    """A player that measures or pushes episodes one after the other, step by step.
-
-    Without pushes they are bit for bit as `player` plays them.
+    """A player that measures episodes one after the other, step by step, bit for bit as `player` plays them.
 
     Raises:
-      UsageError: a metric is malformed, or a metric or push contains an unknown name.
+      UsageError: a metric is malformed, or contains an unknown name.
     """
 
     def __init__(self, player: EpisodePlayer, spec: GroupSpec, policy: Policy) -> None:
         self._player, self._policy = player, policy
         self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
-        self._task, self._push = spec.source, spec.push
-        simulation = Simulation(self._task, policy=policy, push=spec.push)
+        self._task, self._disturbances = spec.source, spec.disturbances
+        simulation = self._simulation(0)
         assert simulation.episode
         model = simulation.load()
-        PushForces(model, spec.push, rational(model.opt.timestep))  # which finds its bodies
         self._named_metrics, self._model, self._episode_columns = spec.metrics, model, simulation.episode.columns
         self._metrics = parse_metrics(spec.metrics, model, simulation.episode.columns)
         self._columns = metric_columns(self._metrics)
@@ -284,24 +281,23 @@ class MeasuringPlayer(EpisodePlayer):
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         return [self._played(seed) for seed in seeds]
 
+    def _simulation(self, seed: int) -> Simulation:
+        return Simulation(self._task, policy=self._policy, seed=seed, **vars(self._disturbances))
+
     def _played(self, seed: int) -> EpisodeRecord:
         """Plays an episode, and measures its metrics over the rows at every control instant, including the end."""
-        simulation = Simulation(self._task, policy=self._policy, push=self._push, seed=seed)
+        simulation = self._simulation(seed)
         assert simulation.episode
         model = simulation.load()
         timeline = Timeline.of_steps(rational(model.opt.timestep), simulation.episode.longest)
         sampler = ProbeSampler(model, self._columns, timeline, simulation.episode.columns)
         evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
-        control_dt = float(simulation.episode.control_dt)
-        tally = _Tallies(1, self.rewards, control_dt)
         try:
             with collected_warnings():  # which plain episodes do not report either
-                episode = self._stepped(simulation, model, sampler, evaluation, tally)
+                episode = self._stepped(simulation, model, sampler, evaluation)
             return replace(episode, metrics=evaluation.values())
         except MjrunError as error:
             failure = error
-        if self._push:
-            return self._ended_by(failure, seed, evaluation, tally)
         # An unstable simulation has no last instant. Any other error is that of the plain episode, if it has one.
         (episode,) = self._player.play([seed])
         if episode.status != "ok":
@@ -310,36 +306,18 @@ class MeasuringPlayer(EpisodePlayer):
             return failed(failure, seed, episode.steps, self.rewards, len(self._metrics))
         return replace(episode, metrics=evaluation.values())
 
-    def _ended_by(self, error: MjrunError, seed: int, evaluation: MetricEvaluation, tally: _Tallies) -> EpisodeRecord:
-        """Returns the record of an episode in which an error occurred: it became unstable, or it failed."""
-        if not isinstance(error, UnstableError):
-            return failed(error, seed, int(tally.steps[0]), self.rewards, len(self._metrics))
-        tally.add(0, 0.0, np.zeros(len(self.rewards)))  # of the period in which it became unstable
-        return replace(tally.ended(0, seed, UNSTABLE), metrics=evaluation.values())
-
     def _stepped(
-        self,
-        simulation: Simulation,
-        model: mujoco.MjModel,
-        sampler: ProbeSampler,
-        evaluation: MetricEvaluation,
-        tally: _Tallies,
+        self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluation
     ) -> EpisodeRecord:
-        """Plays an episode and feeds its rows to `evaluation`, its rewards to `tally`; returns its record without the
-        metrics.
-        """
+        """Plays an episode and feeds its rows to `evaluation`; returns its record without the metrics."""
         stepper = simulation.stepper(model)
         assert isinstance(stepper, EpisodeStepper)
         assert simulation.episode
         period, longest = stepper.control_steps, simulation.episode.longest
-        ending = None
+        tally, ending = _Tallies(1, self.rewards, float(simulation.episode.control_dt)), None
         evaluation.feed(_row(sampler, stepper))
         while ending is None:
-            try:
-                stepper.advance(stepper.step + period)
-            except MjrunError:
-                tally.steps[0] = stepper.periods  # of which the last may be complete, where the policy failed
-                raise
+            stepper.advance(stepper.step + period)
             tally.add(0, stepper.now().reward, self._terms(stepper))
             evaluation.feed(_row(sampler, stepper))
             ending = stepper.now().ending or (TIMED_OUT if stepper.step >= longest else None)

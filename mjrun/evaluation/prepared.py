@@ -13,9 +13,9 @@ from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
+from mjrun.options.disturbance import DisturbanceOptions, Disturbances
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
-from mjrun.options.option import is_given
-from mjrun.options.push import Push, PushKind
+from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.packages import require_all
 from mjrun.python_code import module_sources
@@ -23,7 +23,8 @@ from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task
 
-POLICY, PUSH, SEED = "policy", "push", "seed"
+POLICY, SEED = "policy", "seed"
+DISTURBANCES = {each.name: each.kind for each in options_of(DisturbanceOptions)}  # parameters of every task
 TIMES = ("control_dt", "duration")  # parameters of a task without a document
 
 # Creates the task with changed values of its document, by their paths, such as `observations[0].noise`.
@@ -105,8 +106,8 @@ class PreparedEvaluation:
         metrics, groups = plain_metrics(options.metric), list[EpisodeGroup]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
-                push = push_at(options.push, values[point])
-                spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, push)
+                disturbances = disturbances_at(options.disturbances, values[point])
+                spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, disturbances)
                 groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         return groups
 
@@ -191,7 +192,7 @@ def task_at(task: Source, values: Mapping[str, str], rewritten: Rewritten | None
     overrides = list[Override]()
     changes = dict[str, str]()
     for name, text in values.items():
-        if name in (POLICY, PUSH):
+        if name == POLICY or name in DISTURBANCES:
             continue
         path = name.removeprefix("scale:").removeprefix("add:")
         if name in SHORT_PATHS or path.partition(".")[0] in ROOTS or path.partition("/")[0] in ELEMENTS:
@@ -208,19 +209,21 @@ def policy_at(chosen: PolicyChoice, values: Mapping[str, str]) -> PolicyChoice:
     return replace(chosen, policy=values[POLICY]) if POLICY in values else chosen
 
 
-def push_at(push: tuple[Push, ...], values: Mapping[str, str]) -> tuple[Push, ...]:
-    """Returns the pushes of the point at which parameters have `values`.
+def disturbances_at(disturbances: Disturbances, values: Mapping[str, str]) -> Disturbances:
+    """Returns the disturbances of the point at which parameters have `values`.
 
     Raises:
-      UsageError: the value of `push` is invalid.
+      UsageError: the value of a disturbance is invalid.
     """
-    if PUSH not in values:
-        return push
-    try:
-        return (PushKind().parse(values[PUSH]),)
-    except InvalidValueError as error:
-        with concerning("vary", PUSH):
-            raise BadValueError(f"{option('vary')} {PUSH}", values[PUSH], error.expected) from None
+    varied = dict[str, object]()
+    for name in DISTURBANCES.keys() & values.keys():
+        kind = DISTURBANCES[name]
+        try:
+            varied[name] = kind(kind.parse(values[name]))
+        except InvalidValueError as error:
+            with concerning("vary", name):
+                raise BadValueError(f"{option('vary')} {name}", values[name], error.expected) from None
+    return replace(disturbances, **varied)
 
 
 def _with_times(task: Source, changes: Mapping[str, str]) -> Source:
@@ -228,7 +231,7 @@ def _with_times(task: Source, changes: Mapping[str, str]) -> Source:
         if not isinstance(task, Task) or name not in TIMES:
             valid = [
                 POLICY,
-                PUSH,
+                *DISTURBANCES,
                 *SHORT_PATHS,
                 *(TIMES if isinstance(task, Task) else ()),
                 "opt.FIELD",

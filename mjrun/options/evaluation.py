@@ -6,13 +6,13 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
+from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.page import PageOptions
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.push import PUSHES, PUSHES_HELP, Push
 from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
@@ -98,7 +98,13 @@ class EpisodeVideoOptions(Options):
 
 @options
 class EvaluationOptions(
-    EpisodeVideoOptions, PageOptions, VariationOptions, ConfidenceOptions, PolicyOptions, ModelOptions
+    EpisodeVideoOptions,
+    PageOptions,
+    VariationOptions,
+    DisturbanceOptions,
+    ConfidenceOptions,
+    PolicyOptions,
+    ModelOptions,
 ):
     """An evaluation.
 
@@ -123,7 +129,6 @@ class EvaluationOptions(
     seed: int = option(
         converter=Integer(), default=0, help="Seed of the first episode; each later episode uses the next seed."
     )
-    push: tuple[Push, ...] = option(converter=PUSHES, default=(), help=f"{PUSHES_HELP}.")
     compare: object | None = option(
         converter=Optional(PolicyKind()),
         default=None,

@@ -135,7 +135,3 @@ def _exact(value: Fraction) -> str:
 
 
 PUSHES = Several(PushKind())
-PUSHES_HELP = (
-    "Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its duration "
-    "[s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up"
-)

@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import ClassVar
 
+from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
-from mjrun.options.push import PUSHES, PUSHES_HELP, Push
 from mjrun.options.setting_kinds import ColumnMap, JointNumbers, NamedNumbers
 
 INTERPOLATIONS = ("hold", "linear")
@@ -54,7 +54,7 @@ class CodeOptions(ControllerOptions, TrustOptions):
 
 
 @options
-class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
+class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, ServoOptions):
     """All options of a simulation but its model."""
 
     section: ClassVar[str] = "Simulation"
@@ -65,7 +65,6 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
         *(Exclusion(("policy", name), "both drive the actuators") for name in ("controller", "ctrl_from", "ctrl")),
         *(Exclusion(("policy", name), "the task of the policy sets the start of an episode") for name in TASK_START),
         Exclusion(("policy", "position_control"), "the task of the policy says what its actions control"),
-        Exclusion(("policy", "ctrl_noise"), "the task of the policy sets the noise"),
         *(Exclusion(("replay", name), "the replayed file drives the simulation") for name in DRIVERS),
         *(
             Exclusion(("replay", name), "a replay of states does not compute physics", when=("replay_mode", STATES))
@@ -100,17 +99,6 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
         default="hold",
         help="Interpolation between the rows of the table of controls.",
     )
-    ctrl_noise: float = option(
-        converter=Real(metavar="STD"),
-        default=0.0,
-        help="Standard deviation of Gaussian noise on every control, in the actuators' units.",
-    )
-    ctrl_noise_time: float = option(
-        converter=Real(metavar="SECONDS"),
-        default=0.0,
-        help="Correlation time of the control noise [s]; 0 makes it independent at every step.",
-    )
-    push: tuple[Push, ...] = option(converter=PUSHES, default=(), help=f"{PUSHES_HELP}; --show pertforce draws them.")
     replay: str | None = option(
         converter=Optional(File()),
         default=None,

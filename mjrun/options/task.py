@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import ClassVar, cast
 
+from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import Choice, File, Key, Kind, Optional, ReadingContext, Several, Text
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
@@ -127,7 +128,7 @@ def _spread(numbers: Numbers, count: int) -> Numbers:
 
 
 @options
-class TaskOptions(ModelOptions):
+class TaskOptions(DisturbanceOptions, ModelOptions):
     """All options of a task but its model and its terms."""
 
     section: ClassVar[str] = "Task"
@@ -285,6 +286,11 @@ class ActionOptions(Options):
         converter=VectorOrKey(),
         default=(0.0,),
         help="Value added last: one number, one per component, or the keyframe that contains the targets.",
+    )
+    delay: int = option(
+        converter=Integer(),
+        default=0,
+        help="Delay of the action, in control periods; until the first one arrives, an action of zeros is in force.",
     )
 
 

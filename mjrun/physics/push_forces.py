@@ -36,12 +36,15 @@ class PushForces:
     Args:
       timestep: [s], exact.
 
+    Attributes:
+      model: model of the bodies.
+
     Raises:
       UsageError: an object does not exist or cannot be pushed, or a push is too short for any step.
     """
 
     def __init__(self, model: mujoco.MjModel, pushes: Sequence[Push], timestep: Fraction) -> None:
-        self._model = model
+        self.model = model
         self._pushes: list[_TimedPush] = []
         for index, push in enumerate(pushes):
             with concerning("push", index):
@@ -52,7 +55,7 @@ class PushForces:
 
     @cached_property
     def _scratch(self) -> mujoco.MjData:
-        return mujoco.MjData(self._model)
+        return mujoco.MjData(self.model)
 
     def __bool__(self) -> bool:
         return bool(self._pushes)
@@ -72,7 +75,7 @@ class PushForces:
         Args:
           data: an MjData in the state at `step`; its derived fields are not used.
         """
-        wrenches = np.zeros((self._model.nbody, 6))
+        wrenches = np.zeros((self.model.nbody, 6))
         active = [push for push in self._pushes if step in push.steps]
         if any(push.site is not None for push in active):
             self._place(data)
@@ -90,7 +93,7 @@ class PushForces:
             if push.steps.start >= steps:
                 begin = f"begins at step {push.steps.start}, and the simulation has {steps} step{'s' * (steps != 1)}"
                 texts.append(f"{option('push')} {push.text} does nothing: it {begin}")
-            elif self._model.body_treeid[push.body] < 0:
+            elif self.model.body_treeid[push.body] < 0:
                 texts.append(f"{option('push')} {push.text} does nothing: no joint lets the body move")
         return texts
 
@@ -98,7 +101,7 @@ class PushForces:
         """Computes the positions of bodies and sites in the state of `data`."""
         scratch = self._scratch
         scratch.qpos[:], scratch.mocap_pos[:], scratch.mocap_quat[:] = data.qpos, data.mocap_pos, data.mocap_quat
-        mujoco.mj_kinematics(self._model, scratch)
+        mujoco.mj_kinematics(self.model, scratch)
 
 
 def _find(model: mujoco.MjModel, target: str) -> tuple[int, int | None]:

@@ -3,7 +3,7 @@
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import field
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -16,9 +16,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UsageError, clean, option
 from mjrun.formats.input_file import is_file
 from mjrun.model.source import Source
+from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import NONE, is_code, is_policy_file
-from mjrun.options.push import Push
-from mjrun.physics.push_forces import PushForces
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational
@@ -191,12 +190,12 @@ class Episode(ABC):
 class TaskEpisode(Episode):
     """An episode of a task. All its steppers share one world: creating a stepper invalidates earlier ones."""
 
-    def __init__(self, task: "Task", policy: "Policy", seed: int, pushes: Sequence[Push]) -> None:
+    def __init__(self, task: "Task", policy: "Policy", seed: int) -> None:
         super().__init__(policy, seed)
         from mjrun.policy.agreement import check_agreement
 
         check_agreement(task, policy)
-        self._task, self._pushes = task, pushes
+        self._task = task
 
     @cached_property
     def _world(self) -> "SingleWorld":
@@ -241,9 +240,7 @@ class TaskEpisode(Episode):
 
         world = self._world
         actor = self.policy.episode(self.seed, self.actions)
-        model = self.model()
-        pushes = PushForces(model, self._pushes, rational(model.opt.timestep))
-        return TaskStepper(world, actor, self.seed, self.policy.name, pushes)
+        return TaskStepper(world, actor, self.seed, self.policy.name)
 
     @property
     def longest(self) -> int:
@@ -314,14 +311,14 @@ def episode_of(
     source: Source,
     policy: "Policy",
     seed: int,
-    pushes: Sequence[Push] = (),
+    disturbances: Disturbances = NO_DISTURBANCES,
     control_dt: Fraction | None = None,
     duration: Fraction | None = None,
 ) -> Episode:
     """Returns the episode of `seed` of an environment, a task, or a model for which the policy specifies the task.
 
     Args:
-      pushes: forces on bodies in addition to those of the task.
+      disturbances: noise instead of that of the task, and additional pushes.
       control_dt, duration: control period and length [s] of a model without a task.
 
     Raises:
@@ -333,14 +330,25 @@ def episode_of(
     if control_dt is not None and isinstance(source, Task | GymSource):
         raise UsageError(f"{option('control_dt')}: {clean(source.text)} specifies the control period")
     if isinstance(source, Task):
-        return TaskEpisode(source, policy, seed, pushes)
+        return TaskEpisode(source.with_disturbances(disturbances), policy, seed)
     if isinstance(source, GymSource):
-        if pushes:
-            raise UsageError(f"{option('push')}: the bodies of an environment cannot be pushed, since it steps itself")
+        require_undisturbed(disturbances)
         return EnvironmentEpisode(source, policy, seed)
     from mjrun.policy.inferred_task import inferred_task
 
-    return TaskEpisode(inferred_task(policy, source, control_dt, duration), policy, seed, pushes)
+    task = inferred_task(policy, source, control_dt, duration)
+    return TaskEpisode(task.with_disturbances(disturbances), policy, seed)
+
+
+def require_undisturbed(disturbances: Disturbances) -> None:
+    """Requires that there are no disturbances, which external environments do not accept.
+
+    Raises:
+      UsageError: there are some.
+    """
+    for name, value in vars(disturbances).items():
+        if value:
+            raise UsageError(f"{option(name)}: an environment steps itself, which nothing can disturb", (name,))
 
 
 def cached_policy(

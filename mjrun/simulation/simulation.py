@@ -158,7 +158,7 @@ class Simulation(SimulationOptions):
         from mjrun.simulation.episode import cached_policy, episode_of
 
         policy = cached_policy(self.policy, self.trust, self.normalize, self._stored)
-        return episode_of(self.source, policy, self.seed, self.push, self.control_dt, self.duration)
+        return episode_of(self.source, policy, self.seed, self.disturbances, self.control_dt, self.duration)
 
     def __getstate__(self) -> dict[str, object]:
         """Returns the fields to pickle, without cached values."""
@@ -451,7 +451,8 @@ class Simulation(SimulationOptions):
     def _noise(self, model: mujoco.MjModel) -> ControlNoise | None:
         if not self.ctrl_noise:
             return None
-        return ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
+        correlation = self.ctrl_noise_time or 0.0
+        return ControlNoise(self.ctrl_noise, correlation, self.seed, model.opt.timestep, model.nu)
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         from mjrun.simulation.mapped_table import read_controls

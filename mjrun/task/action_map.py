@@ -48,6 +48,7 @@ class ActionMap:
       squashed: the numbers that pass through tanh first, `(nact,)` bool.
       low, high: `(nact,)`, limits before scale and offset; infinite without a clip.
       kp, kd: gains of position and velocity targets; zero for others.
+      delays: delay of each number `(nact,)` [control periods].
 
     Raises:
       UnknownNameError: an actuator, joint or keyframe is not in the model.
@@ -71,6 +72,7 @@ class ActionMap:
         self.squashed, self.low, self.high, self.scale, self.offset, self.kp, self.kd = (
             np.concatenate(parts, axis=1) if parts else np.zeros((7, 0))
         )
+        self.delays = np.repeat(np.array([action.delay for action in actions], int), self.widths)
         self.squashed = self.squashed.astype(bool)
         self._is_squashed, self._is_all_squashed = bool(self.squashed.any()), bool(self.squashed.all())
         self._is_scaled = bool((self.scale != 1).any())

@@ -91,6 +91,7 @@ class ActionRow:
       low, high: None without a limit.
       scale, offset: the scale [unit] and the offset [unit] of the target.
       kp, kd: gains of a position or velocity target; None for others.
+      delay: the delay [control periods].
       actuator: the actuator that the number drives.
       range: the range of its control; None if unlimited.
     """
@@ -106,6 +107,7 @@ class ActionRow:
     offset: float = 0.0
     kp: float | None = None
     kd: float | None = None
+    delay: int = 0
     actuator: str = ""
     range: Numbers | None = None
 
@@ -334,6 +336,7 @@ def _actions(actions: ActionMap, model: mujoco.MjModel) -> Iterator[ActionRow]:
             offset=float(actions.offset[index]),
             kp=float(actions.kp[index]) if driven.target == POSITION else None,
             kd=float(actions.kd[index]) if has_gains else None,
+            delay=int(actions.delays[index]),
             actuator=actuators[actuator],
             range=control_range(model, actuator),
         )

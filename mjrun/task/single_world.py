@@ -29,7 +29,7 @@ class SingleWorld(TaskWorlds):
     Attributes:
       holds_targets: whether controls change at every step, to hold positions or velocities.
       whole_state: its integration state `(nstate,)`, which may be written.
-      controls: the controls in it `(nu,)`.
+      controls: the controls without noise `(nu,)`.
 
     Raises:
       UsageError, ModelError, FileError: as `TaskWorlds`.
@@ -53,8 +53,8 @@ class SingleWorld(TaskWorlds):
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
         self._without_timers = without_timers()
         self._shape, self.holds_targets = self._action.shape, self._torques.is_needed
-        self.whole_state, self.controls = self._state[0], self._ctrl[0]
-        self._controls = self._torques.controls_alone(self._ctrl[0])
+        self.whole_state, self.controls = self._state[0], self.disturbances.controls[0]
+        self._controls = self._torques.controls_alone(self.controls)
         self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
         self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
 
@@ -112,21 +112,23 @@ class SingleWorld(TaskWorlds):
             self._begin(action[None], None)
             return
         self._action[:] = action
+        if self._has_delays:
+            action = self._arrived(action[None], ALL)[0]
         targets = self.actions.targets(action)
         if self._controls is None:
             self._target[:] = targets
-            self._torques.apply(targets, self._ctrl, 0)
+            self._torques.apply(targets, self.disturbances.controls, 0)
         else:
             self._controls[:] = targets
 
     def hold(self) -> None:
         """Updates the controls that hold position and velocity targets from the current state, for the next step."""
         if self.holds_targets:
-            self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
+            self._torques.hold(self._targets, self._qpos, self._qvel, self.disturbances.controls, ALL)
 
     def advance(self, steps: int) -> None:
-        """Takes physics steps under the current action."""
-        self._step(steps, NONE)
+        """Takes physics steps under the present controls and forces."""
+        self._step_alike(steps, NONE)
 
     def conclude(self) -> TaskStep:
         """Returns the results of the control period that ends in the current state, without an axis of worlds."""
@@ -149,9 +151,12 @@ class SingleWorld(TaskWorlds):
 
     def _step(self, steps: int, stage: int) -> None:
         """Takes steps, and computes derived quantities up to `stage`."""
-        if self.holds_targets:
+        if self._are_steps_alike:
+            self._step_alike(steps, stage)
+        else:
             self._advance(steps, None, stage)
-            return
+
+    def _step_alike(self, steps: int, stage: int) -> None:
         try:
             with self._without_timers:
                 self._batch.step(None, steps, stage)

@@ -17,8 +17,10 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
+from mjrun.options.disturbance import NO_DISTURBANCES, DisturbanceOptions, Disturbances
 from mjrun.options.number_kinds import ExactNumber
 from mjrun.options.option import is_given, options
+from mjrun.options.push import Push
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
 from mjrun.physics.random_distribution import parse_distribution
@@ -118,6 +120,11 @@ class Reward(options_of_tasks.RewardOptions):
 
 
 @options
+class _TaskDisturbances(DisturbanceOptions):
+    """Noise on the controls of a task, and pushes."""
+
+
+@options
 class Termination(options_of_tasks.TerminationOptions):
     """A condition that ends an episode."""
 
@@ -163,6 +170,9 @@ class Task(Source):
       rewards, commands, terminations: the terms by name; a reward may be an expression alone.
       reset: the initial state of episodes.
       derived: `current` or `lagged`: the instant of the observed quantities that MuJoCo derives from the state.
+      ctrl_noise: standard deviation of Gaussian noise on every control, in the actuators' units; None for 0.
+      ctrl_noise_time: correlation time of the noise [s]; None for 0, which makes it independent at every step.
+      push: forces on bodies, as text, mappings or `Push`.
       path: the path of its document, or None.
       name: replaces the path in messages, such as `scene:car_drive`; empty for none.
       places: its positions in the document.
@@ -181,6 +191,9 @@ class Task(Source):
     terminations: Mapping[str, Termination] = field(default_factory=dict[str, Termination])
     reset: Reset = field(default_factory=Reset)
     derived: str = CURRENT
+    ctrl_noise: float | None = None
+    ctrl_noise_time: float | None = None
+    push: tuple[Push, ...] = ()
     path: Path | None = None
     name: str = ""
     places: Places | None = field(default=None, compare=False, repr=False)
@@ -198,11 +211,15 @@ class Task(Source):
         terminations: Mapping[str, Termination] = NO_TERMINATIONS,
         reset: Reset | None = None,
         derived: str = CURRENT,
+        ctrl_noise: float | None = None,
+        ctrl_noise_time: float | None = None,
+        push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = (),
         path: Path | None = None,
         name: str = "",
         places: Places | None = None,
         overrides: Sequence[object] = (),
     ) -> None:
+        disturbances = _TaskDisturbances(ctrl_noise=ctrl_noise, ctrl_noise_time=ctrl_noise_time, push=push)
         values: dict[str, object] = {
             "model": source_of(model),
             "control_dt": _seconds("control_dt", control_dt),
@@ -214,6 +231,9 @@ class Task(Source):
             "terminations": dict(terminations),
             "reset": reset or Reset(),
             "derived": derived,
+            "ctrl_noise": disturbances.ctrl_noise,
+            "ctrl_noise_time": disturbances.ctrl_noise_time,
+            "push": disturbances.push,
             "path": path,
             "name": name,
             "places": places,
@@ -262,6 +282,18 @@ class Task(Source):
     def model_source(self) -> Source:
         """The source of the model alone, with all overrides."""
         return replace(self.model, overrides=(*self.model.overrides, *self.overrides))
+
+    def with_disturbances(self, disturbances: Disturbances) -> "Task":
+        """Returns the same task with other noise, if `disturbances` specify any, and additional pushes."""
+        if disturbances == NO_DISTURBANCES:
+            return self
+        noise, time = disturbances.ctrl_noise, disturbances.ctrl_noise_time
+        return replace(
+            self,
+            ctrl_noise=self.ctrl_noise if noise is None else noise,
+            ctrl_noise_time=self.ctrl_noise_time if time is None else time,
+            push=(*self.push, *disturbances.push),
+        )
 
     def located(self) -> LocatedErrors:
         """Reports errors raised within at the positions where the task is written."""

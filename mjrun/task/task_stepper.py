@@ -5,11 +5,12 @@ import numpy as np
 
 from mjrun.model import state
 from mjrun.options.task import LAGGED
-from mjrun.physics.push_forces import PushForces
+from mjrun.physics.control import ControlSources
 from mjrun.physics.stepper import SLEEP, STATE, PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, ask
 from mjrun.task.expressions import RUNNING
 from mjrun.task.single_world import SingleWorld
+from mjrun.timeline import rational
 
 
 class TaskStepper(PhysicsStepper):
@@ -22,7 +23,6 @@ class TaskStepper(PhysicsStepper):
     Args:
       world: the world that measures the observations and rewards.
       policy: its name, for messages.
-      pushes: forces on bodies in addition to those of the task.
 
     Attributes:
       model: a copy of that of the episode.
@@ -35,9 +35,7 @@ class TaskStepper(PhysicsStepper):
       SimulationError: the policy failed.
     """
 
-    def __init__(
-        self, world: SingleWorld, actor: Actor, seed: int, policy: str = "", pushes: PushForces | None = None
-    ) -> None:
+    def __init__(self, world: SingleWorld, actor: Actor, seed: int, policy: str = "") -> None:
         self._world, self._actor, self._policy = world, actor, policy
         self.control_steps, self.step = world.control_steps, 0
         self.names = EpisodeNames(world.observation_names, world.action_names, world.reward_names)
@@ -58,10 +56,12 @@ class TaskStepper(PhysicsStepper):
         self._world_step = 0
         data = mujoco.MjData(model)
         state.restore(model, data, world.state(0))
-        super().__init__(model, data, pushes=pushes)
+        noise, pushes = world.disturbances.noise(0), world.disturbances.pushes(0)
+        control = ControlSources(rational(model.opt.timestep), world.controls, noise=noise)
+        super().__init__(model, data, control, pushes)
 
     def steps_alike(self) -> int:
-        if self._world.holds_targets:
+        if self._world.holds_targets or (self._is_parallel and self.control.noise):
             return 1
         left = self.control_steps - self.step % self.control_steps
         return min(super().steps_alike(), left - 1 if self._is_lagged and left > 1 else left)
@@ -76,7 +76,7 @@ class TaskStepper(PhysicsStepper):
         if self._world.holds_targets:
             self._put()
             self._world.hold()
-            self._data.ctrl[:] = self._world.controls
+            self._data.ctrl[:] = self.control.rows(self.step, 1)[0]
         self._lead()
 
     def now(self) -> ControlInstant:

@@ -43,6 +43,7 @@ from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, Ta
 from mjrun.task.observation_plan import ObservationPlan, ObservedNumber
 from mjrun.task.observation_vector import ObservationVector
 from mjrun.task.task import Task
+from mjrun.task.world_disturbances import WorldDisturbances
 
 Ids = Sequence[int] | np.ndarray
 SQUARE = mujoco.mjMAXVAL**2  # a sum of squares below it has no number beyond MuJoCo's limit
@@ -99,6 +100,7 @@ class TaskWorlds:
       actions: the actuator of each number of an action.
       commands: their names and values.
       control_steps: physics steps in a control period.
+      disturbances: noise on the controls, and pushes.
 
     Raises:
       UsageError: a part of the task does not fit its model; the error's path locates it.
@@ -119,6 +121,7 @@ class TaskWorlds:
         self._instants = np.zeros(count, int)  # control instants since the reset
         self._actions = np.zeros((count, len(self.action_names)))  # in force, as returned by the policy
         self._targets = np.zeros_like(self._actions)
+        self._returned = np.zeros((count, int(self.actions.delays.max(initial=0)) + 1, len(self.action_names)))
         self._observed = np.zeros((count, len(self.observed)))
         self._start_codes = np.full(count, RUNNING)
         self._over = np.ones(count, bool)  # not yet reset
@@ -183,6 +186,7 @@ class TaskWorlds:
             if not self._models.is_one:
                 self._each[world] = self._models.variant(int(self._seeds[world]))
             self._torques.begin(world, self._each[world].model)
+            self.disturbances.resume(world, int(self._seeds[world]), self._each[world].model)
         if not self._models.is_one:
             self._batch.set_models([variant.model for variant in self._each])
 
@@ -252,8 +256,16 @@ class TaskWorlds:
             raise ValueError("an episode is over, or has not begun: reset it")
         self._require_finite(actions, rows)
         self._actions[rows] = actions
-        targets = self._targets[rows] = self.actions.targets(actions)
-        self._torques.apply(targets, self._ctrl, rows)
+        targets = self._targets[rows] = self.actions.targets(self._arrived(actions, rows))
+        self._torques.apply(targets, self.disturbances.controls, rows)
+
+    def _arrived(self, actions: np.ndarray, rows: Rows) -> np.ndarray:
+        """Returns the actions `(k, nact)` that arrive as the policies return `actions`: earlier ones, if delayed."""
+        if not self._has_delays:
+            return actions
+        self._returned[rows, 1:] = self._returned[rows, :-1]
+        self._returned[rows, 0] = actions
+        return self._returned[rows][:, self.actions.delays, np.arange(actions.shape[1])]
 
     # --- copies ------------------------------------------------------------------------------------
 
@@ -261,8 +273,8 @@ class TaskWorlds:
     def _memory(self) -> list[np.ndarray]:
         """All arrays that steps change; the generators of noise are separate."""
         own = [self._seeds, self._begun, self._instants, self._actions, self._targets, self._observed]
-        own += [self._start_codes, self._over, self._failed, self._state, self._counters]
-        parts = self.commands, self._expressions, self._observations, self._measurement
+        own += [self._start_codes, self._over, self._failed, self._state, self._counters, self._returned]
+        parts = self.commands, self._expressions, self._observations, self._measurement, self.disturbances
         return [*own, *(array for part in parts for array in part.memory)]
 
     def _saved(self) -> dict[str, Any]:
@@ -311,6 +323,9 @@ class TaskWorlds:
         self._stage_at_start = max(at_start, POSITION)
         self._observations = ObservationVector(plan, count, task.control_dt, rotations)
         self._torques = TargetTorques(self.actions, model, count)
+        self.disturbances = WorldDisturbances(task, model, self._state, self._ctrl, self._batch.bind("xfrc_applied"))
+        self._has_delays = bool(self.actions.delays.any())
+        self._are_steps_alike = not (self._torques.is_needed or self.disturbances)  # of a control period
         self._all = np.arange(count)
 
     def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch | DataBatch:
@@ -343,22 +358,31 @@ class TaskWorlds:
             variant = self._each[world] = self._models.variant(seed)
         self._seeds[world], self._begun[world] = seed, True
         self._state[world] = self._starts.state(variant, seed)
+        self._returned[world] = 0
         self._torques.begin(world, variant.model)
+        self.disturbances.begin(world, seed, variant.model)
         self.commands.begin(world, seed)
         self._observations.begin(world, seed)
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
         """Takes steps, and computes derived quantities up to `stage`."""
         some = _sorted(ids)
-        if not self._torques.is_needed:
+        if self._are_steps_alike:
             self._call(lambda: self._batch.step(some, steps, stage))
             return
         rows = ALL if ids is None else np.asarray(ids, int)
-        targets = self._targets[rows]
-        for step in range(steps):
-            self._torques.hold(targets, self._qpos, self._qvel, self._ctrl, rows)
-            last = step == steps - 1
-            self._call(lambda last=last: self._batch.step(some, 1, stage if last else NONE))
+        targets, worlds, first = self._targets[rows], self._all[rows], self._instants[rows] * self.control_steps
+        step = 0
+        while step < steps:
+            count = steps - step
+            if self._torques.is_needed:
+                self._torques.hold(targets, self._qpos, self._qvel, self.disturbances.controls, rows)
+                count = 1
+            if self.disturbances:
+                count = min(count, self.disturbances.apply(worlds, first + step))
+            step += count
+            until = stage if step == steps else NONE
+            self._call(lambda count=count, until=until: self._batch.step(some, count, until))
 
     def _call(self, call: Callable[[], None]) -> None:
         """Calls the batch; worlds in which MuJoCo raises an error are marked as failed."""

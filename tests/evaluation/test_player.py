@@ -15,6 +15,7 @@ from mjrun.evaluation.player import player_of
 from mjrun.formats.table_reader import read_table
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
+from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.push import PushKind
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
@@ -246,15 +247,18 @@ PUSHES = ("cart=30/0/0@0.1+0.05", "cart=-20/0/0@0.4+0.1")
 
 
 def pushed(folder: Path, pushes: tuple[str, ...], name: str = "act", **options: object) -> GroupSpec:
-    return replace(spec(folder, name, **options), push=tuple(map(PushKind().parse, pushes)))
+    return replace(spec(folder, name, **options), disturbances=Disturbances(tuple(map(PushKind().parse, pushes))))
 
 
-def test_pushed_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
-    """Each force acts on its steps alone; without a force, nothing differs from other episodes."""
+def test_disturbed_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
+    """Each force acts on its steps alone; without a force or noise, nothing differs from other episodes."""
     task, model = cart_task(tmp_path), cart_task(tmp_path).load()
     forces = np.zeros(200)
     forces[10:15], forces[40:50] = 30, -20
-    for episode in player_of(pushed(tmp_path, PUSHES)).play(range(6)):
+    disturbed = pushed(tmp_path, PUSHES)
+    disturbed = replace(disturbed, disturbances=replace(disturbed.disturbances, ctrl_noise=0.4))
+    for episode in player_of(disturbed).play(range(6)):
+        noise = 0.4 * np.random.default_rng([episode.seed, 1, 0]).standard_normal((1024, 1))
         worlds = TaskWorlds(task, 1, threads=1)
         worlds.reset([episode.seed])
         data = mujoco.MjData(model)
@@ -262,8 +266,9 @@ def test_pushed_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
         total, ending, period = 0.0, "", 0
         while not ending:
             period += 1
-            data.ctrl[:] = policy(np.array([data.qpos[0], data.qvel[0]]))
+            wanted = policy(np.array([data.qpos[0], data.qvel[0]]))
             for step in range(2 * period - 2, 2 * period):
+                data.ctrl[:] = wanted + noise[step]
                 data.xfrc_applied[1, 0] = forces[step]
                 mujoco.mj_step(model, data)
             total += -abs(data.qpos[0]) + -0.01 * data.ctrl[0] ** 2
@@ -281,7 +286,7 @@ def test_a_push_may_make_an_episode_unstable_or_find_a_policy_that_fails(tmp_pat
     assert episode.metrics == (float(episode.steps),)
     failing = replace(pushed(tmp_path, PUSHES, name="Late"), task=replace(cart_task(tmp_path), terminations={}))
     (late,) = player_of(failing).play([7])
-    (plain,) = player_of(replace(failing, push=())).play([7])
+    (plain,) = player_of(replace(failing, disturbances=NO_DISTURBANCES)).play([7])
     assert (late.status, late.steps, late.message) == ("failed", plain.steps, plain.message)
     with pytest.raises(UnknownNameError, match="wheel"):
         player_of(pushed(tmp_path, ("wheel=1/0/0@0+1",)))

@@ -93,12 +93,15 @@ def prepare(folder: Path, **arguments: object) -> PreparedEvaluation:
     return PreparedEvaluation(EvaluationOptions(task, "out", **arguments), task, None)  # type: ignore[arg-type]
 
 
-def test_pushes_may_vary(tmp_path: Path) -> None:
+def test_disturbances_may_vary(tmp_path: Path) -> None:
     texts = ["cart=0/0/0@0.1+0.2", "cart=5/0/0@0.1+0.2"]
     result = prepare(tmp_path, policy="random", vary={"push": ",".join(texts)})
-    assert [tuple(map(str, group.spec.push)) for group in result.groups] == [(text,) for text in texts]
-    assert [group.spec.simulation(3).push for group in result.groups] == [group.spec.push for group in result.groups]
-    assert [str(push) for push in prepare(tmp_path, policy="zero", push=texts).groups[0].spec.push] == texts
+    disturbances = [group.spec.disturbances for group in result.groups]
+    assert [tuple(map(str, each.push)) for each in disturbances] == [(text,) for text in texts]
+    assert [group.spec.simulation(3).disturbances for group in result.groups] == disturbances
+    assert [
+        str(push) for push in prepare(tmp_path, policy="zero", push=texts).groups[0].spec.disturbances.push
+    ] == texts
     with pytest.raises(UsageError, match=r"vary push: 'cart=1@0' is not BODY=FX/FY/FZ@T\+DURATION") as caught:
         prepare(tmp_path, policy="random", vary={"push": "cart=1@0,cart=0/0/0@0+1"})
     assert caught.value.path[:2] == ("vary", "push")

@@ -13,14 +13,13 @@ from mjrun.model import state
 from mjrun.options.push import Push
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.observe import Tap, observe
-from mjrun.physics.push_forces import PushForces
 from mjrun.task.episode import Ending
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task import TIMED_OUT, Action, Command, Observation, Reset, Task, Termination
 from mjrun.task.task_stepper import TaskStepper
 from mjrun.task.worlds import TaskWorlds
 from tests.task.test_single_world import FORCED
-from tests.task.test_worlds import CART, EVERYTHING, cart, replace_model
+from tests.task.test_worlds import CART, DISTURBED, cart, replace_model
 
 ARM = """<mujoco><option timestep="0.01"/>
   <worldbody><body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping=".1"/>
@@ -95,7 +94,7 @@ ASLEEP = '<option timestep="0.01" sleep_tolerance="1"><flag sleep="enable"/></op
 
 @pytest.mark.parametrize("option", ['<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>', ASLEEP])
 @pytest.mark.parametrize("derived", ["current", "lagged"])
-@pytest.mark.parametrize("values", [EVERYTHING, FORCED, {}], ids=["everything", "forced", "plain"])
+@pytest.mark.parametrize("values", [DISTURBED, FORCED, {}], ids=["disturbed", "forced", "plain"])
 def test_what_a_task_measures_is_that_of_the_worlds(
     tmp_path: Path, values: Mapping[str, object], derived: str, option: str
 ) -> None:
@@ -153,18 +152,23 @@ def test_beyond_the_end_it_goes_on_without_a_reset_and_the_return_stays() -> Non
     assert now.reward == free.now().reward
 
 
-def test_pushes_act_as_in_a_bare_loop() -> None:
+def test_noise_delays_and_pushes_act_as_in_a_bare_loop() -> None:
+    """Each motor has a separate delay; the noise is white, and drawn from the seed in blocks of 1024 steps."""
     push = Push("lower", (5.0, 0.0, 0.0), Fraction("0.05"), Fraction("0.07"))
-    pushes = PushForces(MODEL, [push], Fraction(1, 100))
-    stepper = TaskStepper(SingleWorld(arm()), Wave(), 4, pushes=pushes)
-    data, wave = mujoco.MjData(MODEL), Wave()
+    actions = [Action(actuators="m1", scale=0.5, delay=2), Action(actuators="m2", scale=0.5, offset=0.1, delay=1)]
+    stepper = TaskStepper(SingleWorld(arm(push=push, ctrl_noise=0.3, actions=actions)), Wave(), 4)
+    noise = 0.3 * np.random.default_rng([4, 1, 0]).standard_normal((1024, 2))
+    data, wave, returned = mujoco.MjData(MODEL), Wave(), [np.zeros(2)] * 2
     state.restore(MODEL, data, stepper.state())
     for step in range(16):
         if step % 4 == 0:
-            data.ctrl[:] = wave(np.array([*data.qpos])) * 0.5
+            returned.append(wave(np.array([*data.qpos])))
+        data.ctrl[:] = [returned[-3][0] * 0.5, returned[-2][1] * 0.5 + 0.1]
+        data.ctrl += noise[step]
         data.xfrc_applied[2, 0] = 5 if 5 <= step < 12 else 0
         stepper.advance(step)
         np.testing.assert_array_equal(stepper.state()[1:5], [*data.qpos, *data.qvel])
+        np.testing.assert_array_equal(stepper.instant().ctrl, data.ctrl)
         mujoco.mj_step(MODEL, data)
 
 
@@ -200,7 +204,7 @@ FIELDS = ("qpos", "qvel", "ctrl", "qacc", "sensordata", "energy", "xpos", "qfrc_
 
 @pytest.mark.parametrize("option", ['<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>', ASLEEP])
 @pytest.mark.parametrize("derived", ["current", "lagged"])
-@pytest.mark.parametrize("values", [EVERYTHING, FORCED, {}], ids=["everything", "forced", "plain"])
+@pytest.mark.parametrize("values", [DISTURBED, FORCED, {}], ids=["disturbed", "forced", "plain"])
 def test_rows_in_blocks_are_instants_of_a_bare_loop(
     tmp_path: Path, values: Mapping[str, object], derived: str, option: str
 ) -> None:
