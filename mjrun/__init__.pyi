@@ -1417,6 +1417,7 @@ class Study(_Study):
       command: command line, for the manifest.
       controllers: functions by the values of `controller`, where the controller varies.
       document: the study as a document, for the manifest; paths are relative to the folder of the study.
+      with_csv: writes results.csv whatever the number of points.
 
     Options:
       output: Folder for the study; running again with the same folder continues the study.
@@ -1505,6 +1506,7 @@ class Study(_Study):
         command: str = ...,
         controllers: Mapping[str, Callable[..., object]] = ...,
         document: Mapping[str, object] | None = ...,
+        with_csv: bool = ...,
     ) -> None: ...
 
 class TablePlot(_TablePlot):

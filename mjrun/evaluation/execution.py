@@ -9,10 +9,12 @@ import shutil
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Self, overload
 
 import mujoco
+import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, counted, option
@@ -174,14 +176,11 @@ class PreparedEpisodes(PreparedPoints):
         return ChunkSizes(options.chunk, ahead, first=FIRST)
 
     def taken_records(self) -> list[list[EpisodeRecord]]:
-        """Returns the records of the episodes of each group, and removes their results from `known`.
-
-        There may be a million of them, and each has one representation at a time.
-        """
-        records, count, missing = dict[str, EpisodeRecord](), len(self._seeds), self.not_simulated
+        """Returns the records of the episodes of each group."""
+        records, count = dict[str, EpisodeRecord](), len(self._seeds)
         for index, key in enumerate(self.keys):
             if key not in records:  # two groups may have the same episodes
-                records[key] = self._record(self._seeds[index % count], self.known.pop(key, missing))
+                records[key] = self._record(self._seeds[index % count], self.known[index])
         keys = [self.keys[start : start + count] for start in range(0, len(self.keys), count)]
         return [[records[key] for key in some] for some in keys]
 
@@ -194,8 +193,12 @@ class PreparedEpisodes(PreparedPoints):
         ending = result.message, OUTCOMES[int(outcome)]
         return EpisodeRecord(seed, total, result.steps, length, *ending, rewards, sums, metrics)
 
-    def _keys(self) -> list[str]:
-        """Returns the key of each episode, which does not depend on the number of episodes or other policies."""
+    def _keys(self, indices: Sequence[int] | np.ndarray) -> list[str]:
+        return [self._all_keys[index] for index in indices]
+
+    @cached_property
+    def _all_keys(self) -> list[str]:
+        """The key of each episode, which does not depend on the number of episodes or other policies."""
         keys, models = list[str](), dict[Source, mujoco.MjModel]()
         for group in self._episodes.groups:
             task = replace(group.task, overrides=self._task.overrides)  # the others are in the identity

@@ -1,5 +1,7 @@
 """Points of an experiment: the values that each of them has, and their order."""
 
+import hashlib
+import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal, localcontext
@@ -46,7 +48,7 @@ class Design:
     names: tuple[str, ...]
     points: Sequence[Values]
 
-    def at(self, indices: Sequence[int]) -> list[Values]:
+    def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
         """Returns the values of points."""
         points = self.points
         return points.at(indices) if isinstance(points, GridPoints) else [points[index] for index in indices]
@@ -56,6 +58,13 @@ class Design:
         if isinstance(self.points, GridPoints):
             return self.points.column(number)
         return DesignColumn.of([values[number] for values in self.points])
+
+    @property
+    def digest(self) -> bytes:
+        """A hash of all values and their order."""
+        if isinstance(self.points, GridPoints):
+            return self.points.digest
+        return hashlib.sha256(json.dumps([*self.points]).encode()).digest()
 
     def values(self, index: int) -> dict[str, str]:
         """Returns the values of a point by parameter."""

@@ -132,7 +132,7 @@ class GridPoints(Sequence[Values]):
         for start in range(0, len(self), BLOCK):
             yield from self[start : start + BLOCK]
 
-    def at(self, indices: Sequence[int]) -> list[Values]:
+    def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
         """Returns the values of these points."""
         if not self.columns:
             return [()] * len(indices)

@@ -105,6 +105,25 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
     return content.read()
 
 
+def parquet_groups(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> Iterator[pyarrow.Table]:
+    """Yields the row groups of a Parquet file.
+
+    Args:
+      path: the path of the file, for messages.
+      repeated: text columns to read as dictionaries, if they exist.
+
+    Raises:
+      FileError: one of them would fill the memory.
+    """
+    texts = [field.name for field in pyarrow.parquet.read_schema(file) if _is_text(field.type)]
+    content = pyarrow.parquet.ParquetFile(file, read_dictionary=[name for name in repeated if name in texts])
+    metadata = content.metadata
+    sizes = row_group_sizes(metadata, content.schema_arrow.names)
+    for index, size in enumerate(sizes):
+        require_expandable(path, size + 8 * metadata.row_group(index).num_rows * metadata.num_columns)
+        yield content.read_row_group(index)
+
+
 def units(schema: pyarrow.Schema, indices: dict[str, int]) -> dict[str, str]:
     """Returns the units of the selected columns, as far as mjrun wrote them."""
     metadata = {name: schema.field(index).metadata or {} for name, index in indices.items()}

@@ -23,6 +23,7 @@ EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
     "slurm": (("submitit",), "mjrun sweep on Slurm"),
 }
 MOST_POINTS = 10_000_000  # of a study
+MOST_IN_CSV = 100_000  # points of a study whose table is also written as CSV without --csv
 PLANS = (".jsonl",)  # suffixes of plans, which are accepted in place of a model
 MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
@@ -276,7 +277,10 @@ class StudyCommandOptions(Options):
         help="Write the table from the existing results, without simulating.",
     )
     csv: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all points to stdout."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help=f"Print the table of all points to stdout; write results.csv even of more than {MOST_IN_CSV:,} points.",
     )
     markdown: bool = option(
         converter=Flag(),

@@ -1,23 +1,26 @@
 """Results of a study on disk: chunks that end within a short time share a Parquet file; these are the only record.
 
-Each row is identified by the key of its point, a hash of everything that determines its result. A study can therefore
-be stopped, changed and continued by any number of processes at once.
+Each row has the number of its point in one study, and its key, a hash of everything that determines its result. A study
+can therefore be stopped, changed and continued by any number of processes at once.
 """
 
 import hashlib
 import json
+import re
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, cast, get_args
+from typing import TYPE_CHECKING, Self, cast
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError
+from mjrun.experiment.design import Design
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_folder
@@ -26,7 +29,8 @@ from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain
-from mjrun.study.spec import FILES, MODEL, PointResult, Status, StudySpec, simulation_at, versions
+from mjrun.study.result_columns import MISSING, STATUSES, ResultColumns, ResultRows
+from mjrun.study.spec import FILES, MODEL, PointResult, StudySpec, simulation_at, versions
 from mjrun.task.task import Task
 
 if TYPE_CHECKING:
@@ -34,8 +38,16 @@ if TYPE_CHECKING:
 
 SUFFIX = ".parquet"
 METRIC = "metric:"  # precedes the name of each metric
-FINAL = ("ok", "unstable")  # statuses that another attempt would not change
-LAST = ("steps", "exit_code", "message", "wall")
+STUDY = "study"  # in the metadata of a part
+NAMED = 16  # digits of the hash of a study in the names of its parts
+PART = re.compile(rf"([0-9a-f]{{{NAMED}}})-(\d{{1,18}})-(\d{{1,18}})-[0-9a-f]{{{NAMED}}}\.parquet")
+TEXTS = ("status", "message", "host")
+KEY_BYTES = 16
+KEYS = f"S{KEY_BYTES}"  # of numpy, which ignores zeros at the end
+HEXADECIMAL = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}")
+TOGETHER = 8  # parts that are merged into one
+PART_BYTES = 2**25  # largest part that is made by merging
+GROUP = 2**16  # rows that are merged at once
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
 
 
@@ -87,6 +99,17 @@ def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable
     return keys
 
 
+def study_digest(identity: Mapping[str, object], spec: StudySpec, points: Design) -> str:
+    """Returns a hash of everything that determines the results of all points, and of their order."""
+    made = hashlib.sha256(json.dumps([identity, spec.names], sort_keys=True).encode())
+    made.update(points.digest)
+    for index, name in enumerate(spec.names):
+        if name in FILES:
+            hashed = _file_hashes(spec, name)
+            made.update(json.dumps([hashed(text) for text in points.column(index).distinct]).encode())
+    return made.hexdigest()
+
+
 def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
     """Returns a function from a value of the option `name` to the hash of its files; a value without files stays."""
     assert spec.base.snapshot
@@ -108,17 +131,25 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
 class ChunkFiles:
     """The part files in the folder of a study.
 
+    The name of a part states the study and the range of points of its rows: `STUDY-FIRST-LAST-HASH.parquet`. Parts are
+    read without regard to keys where they are of the same study, and by the keys of points where they are not.
+
     Args:
       folder: folder of the study.
       metrics: names of the metrics.
+      study: hash of everything that determines the results of all points, 64 hexadecimal digits.
 
     Attributes:
+      width: number of metrics.
       damaged: parts that the last `read` could not read.
+      adopted: places of the results that the last `read` has found by keys, ascending.
     """
 
-    def __init__(self, folder: Path, metrics: Sequence[str]) -> None:
-        self._folder, self._metrics = folder / PARTS, tuple(metrics)
+    def __init__(self, folder: Path, metrics: Sequence[str], study: str) -> None:
+        self._folder, self._metrics, self.study = folder / PARTS, tuple(metrics), study
+        self.width = len(self._metrics)
         self.damaged = list[Path]()
+        self.adopted = np.array([], np.intp)
 
     def create(self) -> None:
         """Creates the folder of the parts if it does not exist.
@@ -140,54 +171,102 @@ class ChunkFiles:
         """Returns the size of all parts [bytes]."""
         return sum(path.stat().st_size for path in self._paths())
 
-    def read(self) -> dict[str, PointResult]:
-        """Reads all results, by the key of their points; of several results of a point, prefers one that is final.
+    def read(self, points: range, keys: Callable[[np.ndarray], Sequence[str]]) -> ResultColumns:
+        """Reads the results of points; of several results of a point, prefers one that is final.
 
-        The `index` of a result has no meaning yet. Files that are not parts of this study are skipped. So are `damaged`
-        ones, such as a power failure leaves: their points will be simulated again.
+        Files that are not parts of this study are skipped. So are `damaged` ones, such as a power failure leaves: their
+        points will be simulated again.
+
+        Args:
+          keys: function from the numbers of points to their keys, for parts of other designs of the study.
 
         Raises:
           FileError: a part cannot be read for lack of permission.
         """
-        self.damaged = []
-        results = dict[str, PointResult]()
-        paths = self._paths()
-        if not paths:
-            return results
-        import pyarrow
+        self.damaged, others, self.adopted = [], list[Path](), np.array([], np.intp)
+        known, seen = ResultColumns(points, len(self._metrics)), set[Path]()
+        while new := [path for path in self._paths() if path not in seen]:  # other processes merge parts
+            seen.update(new)
+            for path in new:
+                part = _Name.of(path)
+                if part is None or part.study != self.study[:NAMED]:
+                    others.append(path)
+                elif part.first < points.stop and part.last >= points.start:
+                    for rows in self._rows(path):
+                        if rows.study != self.study:  # another one with such a name
+                            others.append(path)
+                            break
+                        is_here = (rows.points >= points.start) & (rows.points < points.stop)
+                        known.put(rows.points[is_here] - points.start, rows.results.at(is_here))
+        open_places = np.flatnonzero(~known.is_final)
+        if others and len(open_places):
+            self._read_by_key(others, known, open_places, _binary(keys(open_places + points.start)))
+        return known
 
-        from mjrun.formats.arrow_columns import read_whole_parquet
+    def write(self, points: Sequence[int] | np.ndarray, keys: Sequence[str], results: ResultRows) -> Path:
+        """Publishes a part in one step, and returns its path.
 
-        for path in paths:
-            try:
-                with path.open("rb") as stream:
-                    table = read_whole_parquet(path, stream)
-                rows = table.to_pylist() if self._is_part(table.schema) else []
-            except PermissionError as error:
-                raise FileError(path, f"cannot be read: {error.strerror}") from None
-            except (OSError, pyarrow.ArrowException):
-                self.damaged.append(path)
-                continue
-            for row in rows:
-                result = self._result(row)
-                if result and (row["key"] not in results or results[row["key"]].status not in FINAL):
-                    results[row["key"]] = result
-        return results
-
-    def write(self, keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
-        """Publishes a part in one step.
+        Args:
+          points: numbers of the points.
 
         Raises:
           FileError: the part cannot be written.
         """
+        table = _part(np.asarray(points, np.int64), keys, results, self._metrics)
+        return self._publish([table], min(points), max(points), "".join(keys))
+
+    def merge(self, parts: Sequence[Path]) -> Path | None:
+        """Replaces parts of this study by one; returns None if some are damaged, or merged by another process.
+
+        Raises:
+          FileError: the new part cannot be written.
+        """
+        names = [_Name.of(path) for path in parts]
+        ranges = [(name.first, name.last) for name in names if name]
+        first, last = min(first for first, _ in ranges), max(last for _, last in ranges)
+        try:
+            made = self._publish(_grouped(parts), first, last, "".join(path.name for path in parts))
+        except _UnreadablePartError:
+            return None
+        for path in parts:
+            path.unlink(missing_ok=True)
+        return made
+
+    def merge_all(self) -> None:
+        """Merges the small parts of this study into large ones.
+
+        Raises:
+          FileError: a part cannot be written.
+        """
+        usable = [path for path in self._paths() if path not in self.damaged]
+        ours = [path for path in usable if (name := _Name.of(path)) and name.study == self.study[:NAMED]]
+        group, size = list[Path](), 0
+        for path in [*ours, None]:
+            own = path.stat().st_size if path and path.exists() else 0
+            if path and own < PART_BYTES // 2 and size + own <= PART_BYTES:
+                group.append(path)
+                size += own
+                continue
+            if len(group) > 1:
+                self.merge(group)
+            group, size = [path] if path and own < PART_BYTES // 2 else [], own
+
+    def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> Path:
         import pyarrow.parquet
 
-        table = _part(keys, results, host, self._metrics)
-        name = hashlib.sha256("".join(keys).encode()).hexdigest()[:16]
-        with OutputWriter(StagedFile(self._folder / f"{name}{SUFFIX}")) as output, output.writing():
-            with Path(output.destination.path).open("wb") as stream:  # as a path, the name would have to be UTF-8
-                pyarrow.parquet.write_table(table, stream, compression="zstd")
+        digest = hashlib.sha256(content.encode()).hexdigest()[:NAMED]
+        path = self._folder / f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
+        schema = _schema(self._metrics, self.study)
+        with OutputWriter(StagedFile(path)) as output, output.writing():
+            # as a path, the name would have to be UTF-8
+            with (
+                Path(output.destination.path).open("wb") as stream,
+                pyarrow.parquet.ParquetWriter(stream, schema, compression="zstd") as writer,
+            ):
+                for table in tables:
+                    writer.write_table(table.cast(schema))
             output.publish()
+        return path
 
     def _paths(self) -> list[Path]:
         """Lists the files that may be parts.
@@ -200,35 +279,85 @@ class ChunkFiles:
         except OSError as error:
             raise FileError(self._folder, f"cannot be read: {error.strerror}") from None
 
-    def _is_part(self, schema: "pyarrow.Schema") -> bool:
-        """Returns whether a file with these columns is a part of this study."""
-        metrics = {name for name in schema.names if name.startswith(METRIC)}
-        if metrics != {METRIC + name for name in self._metrics} or len(set(schema.names)) < len(schema.names):
-            return False
-        ours = _part([], [], "", self._metrics).schema
-        return all(name in schema.names and schema.field(name).type == ours.field(name).type for name in ours.names)
+    def _rows(self, path: Path) -> Iterator["_PartRows"]:
+        """Yields the valid rows of a part in groups; nothing if it is damaged, or not a part of a study."""
+        import pyarrow
 
-    def _result(self, row: Mapping[str, object]) -> PointResult | None:
-        """Returns the result in a row; None if the row is invalid, since files are untrusted."""
-        if row["status"] not in get_args(Status) or None in row.values():
-            return None
-        metrics = tuple(row[METRIC + name] for name in self._metrics)
-        return PointResult(-1, row["status"], metrics, *(row[name] for name in LAST))  # type: ignore[arg-type]
+        from mjrun.formats.arrow_columns import parquet_groups
+
+        try:
+            with path.open("rb") as stream:
+                for table in parquet_groups(path, stream, TEXTS):
+                    if not _is_part(table.schema, self._metrics):
+                        return
+                    yield _part_rows(table, self._metrics)
+        except FileNotFoundError:  # merged by another process: the new part is read instead
+            return
+        except PermissionError as error:
+            raise FileError(path, f"cannot be read: {error.strerror}") from None
+        except (OSError, pyarrow.ArrowException):
+            self.damaged.append(path)
+
+    def _read_by_key(self, paths: Sequence[Path], known: ResultColumns, places: np.ndarray, keys: np.ndarray) -> None:
+        """Adds the results of the points at `places`, whose keys are `keys`, from parts of other designs."""
+        was_missing = known.is_missing
+        order = np.argsort(keys, kind="stable")
+        places, keys = places[order], keys[order]
+        for path in paths:
+            for rows in self._rows(path):
+                first, end = (np.searchsorted(keys, rows.keys, side) for side in ("left", "right"))
+                counts = end - first  # points with the key of each row
+                row = np.repeat(np.arange(len(counts)), counts)
+                place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts) + first[row]
+                known.put(places[place], rows.results.at(row))
+        self.adopted = np.flatnonzero(was_missing & ~known.is_missing)
+
+
+@dataclass(frozen=True)
+class _Name:
+    """The name of a part: the first digits of its study, and its first and last point."""
+
+    study: str
+    first: int
+    last: int
+
+    @classmethod
+    def of(cls, path: Path) -> "_Name | None":
+        match = PART.fullmatch(path.name)
+        return cls(match[1], int(match[2]), int(match[3])) if match else None
+
+
+@dataclass(frozen=True)
+class _PartRows:
+    """Rows of a part: the study that wrote it, the number and the key of each point, and the results."""
+
+    study: str
+    points: np.ndarray
+    keys: np.ndarray
+    results: ResultRows
+
+
+class _UnreadablePartError(Exception):
+    """A part that cannot be merged."""
 
 
 class PartWriter:
-    """A writer of results that arrive within `interval` [s] as one part; writes all at the end of its `with` block."""
+    """A writer of results that arrive within `interval` [s] as one part; writes all at the end of its `with` block.
+
+    Parts are merged as they accumulate, so that their number grows with the logarithm of the number of results.
+    """
 
     def __init__(self, files: ChunkFiles, interval: float) -> None:
         self._files, self._interval = files, interval
-        self._waiting = dict[str, tuple[list[str], list[PointResult]]]()  # keys and results, by host
+        self._waiting = dict[str, tuple[list[int], list[str], list[PointResult]]]()  # points, keys and results, by host
+        self._levels = list[list[Path]]()  # parts, by the number of times that they were merged
         self._written = time.monotonic()
 
-    def add(self, keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
+    def add(self, points: Sequence[int], keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
         """Adds results of points to the next part."""
-        its_keys, its_results = self._waiting.setdefault(host, ([], []))
-        its_keys.extend(keys)
-        its_results.extend(results)
+        waiting = self._waiting.setdefault(host, ([], [], []))
+        for list_, more in zip(waiting, (points, keys, results), strict=True):
+            cast("list[object]", list_).extend(more)
 
     def write_if_due(self) -> None:
         """Writes the part if the last one was written long enough ago; without results, prepares to write later.
@@ -249,9 +378,22 @@ class PartWriter:
 
     def _write(self) -> None:
         waiting, self._waiting = self._waiting, {}
-        for host, (keys, results) in waiting.items():
-            self._files.write(keys, results, host)
+        for host, (points, keys, results) in waiting.items():
+            rows = ResultRows.of(results, self._files.width, host)
+            self._keep(self._files.write(points, keys, rows), 0)
         self._written = time.monotonic()
+
+    def _keep(self, part: Path, level: int) -> None:
+        """Adds a part to those that were merged `level` times, and merges them once they are many."""
+        if level == len(self._levels):
+            self._levels.append([])
+        parts = self._levels[level]
+        parts.append(part)
+        if len(parts) < TOGETHER or sum(path.stat().st_size for path in parts if path.exists()) > PART_BYTES:
+            return
+        self._levels[level] = []
+        if merged := self._files.merge(parts):
+            self._keep(merged, level + 1)
 
 
 def part_bytes(metrics: Sequence[str], count: int) -> int:
@@ -263,24 +405,130 @@ def part_bytes(metrics: Sequence[str], count: int) -> int:
     keys = [hashlib.sha256(str(index).encode()).hexdigest()[:32] for index in range(count)]
     results = [PointResult(-1, "ok", tuple(row[1:]), 0, wall=float(row[0])) for row in numbers]
     stream = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(_part(keys, results, "host", metrics), stream, compression="zstd")
+    table = _part(np.arange(count), keys, ResultRows.of(results, len(metrics), "host"), metrics)
+    pyarrow.parquet.write_table(table, stream, compression="zstd")
     return stream.getvalue().size
 
 
-def _part(keys: Sequence[str], results: Sequence[PointResult], host: str, metrics: Sequence[str]) -> "pyarrow.Table":
+def _schema(metrics: Sequence[str], study: str = "") -> "pyarrow.Schema":
+    import pyarrow
+
+    text, integer, number = pyarrow.string(), pyarrow.int64(), pyarrow.float64()
+    columns = {"key": pyarrow.binary(KEY_BYTES), "point": integer, "status": text, "steps": integer}
+    columns |= {"exit_code": integer, "message": text, "host": text, "wall": number}
+    columns |= {METRIC + name: number for name in metrics}
+    return pyarrow.schema(columns, {STUDY: study})
+
+
+def _part(points: np.ndarray, keys: Sequence[str], results: ResultRows, metrics: Sequence[str]) -> "pyarrow.Table":
     import pyarrow
 
     from mjrun.formats.arrow_columns import number_array, text_array
 
-    columns = {
-        "key": text_array(keys),
-        "status": text_array([result.status for result in results]),
-        "steps": number_array(np.array([result.steps for result in results], np.int64)),
-        "exit_code": number_array(np.array([result.exit_code for result in results], np.int64)),
-        "message": text_array([result.message for result in results]),
-        "host": text_array([host] * len(results)),
-        "wall": number_array(np.array([result.wall for result in results], float)),
-    }
-    for index, name in enumerate(metrics):
-        columns[METRIC + name] = number_array(np.array([result.metrics[index] for result in results], float))
-    return pyarrow.Table.from_arrays(list(columns.values()), names=list(columns))
+    def coded(codes: np.ndarray, texts: Sequence[str]) -> "pyarrow.Array":
+        return pyarrow.DictionaryArray.from_arrays(number_array(codes.astype(np.int32)), text_array(texts))
+
+    content = pyarrow.py_buffer(bytes.fromhex("".join(keys)))
+    columns = [
+        pyarrow.FixedSizeBinaryArray.from_buffers(pyarrow.binary(KEY_BYTES), len(keys), [None, content]),
+        number_array(points.astype(np.int64)),
+        coded(results.status, STATUSES),
+        number_array(results.steps.astype(np.int64)),
+        number_array(results.exit_code.astype(np.int64)),
+        coded(results.message, results.messages),
+        coded(results.host, results.hosts),
+        number_array(results.wall),
+        *(number_array(results.metrics[:, index]) for index in range(len(metrics))),
+    ]
+    return pyarrow.Table.from_arrays(columns, names=_schema(metrics).names)
+
+
+def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str]) -> bool:
+    """Returns whether a file with these columns is a part of a study with these metrics, of this or an older layout."""
+    from pyarrow import types
+
+    found = {name for name in schema.names if name.startswith(METRIC)}
+    if found != {METRIC + name for name in metrics} or len(set(schema.names)) < len(schema.names):
+        return False
+    ours = _schema(metrics)
+    is_old = "key" in schema.names and types.is_string(schema.field("key").type)
+    wanted = [name for name in ours.names if not is_old or name not in ("key", "point")]
+
+    def kind(name: str) -> "pyarrow.DataType":
+        found = schema.field(name).type
+        return found.value_type if types.is_dictionary(found) else found
+
+    return all(name in schema.names and kind(name) == ours.field(name).type for name in wanted)
+
+
+def _part_rows(table: "pyarrow.Table", metrics: Sequence[str]) -> _PartRows:
+    """Returns the valid rows of a part; files are untrusted, and have older layouts."""
+    is_valid = np.ones(table.num_rows, bool)
+    for column in table.columns:
+        if column.null_count:
+            is_valid &= ~column.is_null().to_numpy()
+
+    def numbers(name: str) -> np.ndarray:
+        return table.column(name).fill_null(0).to_numpy()
+
+    def coded(name: str) -> tuple[np.ndarray, list[str]]:
+        column = table.column(name).combine_chunks()
+        return column.indices.fill_null(0).to_numpy(), [text or "" for text in column.dictionary.to_pylist()]
+
+    status, statuses = coded("status")
+    codes = np.array([STATUSES.index(text) if text in STATUSES else MISSING for text in [*statuses, "missing"]])
+    status = codes[status]
+    results = ResultRows(
+        status.astype(np.uint8),
+        numbers("steps"),
+        numbers("exit_code"),
+        numbers("wall"),
+        np.stack([numbers(METRIC + name) for name in metrics], axis=1) if metrics else np.empty((len(status), 0)),
+        *coded("message"),
+        *coded("host"),
+    )
+    rows = np.flatnonzero(is_valid & (status != MISSING))
+    study = (table.schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
+    is_old = "point" not in table.column_names
+    points = np.full(table.num_rows, -1) if is_old else numbers("point")
+    return _PartRows("" if is_old else study, points[rows], _keys_in(table)[rows], results.at(rows))
+
+
+def _keys_in(table: "pyarrow.Table") -> np.ndarray:
+    """Returns the keys in a part; those of older layouts are texts, of which invalid ones become empty."""
+    from pyarrow import types
+
+    column = table.column("key").combine_chunks()
+    if not types.is_fixed_size_binary(column.type):
+        return _binary([text if text and HEXADECIMAL.fullmatch(text) else "" for text in column.to_pylist()])
+    return np.array([key or b"" for key in column.to_pylist()], KEYS)
+
+
+def _binary(keys: Sequence[str]) -> np.ndarray:
+    return np.array([bytes.fromhex(key) for key in keys], KEYS)
+
+
+def _grouped(paths: Sequence[Path]) -> "Iterator[pyarrow.Table]":
+    """Yields the rows of parts in groups of about `GROUP` rows.
+
+    Raises:
+      _UnreadablePartError: a part is damaged, or has been removed.
+    """
+    import pyarrow
+
+    from mjrun.formats.arrow_columns import parquet_groups
+
+    waiting, count = list[pyarrow.Table](), 0
+    for path in paths:
+        try:
+            with path.open("rb") as stream:
+                for table in parquet_groups(path, stream):
+                    waiting.append(table)
+                    count += table.num_rows
+                    if count >= GROUP:
+                        yield pyarrow.concat_tables(waiting)
+                        waiting, count = [], 0
+        except (OSError, pyarrow.ArrowException):
+            raise _UnreadablePartError from None
+    if waiting:
+        yield pyarrow.concat_tables(waiting)

@@ -35,7 +35,7 @@ from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.image_spec import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.results import STATUSES, FailureGroup, point_failures, study_table
+from mjrun.study.results import FailureGroup, point_failures, study_table
 from mjrun.study.spec import PointResult
 from mjrun.study.study import Study
 from mjrun.version import __version__
@@ -142,9 +142,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _lost(self, prepared: PreparedStudy) -> list[int]:
         """Returns the points with results whose files are missing or of another point."""
         lost = list[int]()
-        for index, key in enumerate(prepared.keys):
-            result = prepared.known.get(key)
-            if result is not None and result.status == "ok" and not self._is_complete(index, prepared):
+        for index, result in enumerate(prepared.known):
+            if result.status == "ok" and not self._is_complete(index, prepared):
                 lost.append(index)
         return lost
 
@@ -197,7 +196,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _conclude(
         self, study: Study, prepared: PreparedStudy, objects: Sequence[LabelledObject], made: int, start: float
     ) -> "DatasetResult":
-        results, folder = prepared.results(), Path(self.output)
+        results, folder = prepared.known, Path(self.output)
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         study_table(prepared.points, (), results, prepared.units).write(prepared.folder, facts)
         self._remove_points_from(len(results))
@@ -217,7 +216,6 @@ class Dataset(DatasetOptions, ExecutionOptions):
             if name != "folder":
                 self._write(import_module(f"mjrun.formats.datasets.{name}").files(dataset))
         self._write([(OBJECTS, self._objects(objects, prepared.model))])
-        statuses = {status: sum(result.status == status for result in results) for status in STATUSES}
         result = DatasetResult(
             path=str(folder),
             points=len(results),
@@ -226,7 +224,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             rejected=rejected,
             objects=[each.name for each in objects],
             categories=dataset.categories,
-            statuses={status: count for status, count in statuses.items() if count},
+            statuses=results.counts,
             failures=point_failures(prepared.points, results),
             wall=time.perf_counter() - start,
         )

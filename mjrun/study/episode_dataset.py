@@ -318,9 +318,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         """Returns the points to simulate: those without a result, and those whose files are lost."""
         have = {each["key"] for each in known}
         missing = set(prepared.missing(self.retry_failed))
-        for index, key in enumerate(prepared.keys):
-            result = prepared.known.get(key)
-            if result and result.status == "ok" and not self._waits(index, key):
+        for index, (key, result) in enumerate(zip(prepared.keys, prepared.known, strict=True)):
+            if result.status == "ok" and not self._waits(index, key):
                 missing.add(index)
         return [index for index in sorted(missing) if prepared.keys[index] not in have]
 
@@ -365,7 +364,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         start: float,
         reporter: Reporter,
     ) -> "EpisodeDatasetResult":
-        results, have = prepared.results(), {each["key"] for each in known}
+        results, have = prepared.known, {each["key"] for each in known}
         new = [
             index
             for index, (key, result) in enumerate(zip(prepared.keys, results, strict=True))

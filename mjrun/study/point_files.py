@@ -32,7 +32,8 @@ from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.results import STATUSES, with_flags
+from mjrun.study.result_columns import STATUSES, ResultColumns
+from mjrun.study.results import with_flags
 from mjrun.study.spec import PointResult
 from mjrun.worker import Worker, WorkerEndedError
 
@@ -83,7 +84,7 @@ class PointKeeper:
             preview(replace(first, simulation=prepared.first).jobs(self.kinds), WarningReporter())
 
     def keep(
-        self, columns: Mapping[str, np.ndarray], results: Sequence[PointResult], jobs: int | str, reporter: Reporter
+        self, columns: Mapping[str, np.ndarray], results: ResultColumns, jobs: int | str, reporter: Reporter
     ) -> KeptFiles:
         """Makes the missing files of the chosen points.
 
@@ -94,11 +95,12 @@ class PointKeeper:
         if not self.kinds:
             return KeptFiles()
         # Another simulation of such a point costs no process, and has a step at least.
-        able = np.array([each.status == "ok" or (each.status == "unstable" and each.steps > 1) for each in results])
+        status = np.array(STATUSES)[results.status]
+        able = (status == "ok") | ((status == "unstable") & (results.steps > 1))
         if lost := int((~able).sum()):
             plural = "s" if lost > 1 else ""
             reporter.note(f"{lost} point{plural} without a completed step, or that ended the process: no files")
-        chosen = self._choice.points(columns, [result.status for result in results], able)
+        chosen = self._choice.points(columns, status, able)
         outputs = {index: self._outputs(index, results[index]) for index in chosen}
         missing = [index for index, each in outputs.items() if each.missing()]
         failures = dict[int, str]()
@@ -197,24 +199,23 @@ class PointChoice:
         if (self._conditions or self._ranked) and not options.keep and options.contact_sheet is None:
             raise UsageError(f"no files are kept of the chosen points; choose some with {option('keep')}")
 
-    def points(self, columns: Mapping[str, np.ndarray], status: Sequence[str], able: np.ndarray) -> list[int]:
+    def points(self, columns: Mapping[str, np.ndarray], status: np.ndarray, able: np.ndarray) -> list[int]:
         """Returns the numbers of the points in ascending order; without a condition or rank, all that are able.
 
         Args:
           columns: parameters and metrics, `(n,)` each.
-          status: status of each point.
+          status: status of each point `(n,)`.
           able: points that can be simulated again `(n,)`.
 
         Raises:
           UsageError: a condition reads values that are not numbers.
         """
-        states = np.array(status)
         chosen = able.copy()
-        table = {**columns, **{name: (states == name).astype(float) for name in STATUSES}}
+        table = {**columns, **{name: (status == name).astype(float) for name in STATUSES}}
         for text, condition in self._conditions:
             if texts := [name for name in condition.columns if name not in table]:
                 raise UsageError(f"{option('keep_where')} {text}: {clean(texts[0])} has values that are not numbers")
-            chosen &= np.broadcast_to(condition.holds(table), len(states))
+            chosen &= np.broadcast_to(condition.holds(table), len(status))
         if not self._ranked:
             return np.flatnonzero(chosen).tolist()
         ranked = set[int]()

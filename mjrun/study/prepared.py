@@ -11,6 +11,7 @@ import numpy as np
 
 from mjrun.errors import MjrunError, UsageError, clean
 from mjrun.experiment.design import Design, design
+from mjrun.experiment.design_points import texts_at
 from mjrun.experiment.results_table import (
     Requirements,
     check_metric_names,
@@ -25,7 +26,7 @@ from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.probe.metric import Metric
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
-from mjrun.study.chunk_files import point_keys, study_identity
+from mjrun.study.chunk_files import point_keys, study_digest, study_identity
 from mjrun.study.episode_spec import EpisodeSpec
 from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
@@ -90,8 +91,11 @@ class PreparedStudy(PreparedPoints):
         """Everything that determines the results, except the values of the points."""
         return study_identity(self.spec, self.model, self.shipped.spec.modules)
 
-    def _keys(self) -> Sequence[str]:
-        return point_keys(self.identity, self.spec, self.points.points)
+    def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
+        return point_keys(self.identity, self.spec, self.points.at(indices))
+
+    def _digest(self) -> str:
+        return study_digest(self.identity, self.spec, self.points)
 
     @property
     def noun(self) -> str:
@@ -124,18 +128,21 @@ class PreparedStudy(PreparedPoints):
         names = self.points.names
         deciding = [i for i, name in enumerate(names) if name.rpartition(".")[2].rpartition(":")[2] in LENGTH]
         varying = replace(self.spec, names=tuple(names[i] for i in deciding))
-        variants, known, counts = ModelVariants(), dict[tuple[str, ...], int](), list[int]()
-        for index in indices:
-            values = self.points.points[index]
-            key = tuple(values[i] for i in deciding)
-            if key not in known:
-                try:
-                    simulation = varying.simulation(key)
-                    known[key] = simulation.timeline(variants.load(simulation.source).model).steps
-                except MjrunError:
-                    known[key] = 0
-            counts.append(known[key])
-        return np.array(counts, np.int64)
+        variants, columns = ModelVariants(), [self.points.column(i) for i in deciding]
+
+        def count(key: tuple[str, ...]) -> int:
+            try:
+                simulation = varying.simulation(key)
+                return simulation.timeline(variants.load(simulation.source).model).steps
+            except MjrunError:
+                return 0
+
+        if not columns:
+            return np.full(len(indices), count(()), np.int64)
+        places = np.stack([column.places[np.asarray(indices, np.intp)] for column in columns])
+        different, which = np.unique(places, axis=1, return_inverse=True)
+        keys = [tuple(texts_at(column.texts, key[[i]])[0] for i, column in enumerate(columns)) for key in different.T]
+        return np.array([count(key) for key in keys], np.int64)[which.ravel()]
 
     def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> executors.ChunkSizes:
         """Returns the sizes of chunks, of which `ahead` are in flight."""

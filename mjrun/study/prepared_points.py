@@ -1,8 +1,10 @@
 """Points that are ready to be simulated: their keys, their known results, and the chunks of those that are missing."""
 
+import hashlib
 import math
 import socket
 from abc import ABC, abstractmethod
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -12,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import clean
+from mjrun.errors import clean, counted
 from mjrun.experiment.design import Design
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
-from mjrun.study.chunk_files import FINAL, ChunkFiles, PartWriter
+from mjrun.study.chunk_files import ChunkFiles, PartWriter
+from mjrun.study.result_columns import ResultColumns, ResultRows
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
     ChunkResult,
@@ -30,7 +33,7 @@ from mjrun.study.spec import (
 )
 
 JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
-NOT_YET = "it is not simulated yet"
+ADOPTED = 2**16  # results in a part that are adopted from other designs
 
 
 class PreparedPoints(ABC):
@@ -45,28 +48,35 @@ class PreparedPoints(ABC):
 
     Attributes:
       files: files of results.
-      known: known results, by the key of their points.
-
-    Raises:
-      FileError: a file of results cannot be read for lack of permission.
     """
 
     def __init__(
         self, spec: PointSpec, points: Design, shipped: ShippedStudy, folder: Path, metrics: Sequence[str]
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder
-        self._metrics = len(metrics)
-        self.files = ChunkFiles(folder, metrics)
-        self.known = self.files.read()
+        self.files = ChunkFiles(folder, metrics, self._digest())
+
+    @cached_property
+    def known(self) -> ResultColumns:
+        """The known results of all points.
+
+        Raises:
+          FileError: a file of results cannot be read for lack of permission.
+        """
+        return self.files.read(range(len(self.points.points)), self._keys)
 
     @cached_property
     def keys(self) -> Sequence[str]:
         """The key of each point."""
-        return self._keys()
+        return self._keys(range(len(self.points.points)))
 
     @abstractmethod
-    def _keys(self) -> Sequence[str]:
-        """Returns the key of each point: a hash of everything that determines its result."""
+    def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
+        """Returns the keys of points: hashes of everything that determines their results, 32 hexadecimal digits."""
+
+    def _digest(self) -> str:
+        """Returns a hash of everything that determines the results of all points, and of their order."""
+        return hashlib.sha256("".join(self.keys).encode()).hexdigest()
 
     @property
     def noun(self) -> str:
@@ -75,27 +85,31 @@ class PreparedPoints(ABC):
 
     def warn_of_damaged(self, reporter: Reporter) -> None:
         """Warns of parts that cannot be read, whose points count as not simulated."""
+        assert self.known
         for path in self.files.damaged:
             reporter.warn(f"{clean(str(path))} is damaged: its points count as not simulated; it can be removed")
 
-    def missing(self, retry_failed: bool = False) -> list[int]:
+    def adopt(self, reporter: Reporter) -> None:
+        """Publishes results of other designs of the study as those of this one, which will be read without keys.
+
+        Raises:
+          FileError: they cannot be written.
+        """
+        adopted = self.files.adopted
+        if len(adopted):
+            found = counted(len(adopted), "result")
+            reporter.note(
+                f"{found} of an earlier design or layout of this study are adopted by the keys of their points"
+            )
+        for start in range(0, len(adopted), ADOPTED):
+            some = adopted[start : start + ADOPTED]
+            self.files.write(some, self._keys(some), self.known.rows(some))
+
+    def missing(self, retry_failed: bool = False) -> Sequence[int]:
         """Returns the points without a result, and those with a failure that `retry_failed` repeats."""
-        results = [self.known.get(key) for key in self.keys]
-        return [
-            index
-            for index, result in enumerate(results)
-            if result is None or (retry_failed and result.status not in FINAL)
-        ]
-
-    def results(self) -> list[PointResult]:
-        """Returns the result of each point in order; a point without one has the status `missing`."""
-        missing = self.not_simulated
-        return [self.known.get(key, missing) for key in self.keys]
-
-    @property
-    def not_simulated(self) -> PointResult:
-        """The result of a point without one."""
-        return PointResult(-1, "missing", (math.nan,) * self._metrics, 0, 0, NOT_YET)
+        known = self.known
+        places = np.flatnonzero(~known.is_final if retry_failed else known.is_missing)
+        return array("q", places.astype(np.int64).tobytes())  # a list would take five times the memory
 
     def steps(self, indices: Sequence[int]) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""
@@ -115,7 +129,7 @@ class PreparedPoints(ABC):
         while start < len(indices):
             part = indices[start : start + sizes.next(steps[start:])]
             start += len(part)
-            yield PointChunk(self.shipped, tuple(StudyPoint(index, self.points.points[index]) for index in part), limit)
+            yield PointChunk(self.shipped, tuple(map(StudyPoint, part, self.points.at(part))), limit)
 
     def simulate(
         self,
@@ -141,15 +155,16 @@ class PreparedPoints(ABC):
         with PartWriter(self.files, executors.INTERVAL) as parts:
             for arrived in self._completed(indices, options, reporter):
                 for chunk, result in arrived:
-                    keys = [self.keys[point.index] for point in chunk.points]
+                    places = [point.index for point in chunk.points]
+                    keys = self._keys(places)
                     if publish and not result.is_refused:
                         for key, each in zip(keys, result.results, strict=True):
                             publish(key, each)
                         result = replace(result, results=[replace(each, files=()) for each in result.results])
                     if not result.is_refused:
                         hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
-                        parts.add(keys, result.results, ", ".join(sorted(hosts)))
-                    self.known.update(zip(keys, result.results, strict=True))
+                        parts.add(places, keys, result.results, ", ".join(sorted(hosts)))
+                    self.known.put(np.array(places), ResultRows.of(result.results, self.files.width))
 
                     failures.add(result.results)
                     statuses.update(each.status for each in result.results)

@@ -90,7 +90,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
         if processes:
             wall = START + seconds * int(steps.sum()) / result.steps / min(processes, len(sizes))
 
-    count, design = len(prepared.keys), prepared.points
+    count, design = len(prepared.points.points), prepared.points
     ends = sorted({*range(min(SHOWN, count)), *range(max(0, count - SHOWN), count)})
     parts = len(sizes) if wall is None else min(len(sizes), 1 + int(wall / INTERVAL))
     part = part_bytes([name for name, _ in prepared.spec.metrics], len(missing) // parts) if parts else 0

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -61,7 +60,7 @@ class RepeatMeans:
       design: the points without their seeds; empty without metrics, or if no two points differ in their seed only.
     """
 
-    def __init__(self, points: Design, metrics: Mapping[str, Sequence[float]], confidence: float) -> None:
+    def __init__(self, points: Design, metrics: Mapping[str, np.ndarray | Sequence[float]], confidence: float) -> None:
         first, groups = _grouped(points)
         others = Design(tuple(name for name in points.names if name != SEED), [])
         if metrics and len(first) < len(points.points):
@@ -72,7 +71,7 @@ class RepeatMeans:
         self._means = dict[str, GroupMeans]()
         if others.points:
             for name, values in metrics.items():
-                self._means[name] = group_means(np.array(values), groups, len(first), confidence)
+                self._means[name] = group_means(np.asarray(values), groups, len(first), confidence)
 
     def table(self, units: Mapping[str, str] = MappingProxyType({})) -> ResultsTable:
         """Returns a table with a row for each group of repeats, in the order of the points.
@@ -117,12 +116,6 @@ def _grouped(points: Design) -> tuple[np.ndarray, np.ndarray]:
     _, first, groups = np.unique(keys, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return first[order], np.argsort(order)[groups]
-
-
-def remove_old(folder: Path) -> None:
-    """Removes the tables that a study had before its seeds stopped varying."""
-    for name in FILES:
-        (folder / name).unlink(missing_ok=True)
 
 
 def _mean(means: GroupMeans, group: int) -> MeanSummary:

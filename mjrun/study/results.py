@@ -10,9 +10,9 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, ResultsTable
 from mjrun.model.table_column import Column
 from mjrun.reporter import Reporter
+from mjrun.study.result_columns import STATUSES, ResultColumns
 from mjrun.study.spec import PointResult
 
-STATUSES = ("ok", "unstable", "failed", "timeout", "crashed", "missing")
 FRAME = 8_000  # size of a table without rows [bytes]
 TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # in addition to parameters and metrics
 MOST_REASONS = 10  # that are reported while points are simulated
@@ -23,7 +23,7 @@ _COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 def study_table(
     design: Design,
     metrics: Sequence[str],
-    results: Sequence[PointResult],
+    results: ResultColumns,
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> ResultsTable:
     """Returns the table of a study, with a row for each point in order.
@@ -35,12 +35,11 @@ def study_table(
     table.add(POINT, range(len(results)))
     table.add_parameters(design, range(len(design.points)), units=units)
     for index, name in enumerate(metrics):
-        table.add(Column(name, units.get(name, ""), "metric"), [result.metrics[index] for result in results])
-    table.add_texts("status", [result.status for result in results])
-    table.add(Column("steps", meaning="steps taken", integer=True), [result.steps for result in results])
-    codes = [result.exit_code for result in results]
-    table.add(Column("exit_code", meaning="of this point alone", integer=True), codes)
-    table.add_texts("message", [result.message for result in results])
+        table.add(Column(name, units.get(name, ""), "metric"), results.metrics[:, index])
+    table.add_texts("status", [STATUSES[code] for code in results.status.tolist()])
+    table.add(Column("steps", meaning="steps taken", integer=True), results.steps)
+    table.add(Column("exit_code", meaning="of this point alone", integer=True), results.exit_code)
+    table.add_texts("message", results.messages)
     return table
 
 
@@ -85,16 +84,18 @@ class FailureGroup:
     values: Mapping[str, str]
 
 
-def point_failures(points: Design, results: Sequence[PointResult]) -> list[FailureGroup]:
+def point_failures(points: Design, results: ResultColumns) -> list[FailureGroup]:
     """Groups failures by reason, the most frequent first."""
-    groups = dict[tuple[str, str], list[int]]()
-    for index, result in enumerate(results):
-        if result.status != "ok":
-            groups.setdefault(_reason(result), []).append(index)
-    ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
+    groups = dict[tuple[str, str], tuple[int, int, str]]()
+    for status, message, count, first in results.endings:
+        reason = _reason(status, message)
+        before, first_before, message_before = groups.get(reason, (0, first, message))
+        message = message if first < first_before else message_before
+        groups[reason] = before + count, min(first, first_before), message
+    ordered = sorted(groups.items(), key=lambda item: (-item[1][0], item[1][1]))
     return [
-        FailureGroup(status, results[failed[0]].message, len(failed), failed[0], points.values(failed[0]))
-        for (status, _), failed in ordered
+        FailureGroup(status, message, count, first, points.values(first))
+        for (status, _), (count, first, message) in ordered
     ]
 
 
@@ -117,9 +118,9 @@ class FailureReporter:
     def add(self, results: Iterable[PointResult]) -> None:
         """Adds results as they arrive; their indices are those of the points in `points`."""
         for result in results:
-            if result.status == "ok" or _reason(result) in self._reported:
+            if result.status == "ok" or _reason(result.status, result.message) in self._reported:
                 continue
-            self._reported.add(_reason(result))
+            self._reported.add(_reason(result.status, result.message))
             if len(self._reported) <= MOST_REASONS:
                 values = [f"{name}={text}" for name, text in self._points.values(result.index).items()]
                 shown = ", ".join([*values[:FEW], *(["…"] if len(values) > FEW else [])])
@@ -130,6 +131,6 @@ class FailureReporter:
                 self._reporter.note(f"{self._noun}s fail for more reasons; the table contains all of them")
 
 
-def _reason(result: PointResult) -> tuple[str, str]:
+def _reason(status: str, message: str) -> tuple[str, str]:
     """Returns the reason of a failure; all unstable simulations have the same, whatever the step."""
-    return result.status, "" if result.status == "unstable" else result.message.partition("\n")[0]
+    return status, "" if status == "unstable" else message.partition("\n")[0]

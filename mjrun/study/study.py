@@ -15,13 +15,13 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_table import Requirements, manifest_writer, plain_metrics, raise_failures
+from mjrun.experiment.results_table import FILES, Requirements, manifest_writer, plain_metrics, raise_failures
 from mjrun.experiment.statistics import CONFIDENCE
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
-from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
+from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.plotting.table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
@@ -32,7 +32,8 @@ from mjrun.study.point_files import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview, preview
 from mjrun.study.repeats import RepeatSummary
-from mjrun.study.results import STATUSES, FailureGroup, point_failures, study_table, with_flags
+from mjrun.study.result_columns import STATUSES
+from mjrun.study.results import FailureGroup, point_failures, study_table, with_flags
 from mjrun.study.spec import StudySpec
 from mjrun.version import __version__
 
@@ -48,12 +49,14 @@ class Study(StudyOptions, ExecutionOptions):
       command: command line, for the manifest.
       controllers: functions by the values of `controller`, where the controller varies.
       document: the study as a document, for the manifest; paths are relative to the folder of the study.
+      with_csv: writes results.csv whatever the number of points.
     """
 
     simulation: Simulation = field(kw_only=False)
     command: str = ""
     controllers: Mapping[str, Callable[..., object]] = field(default_factory=dict[str, Callable[..., object]])
     document: Mapping[str, object] | None = None
+    with_csv: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -86,12 +89,15 @@ class Study(StudyOptions, ExecutionOptions):
             prepared.files.create()
             prepared.warn_of_damaged(reporter)
             self._report_changes(reporter)
-            self.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})  # lets an interrupted study continue
+            count = len(prepared.points.points)
+            self.write_manifest({"points": count, "schema": SCHEMA})  # lets an interrupted study continue
             missing = prepared.missing(self.retry_failed)
-            if len(missing) < len(prepared.keys):
-                reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
+            if len(missing) < count:
+                reporter.note(f"{count - len(missing)} of {count} points are known already")
+            prepared.adopt(reporter)
             if missing:
                 prepared.simulate(missing, self, reporter)
+                prepared.files.merge_all()
             return self._conclude(prepared, keeper, len(missing), reporter, start)
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
@@ -145,37 +151,43 @@ class Study(StudyOptions, ExecutionOptions):
             if changed:
                 reporter.note(f"changed since the last run: {clean(', '.join(changed))}")
 
+    def _tables(self, files: Sequence[str], rows: int) -> Sequence[str]:
+        """Returns the files of a table of `rows` rows."""
+        return files if self.with_csv or rows <= MOST_IN_CSV else files[:1]
+
     def _conclude(
         self, prepared: PreparedStudy, keeper: PointKeeper, simulated: int, reporter: Reporter, start: float
     ) -> "StudyResult":
         """Writes the table, the kept files and the manifest; raises errors of a finished study with its result."""
-        points, results = prepared.points, prepared.results()
+        points, results = prepared.points, prepared.known
         names = [name for name, _ in prepared.spec.metrics]
         table = study_table(points, names, results, prepared.units)
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
-        values = {name: [each.metrics[index] for each in results] for index, name in enumerate(names)}
+        values = {name: results.metrics[:, index] for index, name in enumerate(names)}
         means = repeats.RepeatMeans(points, values, self.confidence)
         with ExitStack() as stack:
-            writers = table.open(stack, prepared.folder, facts)  # the same for all runs, unlike the manifest
-            if means.design.points:
-                writers += means.table(prepared.units).open(stack, prepared.folder, facts, repeats.FILES)
+            # The same for all runs, unlike the manifest.
+            writers = table.open(stack, prepared.folder, facts, self._tables(FILES, len(results)))
+            if count := len(means.design.points):
+                tables = self._tables(repeats.FILES, count)
+                writers += means.table(prepared.units).open(stack, prepared.folder, facts, tables)
             files = publish_together(writers)
-        if not means.design.points:
-            repeats.remove_old(prepared.folder)
+        for path in (prepared.folder / name for name in (*FILES, *repeats.FILES)):
+            if path not in files:  # of an earlier run of other points
+                path.unlink(missing_ok=True)
 
         verdicts, kept = list[Verdict](), KeptFiles()
-        if all(result.status != "missing" for result in results):
+        if not results.is_missing.any():
             numbers = table.numbers
             requirements = Requirements(self.require, [*numbers], STATUSES, with_flags)
             verdicts = requirements.verdicts(numbers | table.flags("status", STATUSES))
             kept = keeper.keep(numbers, results, self.jobs, reporter)
-        statuses = {status: sum(r.status == status for r in results) for status in STATUSES}
         result = StudyResult(
             path=str(prepared.folder),
             points=len(results),
             simulated=simulated,
-            statuses={status: count for status, count in statuses.items() if count},
+            statuses=results.counts,
             metrics={name: replace(_summary(points, values[name]), unit=prepared.units[name]) for name in names},
             failures=point_failures(points, results),
             assertions=verdicts,
@@ -194,7 +206,7 @@ class Study(StudyOptions, ExecutionOptions):
             write_study_page(self, result, points, known, self.simulation.source.text)
 
         error: FailedPointsError | LostFilesError | None = None
-        if any(r.status != "ok" for r in results):
+        if results.status.any():
             error = FailedPointsError(result.statuses)
         elif kept.failures:
             error = LostFilesError(kept.failures)
@@ -278,8 +290,7 @@ class MetricSummary:
     unit: str = ""
 
 
-def _summary(points: Design, values: Sequence[float]) -> MetricSummary:
-    numbers = np.array(values)
+def _summary(points: Design, numbers: np.ndarray) -> MetricSummary:
     finite = np.flatnonzero(np.isfinite(numbers))
     if not len(finite):
         return MetricSummary(0, math.nan, math.nan, [math.nan] * len(QUANTILES), None, None)

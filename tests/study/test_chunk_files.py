@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
 
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_files import ChunkFiles, point_keys, study_identity
+from mjrun.study.chunk_files import ChunkFiles, PartWriter, point_keys, study_identity
+from mjrun.study.result_columns import ResultRows
 from mjrun.study.spec import PointResult, StudySpec
 from tests.study.models import BALL
 
@@ -22,38 +24,123 @@ RESULTS = [
 ]
 
 
-@pytest.mark.parametrize("name", ["study", os.fsdecode(b"caf\xe9")], ids=["plain", "not UTF-8"])
-def test_results_read_back(tmp_path: Path, name: str) -> None:
-    files = ChunkFiles(tmp_path / name, ["a", "b"])
-    files.create()
-    files.write(["k1", "k2"], RESULTS, "host")
-    read = files.read()
-    assert [str(replace(read[key], index=i)) for i, key in enumerate(("k1", "k2"))] == [*map(str, RESULTS)]
-    assert ChunkFiles(tmp_path / name, ["a"]).read() == {}  # of a study with other metrics
+KEYS = [f"{index:032x}" for index in range(1, 9)]
+STUDY = "ab" * 32
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> ChunkFiles:
-    files = ChunkFiles(tmp_path, ["a", "b"])
+def files_in(folder: Path, study: str = STUDY, metrics: Sequence[str] = ("a", "b")) -> ChunkFiles:
+    files = ChunkFiles(folder, metrics, study)
     files.create()
     return files
 
 
+def keys_of(points: np.ndarray) -> list[str]:
+    return [KEYS[point] for point in points]
+
+
+def write(files: ChunkFiles, points: Sequence[int], results: Sequence[PointResult]) -> Path:
+    return files.write(points, keys_of(np.array(points)), ResultRows.of(results, files.width, "host"))
+
+
+def read(files: ChunkFiles, points: range = range(len(KEYS))) -> dict[int, str]:
+    """Returns the status of each known point."""
+    known = files.read(points, keys_of)
+    return {result.index: result.status for result in known if result.status != "missing"}
+
+
+def broken_keys(points: np.ndarray) -> list[str]:
+    raise AssertionError("keys are compared")
+
+
+@pytest.mark.parametrize("name", ["study", os.fsdecode(b"caf\xe9")], ids=["plain", "not UTF-8"])
+def test_results_read_back(tmp_path: Path, name: str) -> None:
+    write(files_in(tmp_path / name), [0, 1], RESULTS)
+    known = files_in(tmp_path / name).read(range(2), broken_keys)
+    assert [*map(str, known)] == [*map(str, RESULTS)]
+    assert read(files_in(tmp_path / name, metrics=["a"])) == {}  # of a study with other metrics
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> ChunkFiles:
+    return files_in(tmp_path)
+
+
 def test_a_good_result_wins_over_a_failed_one(files: ChunkFiles) -> None:
-    files.write(["k", "x"], [RESULTS[0], RESULTS[0]], "host")
-    files.write(["k", "y"], [RESULTS[1], RESULTS[1]], "host")
-    assert files.read()["k"].status == "ok"
-    assert files.read()["y"].status == "crashed"
+    for order in ([0, 1], [1, 0]):
+        for each in order:
+            write(files, [each, 2 + each, 4], [RESULTS[each]] * 3)
+    assert read(files) == {0: "ok", 1: "crashed", 2: "ok", 3: "crashed", 4: "ok"}
 
 
 def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFiles, tmp_path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table({"x": [1]}), tmp_path / "parts" / "mine.parquet")
-    assert files.read() == {}
-    files.write(["k"], RESULTS[:1], "host")
+    assert read(files) == {}
+    part = write(files, [0], RESULTS[:1])
     (tmp_path / "parts" / "broken.parquet").write_text("x")
-    (tmp_path / "parts" / "empty.parquet").touch()
-    assert list(files.read()) == ["k"]
-    assert [path.name for path in files.damaged] == ["broken.parquet", "empty.parquet"]
+    cut = write(files, [1], RESULTS[:1])
+    cut.write_bytes(cut.read_bytes()[:-9])
+    assert part != cut
+    assert read(files) == {0: "ok"}
+    assert {*files.damaged} == {tmp_path / "parts" / "broken.parquet", cut}
+
+
+def test_a_part_is_opened_only_for_its_points(files: ChunkFiles) -> None:
+    parts = [write(files, [point, point + 1], [RESULTS[0]] * 2) for point in (0, 2, 4, 6)]
+    for part in (parts[0], parts[3]):
+        part.write_text("damaged")
+    assert read(files, range(3, 6)) == {3: "ok", 4: "ok", 5: "ok"}
+    assert files.damaged == []
+
+
+def test_parts_of_another_design_are_read_by_keys_and_those_of_another_study_are_not(tmp_path: Path) -> None:
+    before = files_in(tmp_path, "cd" * 32)
+    write(before, [5, 6], [RESULTS[0]] * 2)  # whose numbers have changed since
+
+    def moved(points: np.ndarray) -> list[str]:
+        return [KEYS[(point + 3) % len(KEYS)] for point in points]
+
+    files = files_in(tmp_path)
+    known = files.read(range(len(KEYS)), moved)
+    assert np.flatnonzero(~known.is_missing).tolist() == [2, 3] == files.adopted.tolist()
+    files.write(files.adopted, moved(files.adopted), known.rows(files.adopted))
+    again = files.read(range(2, 4), broken_keys)
+    assert [str(replace(result, index=0)) for result in again] == [str(RESULTS[0])] * 2
+    assert files.adopted.tolist() == []
+
+
+def test_points_with_one_key_have_one_result(tmp_path: Path) -> None:
+    write(files_in(tmp_path, "cd" * 32), [5], RESULTS[:1])
+    known = files_in(tmp_path).read(range(3), lambda points: [KEYS[5]] * len(points))
+    assert known.counts == {"ok": 3}
+
+
+def test_a_part_of_an_older_layout_is_read_by_keys(files: ChunkFiles, tmp_path: Path) -> None:
+    part = write(files, [0, 1], RESULTS)
+    table = pyarrow.parquet.ParquetFile(part).read().drop_columns(["point"]).replace_schema_metadata()
+    old = table.set_column(0, "key", pyarrow.array([KEYS[3], "no key"]))
+    pyarrow.parquet.write_table(old, tmp_path / "parts" / "0123456789abcdef.parquet")
+    part.unlink()
+    assert read(files) == {3: "ok"}
+
+
+def test_merged_parts_have_the_same_results(files: ChunkFiles, tmp_path: Path) -> None:
+    parts = [write(files, [point, 7], [RESULTS[point % 2], RESULTS[0]]) for point in range(6)]
+    other = write(files_in(tmp_path, "cd" * 32), [0], RESULTS[:1])
+    before = read(files)
+    assert files.merge([*parts[:2], tmp_path / "parts" / "gone.parquet"]) is None
+    files.merge_all()
+    merged = [path for path in (tmp_path / "parts").iterdir() if path != other]
+    assert len(merged) == 1
+    assert read(files) == before == {0: "ok", 1: "crashed", 2: "ok", 3: "crashed", 4: "ok", 5: "crashed", 7: "ok"}
+
+
+def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: ChunkFiles, tmp_path: Path) -> None:
+    with PartWriter(files, 0) as parts:
+        for point in range(300):
+            parts.add([point % 8], [KEYS[point % 8]], RESULTS[:1], "host")
+            parts.write_if_due()
+            assert len([*(tmp_path / "parts").iterdir()]) <= 7 * 3
+    assert read(files) == dict.fromkeys(range(8), "ok")
 
 
 @pytest.mark.parametrize(
@@ -62,6 +149,8 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFil
         ("status", ["\x1b[2J"]),
         ("status", [7]),
         ("key", [["k"]]),
+        ("point", [1.5]),
+        ("point", [99]),
         ("steps", ["many"]),
         ("steps", pyarrow.array([None], pyarrow.int64())),
         ("message", [1.5]),
@@ -70,15 +159,12 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFil
         ("wall", ["long"]),
     ],
 )
-def test_rows_that_mjrun_never_writes_are_passed_over(
-    files: ChunkFiles, tmp_path: Path, name: str, values: object
-) -> None:
-    files.write(["k"], RESULTS[:1], "host")
-    (path,) = (tmp_path / "parts").iterdir()
+def test_rows_that_mjrun_never_writes_are_passed_over(files: ChunkFiles, name: str, values: object) -> None:
+    path = write(files, [0], RESULTS[:1])
     table = pyarrow.parquet.ParquetFile(path).read()
     table = table.set_column(table.column_names.index(name), name, pyarrow.array(values))
     pyarrow.parquet.write_table(table, path)
-    assert files.read() == {}
+    assert read(files) == {}
 
 
 def keys(spec: StudySpec, names: tuple[str, ...], points: Sequence[tuple[str, ...]]) -> list[str]:
@@ -116,14 +202,11 @@ def test_environments_with_one_model_are_told_apart() -> None:
     assert len(set(keys(specs[0], ("model",), [(name,) for name in names]))) == 3
 
 
-def test_a_part_that_would_fill_the_memory_is_refused(
-    files: ChunkFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files.write(["k", "x"], [RESULTS[0], RESULTS[0]], "host")
-    (part,) = tmp_path.rglob("*.parquet")
+def test_a_part_that_would_fill_the_memory_is_refused(files: ChunkFiles, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = write(files, [0, 1], [RESULTS[0], RESULTS[0]])
     table = pyarrow.parquet.read_table(part)
     pyarrow.parquet.write_table(pyarrow.concat_tables([table] * 2**13), part, compression="zstd")
-    assert set(files.read()) == {"k", "x"}
+    assert read(files) == {0: "ok", 1: "ok"}
     monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with pytest.raises(FileError, match="would expand to"):
-        files.read()
+        read(files)

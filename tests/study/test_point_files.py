@@ -182,7 +182,7 @@ FRAME: Any = pd.DataFrame(COLUMNS).assign(status=STATUS)[ABLE]
 
 def points(**options: object) -> list[int]:
     kept = KeepOptions(**{"keep": ("trace",), **options})  # type: ignore[arg-type]
-    return PointChoice(kept, ["geom/box.mass", "model"], ["drift"]).points(COLUMNS, STATUS, ABLE)
+    return PointChoice(kept, ["geom/box.mass", "model"], ["drift"]).points(COLUMNS, np.array(STATUS), ABLE)
 
 
 def test_points_are_chosen_by_conditions_that_all_hold() -> None:

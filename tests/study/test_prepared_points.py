@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mjrun.experiment.design import Design
@@ -42,20 +43,20 @@ class PreparedSquares(PreparedPoints):
         shipped = ShippedStudy(Sealed.of(spec, [Squares]), 1, snapshot)
         super().__init__(spec, Design(("x",), [(str(x),) for x in numbers]), shipped, folder, ["square"])
 
-    def _keys(self) -> list[str]:
-        return [f"key {values[0]}" for values in self.points.points]
+    def _keys(self, indices: Sequence[int] | np.ndarray) -> list[str]:
+        return [f"{int(values[0]):032x}" for values in self.points.at(indices)]
 
 
 @pytest.mark.slow
 def test_points_are_computed_once_and_cost_no_other(tmp_path: Path) -> None:
     first = PreparedSquares(tmp_path, [1, 2, 3, 4])
     first.files.create()
-    assert first.missing() == [0, 1, 2, 3]
+    assert [*first.missing()] == [0, 1, 2, 3]
     statuses = first.simulate(first.missing(), ExecutionOptions(jobs=1), WarningReporter())
     assert statuses == {"ok": 3, "crashed": 1}
     more = PreparedSquares(tmp_path, [5, 4, 3, 2])
-    assert more.missing() == [0]
-    assert more.missing(retry_failed=True) == [0, 2]
-    assert [result.status for result in more.results()] == ["missing", "ok", "crashed", "ok"]
-    assert [result.metrics for result in more.results()][1::2] == [(16.0,), (4.0,)]
+    assert [*more.missing()] == [0]
+    assert [*more.missing(retry_failed=True)] == [0, 2]
+    assert [result.status for result in more.known] == ["missing", "ok", "crashed", "ok"]
+    assert [result.metrics for result in more.known][1::2] == [(16.0,), (4.0,)]
     assert more.noun == "point"

@@ -7,6 +7,7 @@ import pandas as pd
 
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import BLOCK
+from mjrun.study.result_columns import ResultColumns
 from mjrun.study.results import MOST_REASONS, FailureReporter, point_failures, study_table
 from mjrun.study.spec import PointResult, Status
 from tests.reporters import RecordingReporter
@@ -22,14 +23,14 @@ RESULTS = [
 def test_a_long_table_is_whole(tmp_path: Path) -> None:
     count = 2 * BLOCK + 3
     design = Design(("seed",), [(str(k),) for k in range(count)])
-    made = study_table(design, ["half"], [PointResult(k, "ok", (k / 2,), 9) for k in range(count)])
+    made = study_table(design, ["half"], ResultColumns.of([PointResult(k, "ok", (k / 2,), 9) for k in range(count)], 1))
     for file in made.write(tmp_path, {}):
         table = pd.read_parquet(file) if file.suffix == ".parquet" else pd.read_csv(file)
         assert table["half"].tolist() == [k / 2 for k in range(count)]
 
 
 def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> None:
-    files = study_table(DESIGN, ["drift"], RESULTS).write(tmp_path, {})
+    files = study_table(DESIGN, ["drift"], ResultColumns.of(RESULTS, 1)).write(tmp_path, {})
     assert [file.name for file in files] == ["results.parquet", "results.csv"]
     for table in (pd.read_parquet(files[0]), pd.read_csv(files[1])):
         assert table["point"].tolist() == [0, 1, 2]
@@ -75,7 +76,7 @@ def test_reports_of_many_reasons_are_cut() -> None:
 
 def test_failures_are_counted_by_reason_the_most_frequent_first() -> None:
     results = [result(i, "failed", "one") for i in range(2)] + [result(i, "unstable", f"at {i}") for i in range(2, 5)]
-    outcome = point_failures(POINTS, results)
+    outcome = point_failures(POINTS, ResultColumns.of(results, 1))
     assert [(each.status, each.message, each.count, each.point) for each in outcome] == [
         ("unstable", "at 2", 3, 2), ("failed", "one", 2, 0),
     ]  # fmt: skip

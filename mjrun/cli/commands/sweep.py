@@ -114,7 +114,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
         elif options.plan is not None:
             _write_plan(console, _with_document(study, required=True), options.plan)
         else:
-            study = _with_document(study)
+            study = replace(_with_document(study), with_csv=form == "csv")
             report = partial(_report, study)
             with reported_failures(console, report, form=form):
                 result = study.collect(console) if options.collect else study.run(console)

@@ -1,0 +1,58 @@
+"""Columns of results are the results that were put into them, one after another."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.study.result_columns import FINAL, NOT_YET, STATUSES, ResultColumns, ResultRows
+from mjrun.study.spec import PointResult, Status
+
+COUNT = 5
+RESULT = st.builds(
+    PointResult,
+    index=st.integers(10, 10 + COUNT - 1),
+    status=st.sampled_from(STATUSES[:-1]),
+    metrics=st.tuples(st.floats(), st.floats()),
+    steps=st.integers(0, 2**40),
+    exit_code=st.integers(0, 255),
+    message=st.sampled_from(["", "a", "ü\n"]),
+    wall=st.floats(0, 9),
+)
+
+
+@given(st.lists(st.lists(RESULT, max_size=4), max_size=4))
+def test_columns_are_their_results_and_final_ones_stay(parts: list[list[PointResult]]) -> None:
+    columns = ResultColumns(range(10, 10 + COUNT), 2)
+    expected = {index: PointResult(index, "missing", (math.nan,) * 2, 0, 0, NOT_YET) for index in columns.points}
+    for part in parts:
+        columns.put(np.array([each.index - 10 for each in part], int), ResultRows.of(part, 2, "host"))
+        for each in sorted(part, key=lambda result: result.status in FINAL):  # a final result of a part counts
+            if expected[each.index].status not in FINAL or each in part[: part.index(each)]:
+                expected[each.index] = each
+        for index in columns.points:  # of several final results in one part, the last
+            final = [each for each in part if each.index == index and each.status in FINAL]
+            if final and expected[index] in final:
+                expected[index] = final[-1]
+    assert [*map(str, columns)] == [str(expected[index]) for index in columns.points]
+    assert [str(each) for each in columns[1:3]] == [*map(str, columns)][1:3]
+    copy = ResultColumns(columns.points, 2)
+    copy.put(np.arange(COUNT), columns.rows(np.arange(COUNT)))
+    assert [*map(str, copy)] == [*map(str, columns)]
+
+    results = [*expected.values()]
+    assert columns.counts == {s: n for s in STATUSES if (n := sum(each.status == s for each in results))}
+    assert columns.messages == [each.message for each in results]
+    assert columns.is_final.tolist() == [each.status in FINAL for each in results]
+    assert columns.is_missing.tolist() == [each.status == "missing" for each in results]
+    ends = [(each.status, each.message) for each in results]
+    kinds = {end: (ends.count(end), ends.index(end)) for end in ends if end[0] != "ok"}
+    assert {(status, message): (count, first) for status, message, count, first in columns.endings} == kinds
+
+
+def test_results_in_order_are_columns() -> None:
+    status: Status = "ok"
+    results = [PointResult(index, status, (index / 2,), index) for index in range(3)]
+    assert list(ResultColumns.of(results, 1)) == [replace(each) for each in results]
