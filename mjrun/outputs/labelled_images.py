@@ -348,11 +348,12 @@ class LabelledRenderer:
         rows, columns = np.nonzero(wide)
         places = (np.stack([columns, rows], axis=1) + 0.5 - middle) * scale + middle
         within = np.logical_and(places >= 0, places < [width, height]).all(axis=1)
-        outside = 1 - float(np.mean(within)) if len(places) else 0.0
+        outside = float((~within).sum()) * scale**2
         x, y, across, down = _around(wide)
         corner = (np.array([x, y]) - middle) * scale + middle
-        total = inside / (1 - outside) if outside < 1 else len(places) * scale**2
-        return total, outside, (float(corner[0]), float(corner[1]), across * scale, down * scale)
+        total = inside + outside
+        share = outside / total if total else 0.0
+        return total, share, (float(corner[0]), float(corner[1]), across * scale, down * scale)
 
 
 class _Objects:

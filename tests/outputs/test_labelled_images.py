@@ -109,6 +109,17 @@ def test_half_of_a_ball_at_the_edge_of_the_image_is_truncated(renderer: Labelled
     assert x + width / 2 == pytest.approx(SIZE[0], abs=1.5)
 
 
+def test_the_share_within_the_image_is_that_of_its_pixels(renderer: LabelledRenderer) -> None:
+    # From so close, the image shows a sliver of the ball, which is narrower than a pixel of a view of the whole ball.
+    views = pictured(renderer, compiled(), "look:from=.13/.195/.5,at=.13/2/.5").views
+    assert views[1].pixels > 0
+    assert views[1].truncated > 0.9
+    for view in views:
+        assert view.alone is not None
+        assert view.silhouette * (1 - view.truncated) == pytest.approx(view.alone.sum())
+        assert view.pixels <= view.alone.sum() <= view.silhouette
+
+
 def test_poses_are_those_of_bodies_seen_from_the_camera(renderer: LabelledRenderer) -> None:
     model = compiled()
     image = pictured(renderer, model)
