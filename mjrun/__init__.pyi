@@ -440,10 +440,14 @@ class Dataset(_Dataset):
       points: Table of points: one column per parameter, one row per point.
       design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
         grid, zip. [default: 'grid']
-      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      samples: Number of points to draw from distributions such as uniform(0,1); of saltelli and morris,
+        the number of groups of points. [default: 64]
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
-        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
-        random. [default: 'sobol']
+        are added; halton, a scrambled Halton sequence, which keeps its points, too, for any number of
+        samples; lhs, a Latin hypercube; random, independent random numbers; saltelli, N samples of
+        parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
+        parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
+        lhs, random, saltelli, morris. [default: 'sobol']
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -469,7 +473,7 @@ class Dataset(_Dataset):
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
-        sampler: Literal["sobol", "lhs", "random"] = ...,
+        sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         gl: str | None = ...,
@@ -704,10 +708,14 @@ class Evaluation(_Evaluation):
       points: Table of points: one column per parameter, one row per point.
       design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
         grid, zip. [default: 'grid']
-      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      samples: Number of points to draw from distributions such as uniform(0,1); of saltelli and morris,
+        the number of groups of points. [default: 64]
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
-        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
-        random. [default: 'sobol']
+        are added; halton, a scrambled Halton sequence, which keeps its points, too, for any number of
+        samples; lhs, a Latin hypercube; random, independent random numbers; saltelli, N samples of
+        parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
+        parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
+        lhs, random, saltelli, morris. [default: 'sobol']
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -768,7 +776,7 @@ class Evaluation(_Evaluation):
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
-        sampler: Literal["sobol", "lhs", "random"] = ...,
+        sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
@@ -1453,10 +1461,14 @@ class Study(_Study):
       points: Table of points: one column per parameter, one row per point.
       design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
         grid, zip. [default: 'grid']
-      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      samples: Number of points to draw from distributions such as uniform(0,1); of saltelli and morris,
+        the number of groups of points. [default: 64]
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
-        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
-        random. [default: 'sobol']
+        are added; halton, a scrambled Halton sequence, which keeps its points, too, for any number of
+        samples; lhs, a Latin hypercube; random, independent random numbers; saltelli, N samples of
+        parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
+        parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
+        lhs, random, saltelli, morris. [default: 'sobol']
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -1484,7 +1496,7 @@ class Study(_Study):
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
-        sampler: Literal["sobol", "lhs", "random"] = ...,
+        sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
@@ -1671,10 +1683,14 @@ class VariedPlot(_VariedPlot):
       points: Table of points: one column per parameter, one row per point.
       design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
         grid, zip. [default: 'grid']
-      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      samples: Number of points to draw from distributions such as uniform(0,1); of saltelli and morris,
+        the number of groups of points. [default: 64]
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
-        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
-        random. [default: 'sobol']
+        are added; halton, a scrambled Halton sequence, which keeps its points, too, for any number of
+        samples; lhs, a Latin hypercube; random, independent random numbers; saltelli, N samples of
+        parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
+        parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
+        lhs, random, saltelli, morris. [default: 'sobol']
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -1741,7 +1757,7 @@ class VariedPlot(_VariedPlot):
         points: str | PathLike[str] | None = ...,
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
-        sampler: Literal["sobol", "lhs", "random"] = ...,
+        sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         controllers: Mapping[str, Callable[..., object]] = ...,
@@ -1929,7 +1945,7 @@ def evaluate(
     points: str | PathLike[str] | None = ...,
     design: Literal["grid", "zip"] = ...,
     samples: int = ...,
-    sampler: Literal["sobol", "lhs", "random"] = ...,
+    sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
     ctrl_noise: float | None = ...,
@@ -1993,10 +2009,14 @@ def evaluate(
       points: Table of points: one column per parameter, one row per point.
       design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
         grid, zip. [default: 'grid']
-      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      samples: Number of points to draw from distributions such as uniform(0,1); of saltelli and morris,
+        the number of groups of points. [default: 64]
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
-        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
-        random. [default: 'sobol']
+        are added; halton, a scrambled Halton sequence, which keeps its points, too, for any number of
+        samples; lhs, a Latin hypercube; random, independent random numbers; saltelli, N samples of
+        parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
+        parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
+        lhs, random, saltelli, morris. [default: 'sobol']
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -2471,7 +2491,7 @@ def sweep(
     points: str | PathLike[str] | None = ...,
     design: Literal["grid", "zip"] = ...,
     samples: int = ...,
-    sampler: Literal["sobol", "lhs", "random"] = ...,
+    sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
     confidence: float = ...,
@@ -2590,10 +2610,14 @@ def sweep(
       points: Table of points: one column per parameter, one row per point.
       design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
         grid, zip. [default: 'grid']
-      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      samples: Number of points to draw from distributions such as uniform(0,1); of saltelli and morris,
+        the number of groups of points. [default: 64]
       sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
-        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
-        random. [default: 'sobol']
+        are added; halton, a scrambled Halton sequence, which keeps its points, too, for any number of
+        samples; lhs, a Latin hypercube; random, independent random numbers; saltelli, N samples of
+        parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
+        parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
+        lhs, random, saltelli, morris. [default: 'sobol']
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.

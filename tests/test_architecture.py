@@ -78,7 +78,7 @@ LIBRARIES = {
         "formats.tables.mat",
         "experiment.statistics",
         "physics.random_distribution",
-        "experiment.design",
+        "experiment.sample_designs",
         "plotting.study.statistics",
         "fitting",
     ),

@@ -36,6 +36,8 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     if result.repeats:
         hint = f"{result.path}/repeats.csv has all"
         page.table("means over repeats", _repeats(result), len(result.repeats), SHOWN, hint)
+    if result.sensitivities:
+        page.table("sensitivity", _sensitivities(result), len(result.sensitivities))
     if result.failures:
         hint = f"{result.path}/results.csv has all"
         page.table("failures", _failures(result), len(result.failures), SHOWN, hint)
@@ -62,6 +64,8 @@ def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
         tables += [_metrics(result), _extremes(result)]
     if result.repeats:
         tables.append(_first_rows(_repeats(result)))
+    if result.sensitivities:
+        tables.append(_sensitivities(result))
     return "\n\n".join([*filter(None, parts), *map(markdown_table, filter(None, tables))])
 
 
@@ -183,6 +187,20 @@ def _repeats(result: "StudyResult") -> list[Column]:
         means = [group.metrics[name] for group in groups]
         columns.append(Column(clean(with_unit(name, summary.unit)), [number(each.mean) for each in means], right=True))
         columns.append(Column(level, [interval_text(each.interval) for each in means], right=True))
+    return columns
+
+
+def _sensitivities(result: "StudyResult") -> list[Column]:
+    """Returns the indices of each metric and parameter, and the intervals of those that have one."""
+    made, level = result.sensitivities, f"{100 * result.confidence:g} %"
+    columns = [
+        Column("metric", [clean(each.metric) for each in made]),
+        Column("parameter", [clean(each.parameter) for each in made]),
+    ]
+    for name in made[0].indices:
+        estimates = [each.indices[name] for each in made]
+        columns.append(Column(name, [number(each.value) for each in estimates], right=True))
+        columns.append(Column(level, [interval_text(each.interval) for each in estimates], right=True))
     return columns
 
 

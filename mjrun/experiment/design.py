@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, localcontext
 from fnmatch import fnmatchcase
 from fractions import Fraction
@@ -17,6 +17,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.experiment.design_points import LARGEST_INTEGER, DesignColumn, GridPoints, NumberTexts, Values, numbers
+from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.kinds import AnyKind, Optional
@@ -97,6 +98,8 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
     if options.points is not None:
         with concerning("points"):
             parts.insert(0, read_points(options.points))
+    if options.sampler in SAMPLES:
+        _require_alone(options, lists, distributions)
     if distributions:
         parts.append(_sampled(distributions, options.samples, options.sampler, seed))
     if options.repeats > 1:
@@ -142,38 +145,31 @@ def _beside(names: tuple[str, ...], columns: Sequence[Sequence[str]]) -> Design:
 
 def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str, seed: int) -> Design:
     """Draws points from independent distributions."""
-    _require_possible([count])
+    in_sample = len(distributions) + SAMPLES[sampler][1] if sampler in SAMPLES else 1
+    _require_possible([count, in_sample])
     fractions = SAMPLERS[sampler](count, len(distributions), np.random.default_rng(seed))
     columns = [_drawn(each, column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
     return _beside(tuple(distributions), columns)
+
+
+def _require_alone(
+    options: VariationOptions, lists: Mapping[str, Sequence[str]], distributions: Mapping[str, Distribution]
+) -> None:
+    """Refuses a design for sensitivities whose points are not complete samples of distributions."""
+    sampler = f"{option('sampler')} {options.sampler}"
+    if not distributions:
+        raise UsageError(f"{sampler} requires a distribution, as in {option('vary')} NAME=uniform(0,1)")
+    others = [name for name in ("points", "where") if getattr(options, name)]
+    others += ["repeats"] if options.repeats > 1 else []
+    if others or lists:
+        wrong = option(others[0]) if others else f"the list of {option('vary')} {clean(next(iter(lists)))}"
+        raise UsageError(f"{sampler} varies distributions only, without {wrong}")
 
 
 def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
     if distribution.name == "choice":
         return distribution.values(fractions)
     return NumberTexts(distribution.quantiles(fractions), has_integers=distribution.name == "integers")
-
-
-def _sobol(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
-    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
-
-    # The first of a power of two: points stay the same when there are more of them.
-    exponent = max(0, (count - 1).bit_length())
-    return qmc.Sobol(dimensions, rng=generator).random_base2(exponent)[:count]
-
-
-def _latin_hypercube(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
-    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
-
-    return qmc.LatinHypercube(dimensions, rng=generator).random(count)
-
-
-# Functions that draw `count` points `(count, dimensions)` between 0 and 1, by sampler.
-SAMPLERS: Mapping[str, Callable[[int, int, "np.random.Generator"], np.ndarray]] = {
-    "sobol": _sobol,
-    "lhs": _latin_hypercube,
-    "random": lambda count, dimensions, generator: generator.random((count, dimensions)),
-}
 
 
 def _product(parts: Sequence[Design]) -> Design:

@@ -221,7 +221,7 @@ def iqm_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: C
     ordered = values[order]
     if clusters is not None:
         members = members[order]
-    resamples = max(FEWEST_RESAMPLES, min(RESAMPLES, DRAWN // len(values)))
+    resamples = resamples_of(len(values))
     generator, means = np.random.default_rng(0), list[np.ndarray]()
     block = max(1, BLOCK // len(values))
     for start in range(0, resamples, block):
@@ -235,6 +235,11 @@ def iqm_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: C
         means.append(kept @ ordered / (size - 2 * cut)[:, 0])
     low, high = np.quantile(np.concatenate(means), [(1 - confidence) / 2, (1 + confidence) / 2])
     return Interval(float(low), float(high))
+
+
+def resamples_of(count: int) -> int:
+    """Returns the number of resamples in the bootstrap of `count` cases."""
+    return max(FEWEST_RESAMPLES, min(RESAMPLES, DRAWN // count))
 
 
 def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:

@@ -31,8 +31,11 @@ DESIGNS = ("grid", "zip")
 STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # each replaces the run
 SAMPLERS = {
     "sobol": "a scrambled Sobol sequence, which keeps its points when samples are added",
+    "halton": "a scrambled Halton sequence, which keeps its points, too, for any number of samples",
     "lhs": "a Latin hypercube",
     "random": "independent random numbers",
+    "saltelli": "N samples of parameters + 2 points each, for Sobol' indices of the metrics",
+    "morris": "N trajectories of parameters + 1 points each, for the elementary effects on the metrics",
 }
 
 
@@ -133,7 +136,8 @@ class VariationOptions(Options):
     samples: int = option(
         converter=Integer(1, MOST_POINTS),
         default=64,
-        help="Number of points to draw from distributions such as uniform(0,1).",
+        help="Number of points to draw from distributions such as uniform(0,1); of saltelli and morris, the number of "
+        "groups of points.",
     )
     sampler: str = option(
         converter=Choice(tuple(SAMPLERS)),

@@ -14,8 +14,18 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
+from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_table import FILES, Requirements, manifest_writer, plain_metrics, raise_failures
+from mjrun.experiment.results_table import (
+    FILES,
+    Requirements,
+    ResultsTable,
+    manifest_writer,
+    plain_metrics,
+    raise_failures,
+)
+from mjrun.experiment.sample_designs import SAMPLES
+from mjrun.experiment.sensitivity import Sensitivity
 from mjrun.experiment.statistics import CONFIDENCE
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
@@ -166,14 +176,22 @@ class Study(StudyOptions, ExecutionOptions):
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
         values = {name: results.metrics[:, index] for index, name in enumerate(names)}
         means = repeats.RepeatMeans(points, values, self.confidence)
+        others = dict[tuple[str, ...], ResultsTable]()
+        if means.design.points:
+            others[repeats.FILES] = means.table(prepared.units)
+        indices = list[Sensitivity]()
+        if self.sampler in SAMPLES:
+            seed = self.simulation.seed
+            indices = sensitivity.sensitivities(self.sampler, points.names, values, self.confidence, seed)
+        if indices:
+            others[sensitivity.FILES] = sensitivity.sensitivity_table(indices)
         with ExitStack() as stack:
             # The same for all runs, unlike the manifest.
             writers = table.open(stack, prepared.folder, facts, self._tables(FILES, len(results)))
-            if count := len(means.design.points):
-                tables = self._tables(repeats.FILES, count)
-                writers += means.table(prepared.units).open(stack, prepared.folder, facts, tables)
+            for own_files, other in others.items():
+                writers += other.open(stack, prepared.folder, facts, self._tables(own_files, len(other.rows)))
             files = publish_together(writers)
-        for path in (prepared.folder / name for name in (*FILES, *repeats.FILES)):
+        for path in (prepared.folder / name for name in (*FILES, *repeats.FILES, *sensitivity.FILES)):
             if path not in files:  # of an earlier run of other points
                 path.unlink(missing_ok=True)
 
@@ -196,6 +214,7 @@ class Study(StudyOptions, ExecutionOptions):
             names=points.names,
             kept=kept,
             repeats=means.summaries(),
+            sensitivities=indices,
             confidence=self.confidence,
         )
         self.write_manifest(dataclasses.asdict(result))
@@ -232,7 +251,8 @@ class StudyResult:
       kept: files of single points.
       repeats: means over points that differ in their seed only, for the first 100 of the other parameters' values;
         `repeats.csv` has all.
-      confidence: confidence of their intervals.
+      sensitivities: sensitivity of each metric to each parameter, with the samplers `saltelli` and `morris`.
+      confidence: confidence of all intervals.
       schema: name of this schema.
     """
 
@@ -248,6 +268,7 @@ class StudyResult:
     names: Sequence[str]
     kept: KeptFiles = field(default_factory=KeptFiles)
     repeats: Sequence[RepeatSummary] = ()
+    sensitivities: Sequence[Sensitivity] = ()
     confidence: float = CONFIDENCE
     schema: str = SCHEMA
 

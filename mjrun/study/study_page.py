@@ -50,7 +50,13 @@ def write_study_page(
         maker=MAKER,
         verdict=(not failed, f"{result.points:,} points: {statuses}"),
         verdicts=[(result.path, verdict) for verdict in result.assertions],
-        facts=[*parameters_table(points), *_metrics(result), *_repeats(result), *_failures(result)],
+        facts=[
+            *parameters_table(points),
+            *_metrics(result),
+            *_repeats(result),
+            *_sensitivities(result),
+            *_failures(result),
+        ],
         figures=figures,
         files=shown_files([path for path in result.kept.files if Path(path).suffix in VIDEOS], options),
         manifests=[origin(folder / MANIFEST, {**facts, "model": {"path": model, "sha256": facts["model"]}}, FACTS)],
@@ -90,6 +96,23 @@ def _repeats(result: "StudyResult") -> list[PageFacts]:
     heads = (*names, "Points", *means)
     caption = "Means over points that differ in their seed only"
     return [PageFacts("Repeats", caption, heads, rows, range(len(names), len(heads)))]
+
+
+def _sensitivities(result: "StudyResult") -> list[PageFacts]:
+    if not result.sensitivities:
+        return []
+    level, names = f"{100 * result.confidence:g} % interval", list(result.sensitivities[0].indices)
+    rows = [
+        (
+            each.metric,
+            each.parameter,
+            *(text for index in each.indices.values() for text in (number(index.value), interval(index.interval))),
+        )
+        for each in result.sensitivities
+    ]
+    heads = ("Metric", "Parameter", *(head for name in names for head in (name, level)))
+    caption = f"Sensitivity of metrics to parameters, from {result.sensitivities[0].samples:,} samples"
+    return [PageFacts("Sensitivity", caption, heads, rows, range(2, len(heads)))]
 
 
 def _failures(result: "StudyResult") -> list[PageFacts]:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, MjrunError, UsageError
-from mjrun.experiment.design import SAMPLERS, Design, _sampled, design, value_list
+from mjrun.experiment.design import Design, _sampled, design, value_list
+from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
 from mjrun.physics.random_distribution import Distribution
@@ -62,7 +63,7 @@ def test_every_sampler_and_every_design_that_can_be_asked_for_exists() -> None:
     for how in declared.DESIGNS:
         assert len(points(vary={"a.x": "1,2", "a.y": "3,4"}, design=how).points) == {"grid": 4, "zip": 2}[how]
     with pytest.raises(KeyError):  # and is not replaced by another one
-        _sampled({"a.x": Distribution("uniform(0,1)", "uniform", ("0", "1"))}, 4, "halton", 1)
+        _sampled({"a.x": Distribution("uniform(0,1)", "uniform", ("0", "1"))}, 4, "hammersley", 1)
 
 
 @pytest.mark.parametrize("sampler", declared.SAMPLERS)
@@ -71,7 +72,8 @@ def test_every_sampler_draws_as_many_points_as_asked_for_between_0_and_1(
     sampler: str, count: int, dimensions: int
 ) -> None:
     drawn = SAMPLERS[sampler](count, dimensions, np.random.default_rng(3))
-    assert drawn.shape == (count, dimensions)
+    in_sample = dimensions + SAMPLES[sampler][1] if sampler in SAMPLES else 1
+    assert drawn.shape == (count * in_sample, dimensions)
     assert ((drawn >= 0) & (drawn < 1)).all()
 
 
@@ -80,6 +82,21 @@ def test_the_seed_decides_the_samples(sampler: str) -> None:
     vary = {"a.x": "uniform(0,1)"}
     one, same, other = ([*points(seed, vary=vary, sampler=sampler).points] for seed in (1, 1, 2))
     assert one == same != other
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"vary": {"seed": "1,2"}}, "morris requires a distribution"),
+        ({"vary": {"seed": "1,2", "a.x": "uniform(0,1)"}}, "without the list of vary seed"),
+        ({"vary": {"a.x": "uniform(0,1)"}, "repeats": 2}, "without repeats"),
+        ({"vary": {"a.x": "uniform(0,1)"}, "where": ["x > 0"]}, "without where"),
+        ({"vary": {"a.x": "uniform(0,1)"}, "samples": 9_000_000}, "18,000,000 points"),
+    ],
+)
+def test_designs_for_sensitivities_have_complete_samples_of_distributions(options: dict[str, Any], match: str) -> None:
+    with pytest.raises(UsageError, match=match):
+        points(sampler="morris", **options)
 
 
 def test_random_samples_are_independent_and_have_the_mean_of_their_distribution() -> None:

@@ -54,6 +54,30 @@ def test_each_row_has_mean_and_students_interval_of_points_that_differ_in_their_
     assert not any((folder / name).exists() for name in FILES)
 
 
+@pytest.mark.parametrize(
+    ("sampler", "expected", "tolerance"),
+    [
+        ("morris", {"mu_star": (2, 6), "sigma": (0, 0)}, 1e-9),
+        ("saltelli", {"first": (0.1, 0.9), "total": (0.1, 0.9)}, 0.1),
+    ],
+)
+def test_a_linear_metric_has_known_sensitivities(
+    ball: Simulation, tmp_path: Path, sampler: str, expected: dict[str, tuple[float, float]], tolerance: float
+) -> None:
+    vary = {"qvel/ball/vx": "uniform(-1,1)", "qvel/ball/vy": "uniform(-1,1)"}
+    metric = {"v": "first(qvel/ball/vx) + 3*first(qvel/ball/vy)"}
+    study = Study(
+        replace(ball, steps=1), str(tmp_path / "s"), vary=vary, metric=metric, sampler=sampler, samples=64, jobs=1
+    )
+    result = study.run()
+    rows = pd.read_csv(tmp_path / "s" / "sensitivity.csv")
+    assert rows["parameter"].tolist() == list(vary)
+    for name, values in expected.items():
+        np.testing.assert_allclose(rows[name], values, atol=tolerance)
+        for report in (study_report(result, study.simulation), study_markdown(result, study.simulation)):
+            assert f"{result.sensitivities[1].indices[name].value or 0:.5g}" in report
+
+
 def test_values_that_are_not_finite_are_left_out() -> None:
     design = Design(("mass", "seed"), [(f"{k // 3}", f"{k % 3}") for k in range(6)])
     values = [1.0, np.nan, 3.0, np.nan, np.nan, 5.0]
