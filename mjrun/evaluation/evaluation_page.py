@@ -91,7 +91,7 @@ def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: boo
     heads = ("", "Episodes", "Mean", level, "Interquartile mean", level, "Median", "Std", "Min", "Max")
     title = f"Results of {clean(summary.policy)}" if several else "Results"
     episodes = f"{summary.episodes:,} episodes of {clean(summary.policy)}"
-    caption = "; ".join([episodes, *doubts(summary, result.confidence)])
+    caption = "; ".join(filter(None, [episodes, *doubts([summary], None, result.confidence)]))
     return PageFacts(title, caption, heads, rows, range(1, 10))
 
 
@@ -107,14 +107,18 @@ def _comparison(result: "EvaluationResult") -> list[PageFacts]:
             name,
             number(each.difference),
             interval(each.interval),
+            number(each.iqm),
+            interval(each.iqm_interval),
             clean(each.better or "undecided"),
             f"{each.first_wins:,} / {each.second_wins:,} / {each.ties:,}",
         )
         for name, each in differences
     ]
-    heads = ("", "Difference", f"{100 * result.confidence:g} % interval", "Better", "Wins / losses / ties")
-    caption = f"{clean(compared.first)} minus {clean(compared.second)}, over {compared.pairs:,} pairs of episodes"
-    return [PageFacts("Comparison", caption, heads, rows, (1, 2))]
+    level = f"{100 * result.confidence:g} % interval"
+    heads = ("", "Difference", level, "Of interquartile means", level, "Better", "Wins / losses / ties")
+    pairs = f"{clean(compared.first)} minus {clean(compared.second)}, over {compared.pairs:,} pairs of episodes"
+    caption = "; ".join(filter(None, [pairs, *doubts([], compared, result.confidence)]))
+    return [PageFacts("Comparison", caption, heads, rows, range(1, 5))]
 
 
 def _endings(policies: Sequence[EpisodeSummary]) -> list[PageFacts]:

@@ -6,6 +6,7 @@ independent; intervals treat each seed as a cluster.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer
 from mjrun.experiment import statistics
 from mjrun.experiment.design import Design
-from mjrun.experiment.statistics import Interval, NumberSummary, Share
+from mjrun.experiment.statistics import NO_INTERVAL, Doubt, Interval, NumberSummary, Share
 
 
 @dataclass(frozen=True)
@@ -68,12 +69,18 @@ class PairedDifference:
         pairs.
       interval: Student's t interval of the mean of paired differences; for shares, Newcombe's interval for paired ones.
       better: name of the better policy; None if the interval contains 0.
+      doubt: reason why the interval of a mean may be too narrow, as in `NumberSummary`.
+      iqm: difference of the interquartile means; None without pairs, and for shares.
+      iqm_interval: percentile interval of its bootstrap over pairs.
       first_wins, second_wins, ties: number of pairs in which the first, the second or neither is better.
     """
 
     difference: float | None
     interval: Interval
     better: str | None
+    doubt: Doubt
+    iqm: float | None
+    iqm_interval: Interval
     first_wins: int
     second_wins: int
     ties: int
@@ -205,21 +212,32 @@ def summary_of(
     )
 
 
-def doubts(summary: EpisodeSummary, confidence: float) -> list[str]:
-    """Returns a sentence about the interval of the mean return if it may be too narrow."""
-    count, level = summary.returns.count, f"{100 * confidence:g} %"
-    if summary.returns.doubt == "few":
+def doubts(policies: Sequence[EpisodeSummary], comparison: PolicyComparison | None, confidence: float) -> list[str]:
+    """Returns for each policy a sentence about the interval of the mean return, or an empty text if it is reliable.
+
+    A last sentence concerns the difference of two policies.
+    """
+    texts = [_doubt(each.returns.doubt, each.returns.count, "the mean", "episodes", confidence) for each in policies]
+    if comparison:
+        doubt, pairs = comparison.returns.doubt, comparison.pairs
+        texts.append(_doubt(doubt, pairs, "the mean difference", "pairs of episodes", confidence))
+    return texts
+
+
+def _doubt(doubt: Doubt, count: int, mean: str, cases: str, confidence: float) -> str:
+    start = f"the {100 * confidence:g} % interval of {mean} may be too narrow"
+    if doubt == "few":
         absent, rare = (1 - statistics.RARE) ** count, f"{100 * statistics.RARE:g} %"
-        return [
-            f"the {level} interval of the mean may be too narrow: {100 * absent:.2g} % of samples of {count} episodes "
-            f"lack an event of a probability of {rare}; {statistics.enough_cases()} episodes are enough for it"
-        ]
-    if summary.returns.doubt == "skewed":
-        return [
-            f"the {level} interval of the mean may be too narrow, since a few extreme episodes decide the mean; the "
-            "interquartile mean does not depend on them, and more episodes make both intervals reliable"
-        ]
-    return []
+        return (
+            f"{start}: {100 * absent:.2g} % of samples of {count} {cases} lack an event of a probability of {rare}; "
+            f"{statistics.enough_cases()} {cases} are enough for it"
+        )
+    if doubt == "skewed":
+        return (
+            f"{start}, since a few extreme {cases} decide it; the interquartile mean does not depend on them, and more "
+            "episodes make both intervals reliable"
+        )
+    return ""
 
 
 def compared(
@@ -232,22 +250,37 @@ def compared(
     seeds = np.array([episode.seed for group in ours for episode in group.episodes])
     is_pair = np.concatenate([group.is_completed for group in ours])
     is_pair &= np.concatenate([group.is_completed for group in theirs])
-    differences, seeds = (returns[0] - returns[1])[is_pair], seeds[is_pair]
+    seeds = seeds[is_pair]
     first, second = (values[is_pair] for values in successes)
     share_interval = statistics.paired_share_interval(first, second, confidence, seeds)
     success = _difference(names, first.astype(float) - second, share_interval)
     return PolicyComparison(
         *names,
-        pairs=len(differences),
-        returns=_difference(names, differences, statistics.mean_interval(differences, confidence, seeds)),
+        pairs=len(seeds),
+        returns=_difference_of_returns(names, returns[0][is_pair], returns[1][is_pair], confidence, seeds),
         success=success if can_succeed else None,
     )
 
 
-def _difference(names: tuple[str, str], differences: np.ndarray, interval: Interval) -> PairedDifference:
+def _difference_of_returns(
+    names: tuple[str, str], ours: np.ndarray, theirs: np.ndarray, confidence: float, seeds: np.ndarray
+) -> PairedDifference:
+    is_finite = np.isfinite(ours) & np.isfinite(theirs)
+    ours, theirs, seeds = ours[is_finite], theirs[is_finite], seeds[is_finite]
+    differences = ours - theirs
+    plain = _difference(names, differences, statistics.mean_interval(differences, confidence, seeds))
     if not len(differences):
-        return PairedDifference(None, interval, None, 0, 0, 0)
-    mean = float(differences.mean())
-    better = (names[0] if mean > 0 else names[1]) if interval.excludes_zero else None
+        return plain
+    return replace(
+        plain,
+        doubt=statistics.doubt(differences, seeds),
+        iqm=statistics.interquartile_mean(ours) - statistics.interquartile_mean(theirs),
+        iqm_interval=statistics.iqm_difference_interval(ours, theirs, confidence, seeds),
+    )
+
+
+def _difference(names: tuple[str, str], differences: np.ndarray, interval: Interval) -> PairedDifference:
+    mean = float(differences.mean()) if len(differences) else None
+    better = (names[0] if mean > 0 else names[1]) if mean is not None and interval.excludes_zero else None
     wins = [int(np.count_nonzero(side)) for side in (differences > 0, differences < 0, differences == 0)]
-    return PairedDifference(mean, interval, better, *wins)
+    return PairedDifference(mean, interval, better, "", None, NO_INTERVAL, *wins)

@@ -123,6 +123,8 @@ def measures(summary: EpisodeSummary, comparison: PolicyComparison | None) -> di
         for name, each in ((RETURN, comparison.returns), (SUCCESS, comparison.success)):
             if each:
                 made[name + DIFFERENCE] = Measure(each.difference, "to the other policy, paired", each.interval)
+        meaning, returns = "of interquartile means to the other policy", comparison.returns
+        made[RETURN + IQM + DIFFERENCE] = Measure(returns.iqm, meaning, returns.iqm_interval)
     return made
 
 
@@ -157,7 +159,9 @@ class PassCriteria:
             *([SUCCESS] if can_succeed else []),
         ]
         is_compared = options.compare is not None
-        differences = [f"{name}{DIFFERENCE}" for name in (RETURN, SUCCESS) if is_compared and name in means]
+        differences = [
+            f"{name}{DIFFERENCE}" for name in (RETURN, RETURN + IQM, SUCCESS) if is_compared and name in means
+        ]
         valid = [name + end for name in [*means, *differences] for end in ("", LOW)]
         for name in self._thresholds:
             with concerning("fail_below", name):

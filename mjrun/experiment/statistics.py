@@ -213,14 +213,38 @@ def iqm_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: C
 
     A resample draws clusters with replacement. Undefined for fewer than two cases or clusters.
     """
+    cases = np.sort(values) if clusters is None else values  # so that their order makes no difference
+    return _percentiles(_resampled_iqms(cases, clusters), confidence)
+
+
+def iqm_difference_interval(
+    ours: np.ndarray, theirs: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None
+) -> Interval:
+    """Returns the interval of the difference of two interquartile means over the same cases, of `ours` − of `theirs`.
+
+    It is the percentile interval of a bootstrap whose resamples draw pairs of `(n,)` cases, or clusters of pairs.
+    """
+    return _percentiles(_resampled_iqms(ours, clusters) - _resampled_iqms(theirs, clusters), confidence)
+
+
+def _percentiles(resampled: np.ndarray, confidence: float) -> Interval:
+    if not len(resampled):
+        return NO_INTERVAL
+    low, high = np.quantile(resampled, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return Interval(float(low), float(high))
+
+
+def _resampled_iqms(values: np.ndarray, clusters: Clusters) -> np.ndarray:
+    """Returns the interquartile mean of each resample of `values` `(n,)`; empty for fewer than two cases or clusters.
+
+    All values of the same number and clusters have the same resamples.
+    """
     members = _members(len(values), clusters)
     count = int(members.max(initial=-1)) + 1
     if count < 2:
-        return NO_INTERVAL
+        return np.zeros(0)
     order = np.argsort(values, kind="stable")
-    ordered = values[order]
-    if clusters is not None:
-        members = members[order]
+    ordered, members = values[order], members[order]
     resamples = resamples_of(len(values))
     generator, means = np.random.default_rng(0), list[np.ndarray]()
     block = max(1, BLOCK // len(values))
@@ -233,8 +257,7 @@ def iqm_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: C
         cut = np.floor(TRIMMED * size)
         kept = np.diff(np.clip(ranks, cut, size - cut), axis=1, prepend=cut)
         means.append(kept @ ordered / (size - 2 * cut)[:, 0])
-    low, high = np.quantile(np.concatenate(means), [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Interval(float(low), float(high))
+    return np.concatenate(means)
 
 
 def resamples_of(count: int) -> int:

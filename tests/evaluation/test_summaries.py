@@ -1,5 +1,6 @@
 """Summaries of episodes by policy and point, against numpy and scipy."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -8,9 +9,9 @@ import pytest
 import scipy.stats
 
 from mjrun.evaluation.player import EpisodePlayer
-from mjrun.evaluation.summaries import compared, summaries, summary_of
+from mjrun.evaluation.summaries import compared, doubts, summaries, summary_of
 from mjrun.experiment.design import Design
-from mjrun.experiment.statistics import paired_share_interval
+from mjrun.experiment.statistics import iqm_difference_interval, paired_share_interval
 from tests.evaluation.episodes import episodes, played, totals
 
 POINTS = Design(("mass",), [("1",), ("2",)])
@@ -79,6 +80,21 @@ def test_the_difference_of_returns_has_the_interval_of_the_paired_t_test() -> No
     assert test.pvalue < 0.1
     assert result.returns.first_wins == np.sum(ours > theirs)
     assert result.returns.second_wins == np.sum(ours < theirs)
+    means = [scipy.stats.trim_mean(each, 0.25) for each in (ours, theirs)]
+    assert result.returns.iqm == pytest.approx(means[0] - means[1])
+    assert result.returns.iqm_interval == iqm_difference_interval(ours, theirs, 0.9, np.arange(40))
+
+
+def test_the_difference_of_few_pairs_is_questioned() -> None:
+    ours, theirs = played(*range(10), policy="a"), played(*np.linspace(3, 0, 10), policy="b")
+    result = compared([ours], [theirs], 0.95, can_succeed=False)
+    assert doubts([], result, 0.95)[-1].startswith(
+        "the 95 % interval of the mean difference may be too narrow: 35 % of"
+    )
+    many = compared([ours] * 4, [theirs] * 4, 0.95, can_succeed=False).returns
+    assert (many.doubt, many.iqm) == ("few", result.returns.iqm)  # the same seeds at four points
+    shifted = compared([ours], [replace(ours, policy="b")], 0.95, can_succeed=False)
+    assert doubts([], shifted, 0.95) == [""]
 
 
 def test_the_difference_of_successes_is_that_of_paired_shares() -> None:

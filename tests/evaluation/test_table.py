@@ -80,7 +80,8 @@ def test_points_make_the_table_of_a_study_with_intervals_last() -> None:
     made, metrics = point_table(Design(("mass",), [("1",), ("2",)]), points)
     table, names = made.numbers, [column.name for column in made.columns]
     assert names[: names.index("status")] == ["point", "mass", *metrics]
-    assert [*metrics] == ["success", "return", "return_iqm", "length", "return_difference", "success_difference"]
+    differences = ["return_difference", "success_difference", "return_iqm_difference"]
+    assert [*metrics] == ["success", "return", "return_iqm", "length", *differences]
     assert table["return_iqm"].tolist() == table["return"].tolist()  # three episodes have no quarter to leave out
     assert table["success"] == pytest.approx([2 / 3, 1])
     assert table["return_difference"] == pytest.approx([1 / 3, 1])

@@ -7,11 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.experiment.statistics import (
+    NO_INTERVAL,
     Interval,
     doubt,
     enough_cases,
     group_means,
     interquartile_mean,
+    iqm_difference_interval,
     iqm_interval,
     mean_interval,
     median_interval,
@@ -198,6 +200,25 @@ def test_the_interval_of_an_interquartile_mean_is_that_of_the_bootstrap() -> Non
         ).confidence_interval
         assert ends(iqm_interval(values)) == pytest.approx((low, high), abs=0.06 * (high - low))
         assert iqm_interval(values) == iqm_interval(values[::-1].copy())
+
+
+def test_the_interval_of_a_difference_of_interquartile_means_is_that_of_the_paired_bootstrap() -> None:
+    generator = np.random.default_rng(7)
+    ours = generator.gamma(2, size=40)
+    theirs = ours + generator.normal(0.5, 0.2, size=40)
+    low, high = scipy.stats.bootstrap(
+        (ours, theirs),
+        lambda one, other, axis: scipy.stats.trim_mean(one, 0.25, axis) - scipy.stats.trim_mean(other, 0.25, axis),
+        n_resamples=4000,
+        paired=True,
+        vectorized=True,
+        method="percentile",
+        rng=np.random.default_rng(1),
+    ).confidence_interval
+    interval = iqm_difference_interval(ours, theirs)
+    assert ends(interval) == pytest.approx((low, high), abs=0.08 * (high - low))
+    assert ends(iqm_difference_interval(ours + 3, ours)) == pytest.approx((3, 3))
+    assert iqm_difference_interval(ours[:1], theirs[:1]) == NO_INTERVAL
 
 
 def test_the_bootstrap_of_points_with_common_seeds_draws_seeds() -> None:

@@ -166,11 +166,9 @@ def _cautions(result: "EvaluationResult") -> list[tuple[str, str]]:
     from mjrun.evaluation.summaries import doubts
 
     several = len(result.policies) > 1
-    return [
-        (clean(each.policy) if several else "return", text)
-        for each in result.policies
-        for text in doubts(each, result.confidence)
-    ]
+    names = [*(clean(each.policy) if several else "return" for each in result.policies), "comparison"]
+    texts = doubts(result.policies, result.comparison, result.confidence)
+    return [(name, text) for name, text in zip(names, texts, strict=False) if text]
 
 
 def _successes(result: "EvaluationResult", level: str) -> list[tuple[str, str]]:
@@ -268,6 +266,10 @@ def _difference(comparison: "PolicyComparison", found: "PairedDifference", level
     interval = _percents(found.interval) if share else interval_text(found.interval)
     method = "Newcombe's paired interval" if share else "paired t interval"
     note = f" ({level} {interval}, {method})" if interval else ""
+    if found.iqm is not None:
+        iqm_interval = interval_text(found.iqm_interval)
+        means = f", of the interquartile means {_signed(found.iqm)}"
+        note += means + (f" ({level} {iqm_interval}, paired bootstrap)" if iqm_interval else "")
     verdict = f"{clean(found.better)} is better" if found.better else "no significant difference"
     first, second = clean(comparison.first), clean(comparison.second)
     counts = f"{first} is better in {found.first_wins}, {second} in {found.second_wins}, neither in {found.ties}"
