@@ -69,9 +69,10 @@ for ending, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
     if signal.getsignal(ending) is signal.SIG_IGN:
         signal.signal(ending, handler)
 
+# Without multisampling, which takes half of the time in software; tests/rendering/test_classic.py has it.
 SWING = """
 <mujoco>
-  <visual><global offwidth="64" offheight="64"/><quality shadowsize="512"/><map force=".1"/></visual>
+  <visual><global offwidth="64" offheight="64"/><quality shadowsize="256" offsamples="0"/><map force=".1"/></visual>
   <worldbody>
     <light pos="0 0 3"/>
     <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>

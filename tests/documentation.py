@@ -109,7 +109,7 @@ def plain_scenes(folder: Path) -> Path:
     copied = Path(shutil.copytree(ROOT / "scenes", folder / "scenes"))
     for scene in copied.glob("*.xml"):
         text = re.sub(r'<texture .*?/>| texture="\w+"', "", scene.read_text(), flags=re.DOTALL)
-        scene.write_text(re.sub(r'shadowsize="\d+"', 'shadowsize="64"', text))
+        scene.write_text(re.sub(r'shadowsize="\d+"', 'shadowsize="64" offsamples="0"', text))
     return copied
 
 

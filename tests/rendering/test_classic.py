@@ -18,9 +18,18 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
+from tests.conftest import SWING
 
 SIZE = (96, 64)
 Still = Callable[..., np.ndarray]
+
+
+@pytest.fixture
+def swing(tmp_path: Path) -> Path:
+    """The model of most tests with multisampling, as models have by default."""
+    path = tmp_path / "swing.xml"
+    path.write_text(SWING.replace('offsamples="0"', 'offsamples="4"'))
+    return path
 
 
 def at(path: Path, step: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -93,7 +102,7 @@ def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: Backend) -> No
     with closing(ClassicRenderer(model, (200, 100), backend, Visual(quality="draft"))) as renderer:
         assert picture(renderer, model, data, "free").shape == (100, 200, 3)
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (64, 64)
-    assert (model.vis.quality.offsamples, model.vis.quality.shadowsize) == (4, 512)
+    assert (model.vis.quality.offsamples, model.vis.quality.shadowsize) == (4, 256)
 
 
 def test_high_quality_is_the_average_of_a_picture_twice_the_size(swing: Path, backend: Backend, still: Still) -> None:
