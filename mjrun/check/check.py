@@ -17,7 +17,7 @@ from mjrun.check.changed_models import ChangedModels
 from mjrun.check.codes import codes, matching_codes
 from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
 from mjrun.check.result_cache import ResultCache
-from mjrun.check.rule import SEVERITIES, Finding
+from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
@@ -383,7 +383,10 @@ def _of_original(finding: Finding, task: WorkerTask) -> Finding:
     def original(text: str) -> str:
         return with_original_paths(text, Path(task.root), here)
 
-    fixes = [replace(fix, edits=tuple(replace(e, file=original(e.file)) for e in fix.edits)) for fix in finding.fixes]
+    fixes = [
+        Fix(tuple(replace(e, file=original(e.file)) for e in fix.edits), fix.fields, tuple(map(original, fix.files)))
+        for fix in finding.fixes
+    ]
     texts = {name: original(getattr(finding, name)) for name in ("message", "file", "remedy")}
     return replace(finding, **texts, fixes=tuple(fixes))
 

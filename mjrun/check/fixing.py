@@ -137,7 +137,7 @@ class Fixing:
         """Reports fixed models while both they and their copies exist."""
         fixed = {code for code, _ in attempt.fixes}
         with _Mirror(group) as mirror:
-            mirror.write(attempt.texts, _places(group, attempt.fixes))
+            mirror.write(attempt.texts, attempt.fixes)
             for copy, result in zip(mirror.copies(None), results, strict=True):
                 before(copy, [finding for finding in result.findings if finding.fixes and finding.code in fixed])
 
@@ -171,11 +171,11 @@ class Fixing:
                     return _Attempt(texts, fixes, [each.result for each in checked], problem)
                 texts = new
                 fixes += [proposed[edits] for edits in chosen]
-                mirror.write(texts, _places(group, fixes))
+                mirror.write(texts, fixes)
                 checked = self._check([*mirror.copies(original)])
                 if original is None and all(each.result.loads and each.changes is None for each in checked):
                     original = stack.enter_context(_Mirror(group))  # the first version that loads
-                    original.write(texts, _places(group, fixes))
+                    original.write(texts, fixes)
         return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
 
     def _proposed(
@@ -202,18 +202,23 @@ class _Mirror:
     def __enter__(self) -> "_Mirror":
         files = [file.absolute() for model in self._group.models for file in source_of(model).files]
         for file in dict.fromkeys([*self._group.places, *files]):
-            copy = mirrored(self._root, file)
-            os.makedirs(copy.parent, exist_ok=True)  # noqa: PTH103 – with every part of a path such as a/../b
-            if file not in self._group.places:
-                _link(file, copy)
+            self._add(file, is_link=file not in self._group.places)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def write(self, texts: Mapping[str, bytes], places: Mapping[Path, str]) -> None:
-        """Writes texts, given by real paths, to the places of these paths."""
-        for place, real in places.items():
+    def _add(self, file: Path, *, is_link: bool) -> None:
+        copy = mirrored(self._root, file)
+        os.makedirs(copy.parent, exist_ok=True)  # noqa: PTH103 – with every part of a path such as a/../b
+        if is_link:
+            _link(file, copy)
+
+    def write(self, texts: Mapping[str, bytes], fixes: Sequence[tuple[str, Fix]]) -> None:
+        """Writes texts, given by real paths, to the places of these paths, and links the files that they read now."""
+        for file in (file for _, fix in fixes for file in fix.files):
+            self._add(Path(file).absolute(), is_link=True)
+        for place, real in _places(self._group, fixes).items():
             copy = mirrored(self._root, place)
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(texts[real])

@@ -24,10 +24,12 @@ class Fix:
     Attributes:
       edits: the edits, which are made together or left out together; some may create files.
       fields: the fields of the compiled model that it may change, with wildcards: `jnt_range`, `geom_*`.
+      files: files that only the fixed model reads.
     """
 
     edits: tuple[TextEdit, ...]
     fields: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,10 @@ class Finding:
     @classmethod
     def read(cls, values: dict[str, Any]) -> "Finding":
         """Returns the finding that `asdict` has turned into `values`."""
-        fixes = [Fix(tuple(TextEdit(**e) for e in fix["edits"]), tuple(fix["fields"])) for fix in values["fixes"]]
+        fixes = [
+            Fix(tuple(TextEdit(**edit) for edit in fix["edits"]), tuple(fix["fields"]), tuple(fix["files"]))
+            for fix in values["fixes"]
+        ]
         others = {name: value for name, value in values.items() if name != "fixes"}
         return cls(**others, fixes=tuple(fixes))
 

@@ -1,15 +1,17 @@
 """Files that a model refers to, and the paths at which the installed MuJoCo looks for them, in its order."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
-from mjrun.check.rule import Finding, Rule
+from mjrun.check.rule import SAFE, Finding, Fix, Rule
 from mjrun.errors import clean, listing, near, quoted
 from mjrun.model import xml_source
 from mjrun.model.description.assets import FACES
+from mjrun.model.text_edits import ElementEditor
 
-MISSING_FILE = Rule("MJ107", "error", "missing file")
+MISSING_FILE = Rule("MJ107", "error", "missing file", fix=SAFE)
 
 FOLDER_ATTRIBUTES = {
     "mesh": "meshdir",
@@ -26,7 +28,8 @@ def missing_files(source: xml_source.XmlSource) -> Iterator[Finding]:
     """Yields a finding for each file that the XML refers to and that is missing wherever MuJoCo looks."""
     for element, name, paths in _missing(source):
         message = f"no file {quoted(name)} for {element}; tried {listing([str(path) for path in paths])}"
-        yield MISSING_FILE.in_element(element, message, _remedy(name, paths, source))
+        fix = partial(_in_right_case, source, element, name, paths)
+        yield MISSING_FILE.in_element(element, message, _remedy(name, paths, source), fix)
 
 
 def elements_without_file(source: xml_source.XmlSource) -> set[xml_source.Element]:
@@ -127,8 +130,7 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
     if ROS_PACKAGE in name:
         return 'MuJoCo resolves no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
     below = list(_below(source.path.parent))
-    other_case = next((path for path in below if any(_folded(path) == _folded(other) for other in paths)), None)
-    if other_case:
+    if other_case := next(_in_other_case(paths, below), None):
         return f"{clean(str(other_case))} exists: names of files and folders are case-sensitive"
     close = near(base, _siblings(paths[0].parent))
     if close:
@@ -140,6 +142,26 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
         folder = clean(str(paths[0].parent))
         return f"the folder {folder} does not exist; meshdir, texturedir and assetdir of <compiler> set it"
     return "paths are relative to the folder of the model, and to meshdir, texturedir or assetdir of <compiler>"
+
+
+def _in_right_case(
+    source: xml_source.XmlSource, element: xml_source.Element, name: str, paths: list[Path]
+) -> Fix | None:
+    """Returns the fix that writes the name of a file with the letters that it has on disk; None if others differ."""
+    for found in _in_other_case(paths, _below(source.path.parent)):
+        written = Path(xml_source.with_slashes(name))
+        new = Path(*found.parts[-len(written.parts) :]).as_posix()
+        attribute = next(key for key in file_attributes(element) if element.attributes.get(key) == name)
+        if new.casefold() == written.as_posix().casefold():
+            edit = ElementEditor(source.mjcf_texts).with_value(element, attribute, new)
+            return Fix((edit,), files=(str(found),))
+    return None
+
+
+def _in_other_case(paths: list[Path], below: Iterable[Path]) -> Iterator[Path]:
+    """Yields the files with one of `paths`, but for the case of their letters."""
+    wanted = {_folded(path) for path in paths}
+    return (path for path in below if _folded(path) in wanted)
 
 
 def _folded(path: Path) -> str:

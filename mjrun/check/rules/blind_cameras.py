@@ -8,6 +8,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
+from mjrun.check.rules.extents import INFINITE
 from mjrun.errors import option
 
 RAYS = (48, 36)  # across and down
@@ -45,10 +46,16 @@ class Frustum(NamedTuple):
 
 @rule("MJ601", "warning", "camera that sees nothing")
 def cameras_that_see_nothing(context: LintContext) -> Iterator[Violation]:
-    """Yields cameras with nothing visible in their frustum at any start."""
+    """Yields cameras with nothing visible in their frustum at any start.
+
+    Models without a floor are parts of scenes, which the cameras of moving bodies look at.
+    """
     model = context.model
     visible = np.flatnonzero(_visible(model))
+    is_part = not np.isin(model.geom_type, INFINITE).any()
     for camera in range(model.ncam):
+        if is_part and model.body_weldid[model.cam_bodyid[camera]]:
+            continue
         if any(_sees(model, context.data_at(start), camera, visible) for start in context.starts):
             continue
         yield context.violation("camera", camera, *_explain(context, camera, visible))

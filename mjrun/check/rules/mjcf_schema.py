@@ -113,8 +113,9 @@ def violations(source: XmlSource) -> Iterator[Finding]:
         for child in element.children:
             inner = node.children.get(child.tag)
             if inner is None and child.tag not in UNLISTED:
-                yield _unknown(child, node)
-                inner = _only_node(child)
+                finding = _unknown(child, node)
+                yield finding
+                inner = _only_node(child) if finding.code != REMOVED.code else None
             if inner is not None:
                 children.append((child, inner))
         stack.extend(reversed(children))

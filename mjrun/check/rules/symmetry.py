@@ -18,12 +18,16 @@ OTHER_SIDE = str.maketrans("lrLR", "rlRL")
 
 @rule("MJ309", "warning", "left and right differ")
 def unequal_sides(context: LintContext) -> Iterator[Violation]:
-    """Yields moving bodies on the left whose mass, colliding geoms or joints are not those on the right, mirrored."""
+    """Yields moving bodies on the left whose mass, colliding geoms or joints are not those on the right, mirrored.
+
+    Limbs with different numbers of bodies, such as a leg and a prosthesis, are meant to differ.
+    """
     model = context.model
+    followers = _followers(model)
     bodies = {context.name("body", body): body for body in range(1, model.nbody) if model.body_weldid[body]}
     for name, body in bodies.items():
         other = bodies.get(other_side(name))
-        if other is None or other <= body:
+        if other is None or other <= body or followers[body] != followers[other]:
             continue
         if differences := list(_differences(context, body, other)):
             message = f"it differs from {context.object('body', other)}: {'; '.join(differences)}"
@@ -104,6 +108,14 @@ def _turns_like(context: LintContext, left: int, right: int, sense: int = 1) -> 
     one, other = data.xaxis[[left, right]] @ line
     is_hinge = model.jnt_type[left] == mujoco.mjtJoint.mjJNT_HINGE
     return bool(is_hinge and min(abs(one), abs(other)) > ALIGNED * np.linalg.norm(line) and one * other * sense > 0)
+
+
+def _followers(model: mujoco.MjModel) -> list[int]:
+    """Returns the number of bodies that each body carries, directly or not."""
+    counts = [0] * model.nbody
+    for body in range(model.nbody - 1, 0, -1):
+        counts[model.body_parentid[body]] += counts[body] + 1
+    return counts
 
 
 def _common_ancestor(model: mujoco.MjModel, one: int, other: int) -> int:

@@ -6,7 +6,8 @@ import pytest
 
 from mjrun.errors import ModelError
 from mjrun.model.sources import load
-from tests.check.models import MESH, lint, lint_file, mjcf
+from tests.check.fixes import fixed
+from tests.check.models import MESH, lint, lint_file, mjcf, write
 
 
 def test_a_missing_file_is_told_with_every_path_that_mujoco_opens_and_what_lies_near() -> None:
@@ -57,3 +58,27 @@ def test_backslashes_part_folders_for_mujoco_and_for_the_rules() -> None:
     for geom, code in (('<geom type="mesh" mesh="m"/>', "MJ302"), ("", "MJ202")):
         Path("sub/part.xml").write_text(part.format(geom))
         assert [(f.code, f.file, f.line) for f in lint(text)] == [(code, "sub/part.xml", 2)]
+
+
+@pytest.mark.parametrize(
+    ("name", "compiler", "right"),
+    [
+        ("Part.obj", 'meshdir="meshes"', "part.OBJ"),
+        ("MESHES/part.obj", "", "meshes/part.OBJ"),
+        ("./meshes\\PART.obj", "", "meshes/part.OBJ"),
+        ("other/part.obj", 'meshdir="meshes" strippath="true"', None),
+        ("Part.obj", 'meshdir="Meshes"', None),
+        ("parts.obj", 'meshdir="meshes"', None),
+    ],
+)
+def test_a_name_that_differs_from_a_file_in_case_only_is_corrected(name: str, compiler: str, right: str | None) -> None:
+    Path("meshes").mkdir(exist_ok=True)
+    Path("meshes/part.OBJ").write_text(MESH)
+    text = mjcf('<geom type="mesh" mesh="m"/>', before=f"<compiler {compiler}/>{{}}")
+    mesh = '<asset><mesh name="m" file="{}"/></asset>'
+    wrong = text.format(mesh.format(name))
+    if right is None:
+        assert fixed(wrong) == wrong
+    else:
+        assert fixed(wrong) == text.format(mesh.format(right))
+        load(Path(write("model.xml", fixed(wrong))))

@@ -38,6 +38,17 @@ def test_a_camera_that_sees_anything_is_well(camera: str, geom: str) -> None:
     assert lint(looking(camera, geom)) == []
 
 
+@pytest.mark.parametrize(
+    ("joint", "floor", "reported"),
+    [("<freejoint/>", "", False), ("", "", True), ("<freejoint/>", '<geom type="plane" size="0 0 1"/>', True)],
+    ids=["moving", "fixed", "above a floor"],
+)
+def test_a_moving_camera_may_look_at_the_scene_that_a_part_is_for(joint: str, floor: str, reported: bool) -> None:
+    eye = '<camera name="eye" zaxis="0 0 -1" pos="0 0 .2"/>'
+    model = mjcf(f'{floor}<body pos="0 0 1">{joint}<geom size=".1"/>{eye}</body>')
+    assert [f.object for f in lint(model) if f.code == "MJ601"] == ["camera 'eye'"] * reported
+
+
 @pytest.mark.parametrize(("camera", "geom"), UNSEEN)
 def test_a_camera_that_sees_nothing_is_told(camera: str, geom: str) -> None:
     assert [f.code for f in lint(looking(camera, geom))] == ["MJ601"]

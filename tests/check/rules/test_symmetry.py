@@ -34,6 +34,13 @@ def test_names_of_sides(left: str, right: str) -> None:
         assert message.startswith(f"body '{pair[0]}': it differs from body '{pair[1]}': masses 1 and 2 kg")
 
 
+def test_limbs_with_different_numbers_of_bodies_are_meant_to_differ() -> None:
+    geom = '<geom size="0.1" mass="{mass}"/><body pos="0 0 1"><geom size="0.1"/></body>'
+    assert messages(side("left"), side("right", mass=2, geom=geom, y=-1)) == []
+    (message,) = messages(side("left", geom=geom), side("right", mass=2, geom=geom, y=-1))
+    assert "masses" in message
+
+
 @pytest.mark.parametrize(
     ("left", "right"),
     [("left", "lift"), ("hull", "hurr"), ("FL_hip", "RL_hip"), ("front", "rear"), ("hip_1", "hip_2"), ("a", "left")],
