@@ -14,10 +14,11 @@ from mjrun.dataclass import dataclass
 from mjrun.experiment.results_table import ResultsTable
 from mjrun.experiment.sample_designs import SAMPLES, STEP
 from mjrun.experiment.statistics import NO_INTERVAL, Interval, mean_interval, resamples_of
+from mjrun.formats.study_reader import SENSITIVITY
 from mjrun.model.table_column import Column
 
 FEWEST = 2  # samples for an index
-FILES = ("sensitivity.parquet", "sensitivity.csv")
+FILES = (SENSITIVITY, "sensitivity.csv")
 
 
 @dataclass(frozen=True)

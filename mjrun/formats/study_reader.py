@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 RESULTS, TRACE = "results.parquet", "trace.parquet"  # files of a study, and of a point
+SENSITIVITY = "sensitivity.parquet"  # file of a study
 FIRST, STATUS = "point", "status"  # columns around the parameters and the metrics
 NAME = "point.json"  # the manifest of a point
 Numbers = Mapping[str, np.ndarray]  # columns (n,), by name
@@ -39,6 +40,8 @@ class StudyResults:
       texts: columns of texts, by name: `status`, `message`, and parameters such as models.
       metric_columns: columns of traces that the metrics read.
       units: units of parameters and metrics, by name; of those that have one.
+      sensitivity: sensitivity of each metric, by the name of the index and of the parameter; empty without a design for
+        it.
     """
 
     folder: Path
@@ -48,6 +51,9 @@ class StudyResults:
     texts: Mapping[str, Sequence[str]]
     metric_columns: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict[str, str])
+    sensitivity: Mapping[str, Mapping[str, Mapping[str, float]]] = field(
+        default_factory=dict[str, Mapping[str, Mapping[str, float]]]
+    )
 
     def with_unit(self, name: str) -> str:
         """Returns the name of a parameter or a metric with its unit: `slid [m]`."""
@@ -94,7 +100,24 @@ def read_study(folder: str | Path) -> StudyResults:
     parameters = [name for name in names[1 : names.index(STATUS)] if name not in metrics]
     columns = manifest.get("columns")
     metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
-    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns, units)
+    sensitivity = _sensitivity(folder / SENSITIVITY) if (folder / SENSITIVITY).is_file() else {}
+    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns, units, sensitivity)
+
+
+def _sensitivity(path: Path) -> dict[str, dict[str, dict[str, float]]]:
+    """Reads indices by the names of metrics, indices and parameters.
+
+    Raises:
+      FileError: the table cannot be read.
+    """
+    numbers, texts, _, _, _ = read_results(path)
+    if not {"metric", "parameter"} <= texts.keys():
+        raise FileError(path, "holds no sensitivities of a study", _HINT)
+    made = dict[str, dict[str, dict[str, float]]]()
+    for index, values in numbers.items():
+        for metric, parameter, value in zip(texts["metric"], texts["parameter"], values.tolist(), strict=True):
+            made.setdefault(metric, {}).setdefault(index, {})[parameter] = value
+    return made
 
 
 def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any], Mapping[str, str]]:

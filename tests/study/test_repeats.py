@@ -11,6 +11,10 @@ from markdown_it import MarkdownIt
 
 from mjrun.cli.sweep_report import study_markdown, study_report
 from mjrun.experiment.design import Design
+from mjrun.formats.study_reader import read_study
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.study.figure_data import RankPanel
+from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.repeats import FILES, SUMMARIZED, RepeatMeans
 from mjrun.study.study import Study
@@ -72,6 +76,11 @@ def test_a_linear_metric_has_known_sensitivities(
     result = study.run()
     rows = pd.read_csv(tmp_path / "s" / "sensitivity.csv")
     assert rows["parameter"].tolist() == list(vary)
+    (panel,) = StudyFigurePlan(read_study(tmp_path / "s"), FigureOptions()).drawing.panels
+    assert isinstance(panel, RankPanel)
+    assert panel.parameters == ["qvel/ball/vy", "qvel/ball/vx"]  # the strongest first
+    shown = [each.tolist() for each in (panel.correlations, panel.dependences)]
+    assert shown == [rows[name][::-1].tolist() for name in expected]
     for name, values in expected.items():
         np.testing.assert_allclose(rows[name], values, atol=tolerance)
         for report in (study_report(result, study.simulation), study_markdown(result, study.simulation)):

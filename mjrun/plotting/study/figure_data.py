@@ -122,14 +122,20 @@ class RankPanel:
     """Strengths of the relations of parameters to a metric; all panels of a figure have the same parameters.
 
     Attributes:
-      correlations: rank correlations, which monotone relations have.
-      dependences: shares of dependence by mutual information, which relations of any shape have.
+      correlations: rank correlations, which monotone relations have; or the first of two indices of sensitivity.
+      dependences: shares of dependence by mutual information, which relations of any shape have; or the second index.
+      names: names of both in the key.
+      axis: label of the x axis.
+      ends: ends of the x axis; None for correlations, which have a sign.
     """
 
     label: str
     parameters: Sequence[str]
     correlations: np.ndarray
     dependences: np.ndarray
+    names: tuple[str, str] = ("monotone (rank correlation)", "of any shape (mutual information)")
+    axis: str = "strength of the relation"
+    ends: tuple[float, float] | None = None
 
     curves = 0
 

@@ -24,6 +24,7 @@ from mjrun.plotting.tick_labels import value_labels
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
 NAMES = 0.3  # maximum share of the figure for names of parameters
+INDEX = "{:.2g}"  # of an index of sensitivity
 REACH = 1.1  # end of the axis of rank correlations on either side
 FALLING = 0.1  # negative rank correlation from which a ring is on the side of its bar
 THICK = 0.62  # height of a bar, as a share of its row
@@ -69,7 +70,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
                 label = panel.columns.name
             case RankPanel():
                 _draw_rank_bars(canvas, panel, axes, named=index % side == 0)
-                label = "strength of the relation"
+                label = panel.axis
         if isinstance(panel, GraphPanel):
             axes.set_ylabel(canvas.shown(panel.axis_label))
         if _is_lowest(drawing, index, side):
@@ -86,10 +87,10 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
 def _key(drawing: StudyDrawing, canvas: Canvas) -> dict[str, Artist]:
     graphs = [panel for panel in drawing.panels if isinstance(panel, GraphPanel)]
     maps = [panel for panel in drawing.panels if isinstance(panel, HeatPanel)]
-    ranked = any(isinstance(panel, RankPanel) for panel in drawing.panels)
+    ranked = next((panel for panel in drawing.panels if isinstance(panel, RankPanel)), None)
     return {
         **(heat_key(canvas, maps) if maps else {}),
-        **(_rank_key(canvas) if ranked else {}),
+        **(_rank_key(canvas, ranked) if ranked else {}),
         **(_graph_key(canvas, graphs) if graphs else {}),
     }
 
@@ -116,10 +117,10 @@ def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str, legend_title
     )
 
 
-def _rank_key(canvas: Canvas) -> dict[str, Artist]:
+def _rank_key(canvas: Canvas, panel: RankPanel) -> dict[str, Artist]:
     """Returns samples of the two measures of a relation, by name."""
     bar = Patch(facecolor=rgb(canvas.theme.colour(0)), linewidth=0)
-    return {"monotone (rank correlation)": bar, "of any shape (mutual information)": _dot(canvas)}
+    return dict(zip(panel.names, (bar, _dot(canvas)), strict=True))
 
 
 def _dot(canvas: Canvas) -> Line2D:
@@ -131,28 +132,35 @@ def _dot(canvas: Canvas) -> Line2D:
 
 
 def _draw_rank_bars(canvas: Canvas, panel: RankPanel, axes: Axes, *, named: bool) -> None:
-    """Draws rank correlations as bars, each with its number on the other side of zero, which is always free."""
+    """Draws rank correlations as bars, each with its number on the other side of zero, which is always free.
+
+    Indices of sensitivity are bars to the right, apart from errors of estimates.
+    """
     theme, em = canvas.theme, canvas.em
     rows, values = np.arange(len(panel.parameters)), np.nan_to_num(panel.correlations)
-    axes.set(xlim=(-REACH, REACH), ylim=(len(rows) - 0.5, -0.5))
+    axes.set(xlim=panel.ends or (-REACH, REACH), ylim=(len(rows) - 0.5, -0.5))
     axes.spines["left"].set_visible(False)
-    axes.set_xticks([-1, -0.5, 0, 0.5, 1], ["−1", "−0.5", "0", "0.5", "1"])
+    if panel.ends is None:
+        axes.set_xticks([-1, -0.5, 0, 0.5, 1], ["−1", "−0.5", "0", "0.5", "1"])
     names = [canvas.fitted(name, NAMES * canvas.width, SMALL * em) if named else "" for name in panel.parameters]
     axes.set_yticks(rows, names, color=rgb(theme.ink))
     axes.grid(True, axis="x")
     axes.barh(rows, values, THICK, color=[rgb(theme.colour(0 if value >= 0 else 1)) for value in values])
     axes.axvline(0, color=rgb(theme.zero), linewidth=1.5 * canvas.hair)
     dots = _dot(canvas)
-    dots.set_data(np.where(values < -FALLING, -panel.dependences, panel.dependences), rows)  # NaN has none
+    falls = (values < -FALLING) & (panel.ends is None)
+    dots.set_data(np.where(falls, -panel.dependences, panel.dependences), rows)  # NaN has none
     axes.add_line(dots)
     for row, value in enumerate(panel.correlations.tolist()):
-        text = "–" if np.isnan(value) else f"{value:+.2f}".replace("-", "−")
+        written = f"{value:+.2f}" if panel.ends is None else INDEX.format(value)
+        text = "–" if np.isnan(value) else written.replace("-", "−")
+        is_left = value < 0 and panel.ends is None
         axes.annotate(
             text,
             (0, row),
-            xytext=((0.3 if value < 0 else -0.3) * em * POINT, 0),
+            xytext=((0.3 if is_left else -0.3) * em * POINT, 0),
             textcoords="offset points",
-            ha="left" if value < 0 else "right",
+            ha="left" if is_left else "right",
             va="center_baseline",
             color=rgb(theme.grey),
             fontsize=0.85 * SMALL * em * POINT,

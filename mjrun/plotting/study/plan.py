@@ -51,6 +51,11 @@ LINES = 6  # maximum number of curves of another parameter in one panel
 FEW = 3  # maximum number of parameters that have a scatter plot each
 GRAPHS = 24  # maximum number of panels
 DRAWN = 4000  # maximum number of lines of parallel coordinates
+# Names in the key of two indices of sensitivity.
+INDICES = {
+    ("first", "total"): ("alone (first order)", "with interactions (total)"),
+    ("mu_star", "sigma"): ("mean magnitude μ*", "deviation σ"),
+}
 RANKED = 40  # maximum number of parameters in a panel of rank correlations
 
 
@@ -109,6 +114,9 @@ class StudyFigurePlan:
         main = [each for each in self._parameters if each.name != SEED] or self._parameters
         if x is not None:
             return self._over(x)
+        if panels := self._sensitivity_panels():
+            self._refuse_curve_options("indices of sensitivity")
+            return self._drawn(panels, min(3, len(panels)))
         if len(main) == 1:
             return self._over(main[0])
         numbers = [each for each in main if not each.categories or len(each.levels) > LINES]
@@ -304,6 +312,30 @@ class StudyFigurePlan:
         names = [parameters[i].ordinal_name for i in order]
         rows = zip(metrics, correlations, shares, strict=True)
         return [RankPanel(metric.name, names, ranked[order], share[order]) for metric, ranked, share in rows]
+
+    def _sensitivity_panels(self) -> list[RankPanel]:
+        """Returns a panel of the indices of each chosen metric; none if there are no indices of all of them."""
+        known, names = self._results.sensitivity, self._options.y or self._results.metrics
+        if not known or not all(name in known for name in names):
+            return []
+        first, second = next(pair for pair in INDICES if pair[0] in known[names[0]])
+        shares = [known[name][first] for name in names]
+        strength = {
+            parameter: max(abs(each[parameter]) / (max(map(abs, each.values())) or 1) for each in shares)
+            for parameter in shares[0]
+        }
+        parameters = sorted(strength, key=lambda name: -np.nan_to_num(strength[name], nan=-1.0))[:RANKED]
+        panels = list[RankPanel]()
+        for name in names:
+            bars, rings = (np.array([known[name][index][each] for each in parameters]) for index in (first, second))
+            drawn = np.nan_to_num(np.append(bars, rings))
+            is_share = first == "first"
+            most = float(drawn.max(initial=1.0 if is_share else 0.0)) or 1.0
+            ends = (float(drawn.min(initial=0.0)) - 0.3 * most, 1.1 * most)
+            title = name if is_share else self._results.with_unit(name)
+            axis = "share of the variance" if is_share else "effect over the range"
+            panels.append(RankPanel(title, parameters, bars, rings, INDICES[first, second], axis, ends))
+        return panels
 
     # --- parts ---------------------------------------------------------------------------------------
 
