@@ -16,6 +16,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -28,12 +29,11 @@ from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
 from mjrun.options.option import Options, document_options, options, required
-from mjrun.options.schema_validation import TEXT, InvalidValueError, MisfitError, Misfits, Schema
+from mjrun.options.schema_validation import InvalidValueError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.job_plan import SCHEMA, StudyPlan
-from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 
 LARGEST = 2**26  # bytes per line
@@ -132,42 +132,31 @@ class Plain(Kind[V, V]):
 
 
 STRING: Schema = {"type": "string"}
-ABOUT = ("format", "folder", "study", "identity", "names")  # shared by all lines
+RANGE: Schema = {"type": "array", "items": {"type": "integer"}}
 
 
 @options
-class PlannedChunk(Options):
-    """A chunk of points, with the study that it belongs to."""
+class _PlannedStudy(Options):
+    """A plan."""
 
     format: str = required(converter=Choice((SCHEMA,)), key="schema", help="Format of the plan.")
     folder: str = required(converter=Text(), help="Folder of the study.")
     study: object = required(converter=Plain[object]({}), help="Study, as a document.")
     identity: Mapping[str, str] = required(
         converter=Plain[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
-        help="Versions of the programs.",
+        help="Versions of the programs, and hashes of everything that determines the results.",
     )
-    names: Sequence[str] = required(
-        converter=Plain[Sequence[str]]({"type": "array", "items": TEXT}), help="Names of the parameters."
-    )
-    points: Sequence[int] = required(
-        converter=Plain[Sequence[int]]({"type": "array", "items": {"type": "integer"}}), help="Indices of the points."
-    )
-    values: Sequence[Sequence[str]] = required(
-        converter=Plain[Sequence[Sequence[str]]]({"type": "array", "items": {"type": "array", "items": STRING}}),
-        help="Values of the points.",
+    ranges: Sequence[Sequence[int]] = required(
+        converter=Plain[Sequence[Sequence[int]]]({"type": "array", "items": RANGE}),
+        help="Ranges of points: the first point, and that after the last.",
     )
 
-    @property
-    def about(self) -> dict[str, object]:
-        """The part that all lines of a plan share."""
-        return {name: getattr(self, name) for name in ABOUT}
 
-
-LINE = OptionsMapping(PlannedChunk, PlannedChunk)
+LINE = OptionsMapping(_PlannedStudy, _PlannedStudy)
 
 
 def write_plan(path: str, plan: StudyPlan) -> None:
-    """Writes a plan, one line per chunk, together with the manifest of the study: both or neither.
+    """Writes a plan, a line of JSON, together with the manifest of the study: both or neither.
 
     Raises:
       FileError: the plan cannot be written.
@@ -175,18 +164,14 @@ def write_plan(path: str, plan: StudyPlan) -> None:
     folder = Path(path).parent
     study = portable_document(plan.study, folder)
     home = os.path.relpath(plan.study.output, folder)
-    about = {"schema": SCHEMA, "folder": home, "study": study, "identity": plan.identity, "names": plan.names}
-    chunks = (
-        {**about, "points": [point.index for point in chunk], "values": [point.values for point in chunk]}
-        for chunk in plan.chunks
-    )
-    text = "".join(f"{json.dumps(chunk)}\n" for chunk in chunks)
+    about = {"schema": SCHEMA, "folder": home, "study": study, "identity": plan.identity, "ranges": plan.ranges}
+    text = f"{json.dumps(about)}\n" if plan.ranges else ""
     with written_file(Path(path), text.encode()) as output, plan.study.manifest_writer({}) as manifest:
         publish_together([output, manifest])
 
 
 def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan | None:
-    """Reads a plan; returns None if it has no chunks.
+    """Reads a plan; returns None if it has no points.
 
     Args:
       given: options of the study that override the plan's, such as its execution.
@@ -197,25 +182,18 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
       FileError: the file cannot be read.
     """
     with opened(Path(path), "plan", PLANS) as file:
-        lines = [_line(path, number, text) for number, text in enumerate(file, 1) if text.strip()]
+        lines = [(number, text) for number, text in enumerate(file, 1) if text.strip()]
     if not lines:
         return None
-    first = lines[0]
-    for number, line in enumerate(lines, 1):
-        if line.about != first.about:
-            raise document_error(
-                [Fault(Mark(0, number, 1, path), "", "this chunk belongs to another study than the first")]
-            )
-    chunks = [
-        tuple(StudyPoint(index, tuple(values)) for index, values in zip(line.points, line.values, strict=True))
-        for line in lines
-    ]
+    plan = _line(path, *lines[0])
+    if len(lines) > 1:
+        raise document_error([Fault(Mark(0, lines[1][0], 1, path), "", "a plan is one line")])
     folder = Path(path).parent
     values = dict(given or {})
     if "output" not in values:
-        values["output"] = str(_study_folder(folder, first.folder))
-    study = _study(path, cast("Mapping[str, object]", first.study), folder, values)
-    return StudyPlan(study, first.names, first.identity, chunks)
+        values["output"] = str(_study_folder(folder, plan.folder))
+    study = _study(path, cast("Mapping[str, object]", plan.study), folder, values)
+    return StudyPlan(study, plan.identity, [(first, stop) for first, stop in plan.ranges])
 
 
 def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
@@ -252,7 +230,7 @@ def _study_folder(folder: Path, path: str) -> Path:
     return study
 
 
-def _line(path: str, number: int, text: bytes) -> PlannedChunk:
+def _line(path: str, number: int, text: bytes) -> _PlannedStudy:
     mark = Mark(0, number, 1, path)
     try:
         value = json.loads(text[:LARGEST])
@@ -260,8 +238,9 @@ def _line(path: str, number: int, text: bytes) -> PlannedChunk:
     except (ValueError, RecursionError) as error:
         raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
     line = _read(LINE, value, tree, ReadingContext())
-    if len(line.points) != len(line.values) or any(len(values) != len(line.names) for values in line.values):
-        raise document_error([Fault(mark, "values", "expected a list for each point, with a value for each name")])
+    ends = [end for each in line.ranges for end in each]
+    if any(one >= other for one, other in pairwise([-1, *ends])) or any(len(each) != 2 for each in line.ranges):
+        raise document_error([Fault(mark, "ranges", "expected ascending pairs: the first point, that after the last")])
     return line
 
 

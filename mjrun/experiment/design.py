@@ -1,7 +1,5 @@
 """Points of an experiment: the values that each of them has, and their order."""
 
-import hashlib
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, localcontext
@@ -49,6 +47,14 @@ class Design:
     names: tuple[str, ...]
     points: Sequence[Values]
 
+    @property
+    def grid(self) -> GridPoints:
+        """The points as columns."""
+        if isinstance(self.points, GridPoints):
+            return self.points
+        columns = [([values[number] for values in self.points], 1) for number in range(len(self.names))]
+        return GridPoints(columns, len(self.points))
+
     def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
         """Returns the values of points."""
         points = self.points
@@ -56,16 +62,7 @@ class Design:
 
     def column(self, number: int) -> DesignColumn:
         """Returns the values of a parameter, given by its place in `names`."""
-        if isinstance(self.points, GridPoints):
-            return self.points.column(number)
-        return DesignColumn.of([values[number] for values in self.points])
-
-    @property
-    def digest(self) -> bytes:
-        """A hash of all values and their order."""
-        if isinstance(self.points, GridPoints):
-            return self.points.digest
-        return hashlib.sha256(json.dumps([*self.points]).encode()).digest()
+        return self.grid.column(number)
 
     def values(self, index: int) -> dict[str, str]:
         """Returns the values of a point by parameter."""

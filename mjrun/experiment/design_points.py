@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import overload
 
@@ -64,7 +64,7 @@ class DesignColumn:
     """The values of a parameter: point k has `texts[places[k]]`.
 
     Attributes:
-      texts: values.
+      texts: different values.
       places: whole numbers `(n,)`.
     """
 
@@ -72,21 +72,25 @@ class DesignColumn:
     places: np.ndarray
 
     @classmethod
-    def of(cls, values: Sequence[str]) -> "DesignColumn":
-        """Returns the column of the value of each point."""
-        place = {text: index for index, text in enumerate(dict.fromkeys(values))}
-        return cls(list(place), np.array([place[text] for text in values], np.intp))
+    def of(cls, texts: Sequence[str], places: np.ndarray) -> "DesignColumn":
+        """Returns the column with these places in `texts`, of which several may be equal."""
+        if isinstance(texts, NumberTexts):
+            _, first, code = np.unique(texts.numbers.view(np.int64), return_index=True, return_inverse=True)
+            return cls(texts, places) if len(first) == len(texts) else cls(texts.only(first), code[places])
+        code_of = {text: code for code, text in enumerate(dict.fromkeys(texts))}
+        if len(code_of) == len(texts):
+            return cls(texts, places)
+        return cls([*code_of], np.array([code_of[text] for text in texts], np.intp)[places])
 
     @cached_property
     def distinct(self) -> Sequence[str]:
-        """The different values of all points, in the order of `texts`."""
+        """The values of points, in the order of `texts`."""
         is_used = np.zeros(len(self.texts), bool)
         is_used[self.places] = True
+        if is_used.all():
+            return self.texts
         used = np.flatnonzero(is_used)
-        if not isinstance(self.texts, NumberTexts):
-            return list(dict.fromkeys(texts_at(self.texts, used)))
-        _, first = np.unique(self.texts.numbers[used], return_index=True)
-        return self.texts.only(used[np.sort(first)])
+        return self.texts.only(used) if isinstance(self.texts, NumberTexts) else texts_at(self.texts, used)
 
     @property
     def numbers(self) -> np.ndarray | None:
@@ -141,11 +145,18 @@ class GridPoints(Sequence[Values]):
 
     def column(self, number: int) -> DesignColumn:
         """Returns the values of a parameter."""
-        return DesignColumn(*self._places(number, np.arange(len(self))))
+        return DesignColumn.of(*self._places(number, np.arange(len(self))))
 
     def only(self, chosen: np.ndarray) -> "GridPoints":
         """Returns the points with these indices."""
         return GridPoints(self.columns, self._whole, chosen if self._chosen is None else self._chosen[chosen])
+
+    def replaced(self, number: int, function: Callable[[str], str]) -> "GridPoints":
+        """Returns the points with `function` of each value of a parameter."""
+        columns = list(self.columns)
+        texts, repeat = columns[number]
+        columns[number] = ([function(text) for text in texts], repeat)
+        return GridPoints(columns, self._whole, self._chosen)
 
     @property
     def digest(self) -> bytes:

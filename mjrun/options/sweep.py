@@ -265,8 +265,7 @@ class StudyCommandOptions(Options):
         converter=Optional(File(written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Write a plan of all simulations of the study to this .jsonl file and exit; each line contains many "
-        "points.",
+        help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )
     task: tuple[int, int] | None = option(
         converter=Optional(TaskNumber()),

@@ -99,15 +99,18 @@ def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable
     return keys
 
 
-def study_digest(identity: Mapping[str, object], spec: StudySpec, points: Design) -> str:
-    """Returns a hash of everything that determines the results of all points, and of their order."""
-    made = hashlib.sha256(json.dumps([identity, spec.names], sort_keys=True).encode())
-    made.update(points.digest)
+def points_digest(spec: StudySpec, points: Design) -> str:
+    """Returns a hash of the values of all points, and of their order: of files, the contents count."""
+    grid = points.grid
     for index, name in enumerate(spec.names):
         if name in FILES:
-            hashed = _file_hashes(spec, name)
-            made.update(json.dumps([hashed(text) for text in points.column(index).distinct]).encode())
-    return made.hexdigest()
+            grid = grid.replaced(index, _file_hashes(spec, name))
+    return hashlib.sha256(json.dumps(spec.names).encode() + grid.digest).hexdigest()
+
+
+def study_digest(identity: Mapping[str, object], points: str) -> str:
+    """Returns a hash of everything that determines the results of all points, given the hash of their values."""
+    return hashlib.sha256(json.dumps([identity, points], sort_keys=True).encode()).hexdigest()
 
 
 def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
@@ -141,6 +144,7 @@ class ChunkFiles:
 
     Attributes:
       width: number of metrics.
+      bounds: ascending points where new parts begin, since different processes work on either side.
       damaged: parts that the last `read` could not read.
       adopted: places of the results that the last `read` has found by keys, ascending.
     """
@@ -148,6 +152,7 @@ class ChunkFiles:
     def __init__(self, folder: Path, metrics: Sequence[str], study: str) -> None:
         self._folder, self._metrics, self.study = folder / PARTS, tuple(metrics), study
         self.width = len(self._metrics)
+        self.bounds = np.array([], np.int64)
         self.damaged = list[Path]()
         self.adopted = np.array([], np.intp)
 
@@ -171,13 +176,14 @@ class ChunkFiles:
         """Returns the size of all parts [bytes]."""
         return sum(path.stat().st_size for path in self._paths())
 
-    def read(self, points: range, keys: Callable[[np.ndarray], Sequence[str]]) -> ResultColumns:
+    def read(self, points: Sequence[int] | np.ndarray, keys: Callable[[np.ndarray], Sequence[str]]) -> ResultColumns:
         """Reads the results of points; of several results of a point, prefers one that is final.
 
         Files that are not parts of this study are skipped. So are `damaged` ones, such as a power failure leaves: their
         points will be simulated again.
 
         Args:
+          points: numbers of the points, ascending; other parts of the same study are not opened.
           keys: function from the numbers of points to their keys, for parts of other designs of the study.
 
         Raises:
@@ -191,16 +197,15 @@ class ChunkFiles:
                 part = _Name.of(path)
                 if part is None or part.study != self.study[:NAMED]:
                     others.append(path)
-                elif part.first < points.stop and part.last >= points.start:
+                elif known.has_between(part.first, part.last):
                     for rows in self._rows(path):
                         if rows.study != self.study:  # another one with such a name
                             others.append(path)
                             break
-                        is_here = (rows.points >= points.start) & (rows.points < points.stop)
-                        known.put(rows.points[is_here] - points.start, rows.results.at(is_here))
+                        known.put_points(rows.points, rows.results)
         open_places = np.flatnonzero(~known.is_final)
         if others and len(open_places):
-            self._read_by_key(others, known, open_places, _binary(keys(open_places + points.start)))
+            self._read_by_key(others, known, open_places, _binary(keys(known.points[open_places])))
         return known
 
     def write(self, points: Sequence[int] | np.ndarray, keys: Sequence[str], results: ResultRows) -> Path:
@@ -349,15 +354,19 @@ class PartWriter:
 
     def __init__(self, files: ChunkFiles, interval: float) -> None:
         self._files, self._interval = files, interval
-        self._waiting = dict[str, tuple[list[int], list[str], list[PointResult]]]()  # points, keys and results, by host
-        self._levels = list[list[Path]]()  # parts, by the number of times that they were merged
+        # Points, keys and results by block, see `ChunkFiles.bounds`, and host.
+        self._waiting = dict[tuple[int, str], tuple[list[int], list[str], list[PointResult]]]()
+        self._levels = dict[tuple[int, int], list[Path]]()  # parts, by block and the number of their merges
         self._written = time.monotonic()
 
     def add(self, points: Sequence[int], keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
         """Adds results of points to the next part."""
-        waiting = self._waiting.setdefault(host, ([], [], []))
-        for list_, more in zip(waiting, (points, keys, results), strict=True):
-            cast("list[object]", list_).extend(more)
+        blocks = np.searchsorted(self._files.bounds, points, "right").tolist()
+        for block, point, key, result in zip(blocks, points, keys, results, strict=True):
+            some = self._waiting.setdefault((block, host), ([], [], []))
+            some[0].append(point)
+            some[1].append(key)
+            some[2].append(result)
 
     def write_if_due(self) -> None:
         """Writes the part if the last one was written long enough ago; without results, prepares to write later.
@@ -378,22 +387,20 @@ class PartWriter:
 
     def _write(self) -> None:
         waiting, self._waiting = self._waiting, {}
-        for host, (points, keys, results) in waiting.items():
+        for (block, host), (points, keys, results) in waiting.items():
             rows = ResultRows.of(results, self._files.width, host)
-            self._keep(self._files.write(points, keys, rows), 0)
+            self._keep(self._files.write(points, keys, rows), block, 0)
         self._written = time.monotonic()
 
-    def _keep(self, part: Path, level: int) -> None:
-        """Adds a part to those that were merged `level` times, and merges them once they are many."""
-        if level == len(self._levels):
-            self._levels.append([])
-        parts = self._levels[level]
+    def _keep(self, part: Path, block: int, level: int) -> None:
+        """Adds a part to those of its block that were merged `level` times, and merges them once they are many."""
+        parts = self._levels.setdefault((block, level), [])
         parts.append(part)
         if len(parts) < TOGETHER or sum(path.stat().st_size for path in parts if path.exists()) > PART_BYTES:
             return
-        self._levels[level] = []
+        del self._levels[block, level]
         if merged := self._files.merge(parts):
-            self._keep(merged, level + 1)
+            self._keep(merged, block, level + 1)
 
 
 def part_bytes(metrics: Sequence[str], count: int) -> int:

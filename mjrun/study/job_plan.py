@@ -1,23 +1,31 @@
-"""Plans of studies: the missing points in chunks, for tasks that run independently of each other."""
+"""Plans of studies: the ranges of missing points, for tasks that run independently of each other.
+
+Each task computes the values of its points from their numbers, and opens only the results of these points.
+"""
 
 import hashlib
 import json
 import time
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
-from mjrun.experiment.design import Design
 from mjrun.reporter import Reporter
+from mjrun.study.chunk_files import points_digest
 from mjrun.study.executors import check_engine
 from mjrun.study.point_files import PointKeeper
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 
-SCHEMA = "mjrun-plan-1"
+SCHEMA = "mjrun-plan-2"
 BLOCKS = 4  # blocks of points of each task, since slow points are often neighbours
+MOST_RANGES = 1000  # in a plan: closer ones are joined, and tasks skip the points that are known
 VERSIONS = ("mjrun", "mujoco", "numpy")
+DESIGN = "points"  # in the identity of a plan: the hash of the values of all points
+
+Range = tuple[int, int]  # the first point, and that after the last
 
 
 @dataclass(frozen=True)
@@ -26,15 +34,18 @@ class StudyPlan:
 
     Attributes:
       study: study as it will be collected.
-      names: parameters that vary.
-      identity: hashes of everything that determines the results, except the values of the points.
-      chunks: all points, in lines of several.
+      identity: hashes of everything that determines the results.
+      ranges: ranges that contain all of these points, ascending.
     """
 
     study: Study
-    names: Sequence[str]
     identity: Mapping[str, str]
-    chunks: Sequence[Sequence[StudyPoint]]
+    ranges: Sequence[Range]
+
+    @property
+    def count(self) -> int:
+        """The number of points in all ranges."""
+        return sum(stop - first for first, stop in self.ranges)
 
 
 @dataclass(frozen=True)
@@ -68,12 +79,9 @@ def plan(study: Study) -> StudyPlan:
     """
     prepared = PreparedStudy(study, study.spec)
     PointKeeper(study, prepared)  # which checks the options of kept files
-    missing = prepared.missing(study.retry_failed)
-    size = study.chunk or prepared.planned_size
-    points = [StudyPoint(index, prepared.points.points[index]) for index in missing]
-    chunks = [tuple(points[start : start + size]) for start in range(0, len(points), size)]
+    ranges = ranges_of(np.array(prepared.missing(study.retry_failed), np.int64))
     prepared.files.create()
-    return StudyPlan(study, prepared.points.names, _hashes(prepared.identity), chunks)
+    return StudyPlan(study, _hashes(prepared), ranges)
 
 
 def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> TaskResult:
@@ -84,31 +92,52 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
       FileError: results cannot be written.
     """
     start = time.perf_counter()
-    study, points = plan.study, task_points(plan, task, tasks)
+    study, points = plan.study, task_points(plan.ranges, task, tasks)
     statuses: Mapping[str, int] = {}
-    if points:
-        prepared = PreparedStudy(study, study.spec, Design(tuple(plan.names), [point.values for point in points]))
+    if len(points):
+        prepared = PreparedStudy(study, study.spec)
         _require_identity(prepared, plan.identity)
+        if points[-1] >= len(prepared.points.points):
+            raise UsageError(f"the plan has a point {points[-1]}, but its study has {len(prepared.points.points)}")
         check_engine(study.engine)
+        prepared.numbers = points
+        prepared.files.bounds = points[np.flatnonzero(np.diff(points, prepend=-2) > 1)]
         prepared.files.create()
         prepared.warn_of_damaged(reporter)
-        missing = prepared.missing(study.retry_failed)
-        statuses = prepared.simulate(missing, study, reporter, [point.index for point in points])
+        statuses = prepared.simulate(prepared.missing(study.retry_failed), study, reporter)
     wall = time.perf_counter() - start
     return TaskResult(study.output, task, tasks, len(points), sum(statuses.values()), dict(statuses), wall)
 
 
-def task_points(plan: StudyPlan, task: int, tasks: int) -> list[StudyPoint]:
+def ranges_of(points: np.ndarray) -> list[Range]:
+    """Returns at most `MOST_RANGES` ranges that contain ascending points `(n,)`: the widest gaps separate them."""
+    if not len(points):
+        return []
+    gaps = np.flatnonzero(np.diff(points) > 1)
+    widest = np.sort(gaps[np.argsort(-np.diff(points)[gaps], kind="stable")[: MOST_RANGES - 1]])
+    first = [int(points[0]), *points[widest + 1].tolist()]
+    last = [*points[widest].tolist(), int(points[-1])]
+    return [(start, end + 1) for start, end in zip(first, last, strict=True)]
+
+
+def task_points(ranges: Sequence[Range], task: int, tasks: int) -> np.ndarray:
     """Returns the share of a task, numbered from 1: blocks of neighbours, which share compilations, spread evenly."""
-    points = [point for chunk in plan.chunks for point in chunk]
-    size = -(-len(points) // (BLOCKS * tasks)) or 1
-    starts = range((task - 1) * size, len(points), tasks * size)
-    return [point for start in starts for point in points[start : start + size]]
+    if not ranges:
+        return np.array([], np.int64)
+    firsts = np.array([first for first, _ in ranges], np.int64)
+    ends = np.cumsum([stop - first for first, stop in ranges], dtype=np.int64)
+    count = int(ends[-1])
+    size = -(-count // (BLOCKS * tasks))
+    starts = range((task - 1) * size, count, tasks * size)
+    blocks = [np.arange(start, min(start + size, count)) for start in starts]
+    places = np.concatenate([np.array([], np.int64), *blocks])
+    which = np.searchsorted(ends, places, "right")
+    return places + (firsts - np.concatenate([[0], ends[:-1]]))[which]
 
 
 def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> None:
     """Raises UsageError if the results would not be those that were planned."""
-    here = _hashes(prepared.identity)
+    here = _hashes(prepared)
     differing = [name for name in here if here[name] != planned.get(name)]
     if differing:
         other = {name: f"{name} {clean(planned.get(name, ''))}, here {here[name]}" for name in VERSIONS}
@@ -119,8 +148,13 @@ def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> No
         )
 
 
-def _hashes(identity: Mapping[str, object]) -> dict[str, str]:
-    """Abbreviates each part of an identity."""
+def _hashes(prepared: PreparedStudy) -> dict[str, str]:
+    """Abbreviates each part of the identity of a study, and its points."""
+    identity = prepared.identity
     texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in identity.items()}
     hashes = {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()}
-    return hashes | {name: str(identity[name]) for name in VERSIONS}
+    return (
+        hashes
+        | {name: str(identity[name]) for name in VERSIONS}
+        | {DESIGN: points_digest(prepared.spec, prepared.points)}
+    )

@@ -26,7 +26,7 @@ from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.probe.metric import Metric
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
-from mjrun.study.chunk_files import point_keys, study_digest, study_identity
+from mjrun.study.chunk_files import point_keys, points_digest, study_digest, study_identity
 from mjrun.study.episode_spec import EpisodeSpec
 from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
@@ -54,7 +54,7 @@ class PreparedStudy(PreparedPoints):
 
     Args:
       spec: specification, without the names of parameters.
-      points: the points to simulate, if they are only a part of the study.
+      points: the points, if the options do not describe them.
 
     Attributes:
       spec: specification of the points.
@@ -95,7 +95,7 @@ class PreparedStudy(PreparedPoints):
         return point_keys(self.identity, self.spec, self.points.at(indices))
 
     def _digest(self) -> str:
-        return study_digest(self.identity, self.spec, self.points)
+        return study_digest(self.identity, points_digest(self.spec, self.points))
 
     @property
     def noun(self) -> str:

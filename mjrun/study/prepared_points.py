@@ -48,6 +48,7 @@ class PreparedPoints(ABC):
 
     Attributes:
       files: files of results.
+      numbers: the points that this process works on, ascending; all of them unless it is assigned before they are read.
     """
 
     def __init__(
@@ -55,15 +56,16 @@ class PreparedPoints(ABC):
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder
         self.files = ChunkFiles(folder, metrics, self._digest())
+        self.numbers: Sequence[int] | np.ndarray = range(len(points.points))
 
     @cached_property
     def known(self) -> ResultColumns:
-        """The known results of all points.
+        """The known results of the points `numbers`.
 
         Raises:
           FileError: a file of results cannot be read for lack of permission.
         """
-        return self.files.read(range(len(self.points.points)), self._keys)
+        return self.files.read(self.numbers, self._keys)
 
     @cached_property
     def keys(self) -> Sequence[str]:
@@ -103,13 +105,14 @@ class PreparedPoints(ABC):
             )
         for start in range(0, len(adopted), ADOPTED):
             some = adopted[start : start + ADOPTED]
-            self.files.write(some, self._keys(some), self.known.rows(some))
+            points = self.known.points[some]
+            self.files.write(points, self._keys(points), self.known.rows(some))
 
     def missing(self, retry_failed: bool = False) -> Sequence[int]:
         """Returns the points without a result, and those with a failure that `retry_failed` repeats."""
         known = self.known
-        places = np.flatnonzero(~known.is_final if retry_failed else known.is_missing)
-        return array("q", places.astype(np.int64).tobytes())  # a list would take five times the memory
+        points = known.points[~known.is_final if retry_failed else known.is_missing]
+        return array("q", points.tobytes())  # a list would take five times the memory
 
     def steps(self, indices: Sequence[int]) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""
@@ -136,7 +139,6 @@ class PreparedPoints(ABC):
         indices: Sequence[int],
         options: ExecutionOptions,
         reporter: Reporter,
-        numbers: Sequence[int] | None = None,
         publish: Callable[[str, PointResult], None] | None = None,
     ) -> Counter[str]:
         """Simulates points in chunks, publishes their results every half second, and adds them to `known`.
@@ -144,14 +146,13 @@ class PreparedPoints(ABC):
         Results of a process with other versions of libraries are refused and not published.
 
         Args:
-          numbers: number of each point in the study, if the points are only a part of it.
           publish: writes the files of a point with its key, before its result is recorded.
 
         Returns:
           The number of points by status.
         """
         statuses = Counter[str]()
-        failures = FailureReporter(self.points, reporter, numbers, self.noun)
+        failures = FailureReporter(self.points, reporter, self.noun)
         with PartWriter(self.files, executors.INTERVAL) as parts:
             for arrived in self._completed(indices, options, reporter):
                 for chunk, result in arrived:
@@ -164,7 +165,7 @@ class PreparedPoints(ABC):
                     if not result.is_refused:
                         hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
                         parts.add(places, keys, result.results, ", ".join(sorted(hosts)))
-                    self.known.put(np.array(places), ResultRows.of(result.results, self.files.width))
+                    self.known.put_points(np.array(places), ResultRows.of(result.results, self.files.width))
 
                     failures.add(result.results)
                     statuses.update(each.status for each in result.results)

@@ -67,10 +67,10 @@ class ResultRows:
 
 
 class ResultColumns(Sequence[PointResult]):
-    """The results of consecutive points, of which any may be missing; as a sequence, the result of each.
+    """The results of points, of which any may be missing; as a sequence, the result of each.
 
     Args:
-      points: the points, in the study.
+      points: the numbers of the points, ascending.
       metrics: number of metrics.
 
     Attributes:
@@ -79,9 +79,9 @@ class ResultColumns(Sequence[PointResult]):
       metrics: `(n, metrics)`, NaN where missing.
     """
 
-    def __init__(self, points: range, metrics: int) -> None:
+    def __init__(self, points: Sequence[int] | np.ndarray, metrics: int) -> None:
         count = len(points)
-        self.points = points
+        self.points = np.asarray(points, np.int64)
         self.status = np.full(count, MISSING, np.uint8)
         self.steps = np.zeros(count, np.int64)
         self.exit_code = np.zeros(count, np.int32)
@@ -108,7 +108,7 @@ class ResultColumns(Sequence[PointResult]):
         if isinstance(index, slice):
             return [self[place] for place in range(len(self))[index]]
         return PointResult(
-            self.points[index],
+            int(self.points[index]),
             STATUSES[self.status[index]],
             tuple(self.metrics[index].tolist()),
             int(self.steps[index]),
@@ -119,6 +119,16 @@ class ResultColumns(Sequence[PointResult]):
 
     def __iter__(self) -> Iterator[PointResult]:
         return (self[index] for index in range(len(self)))
+
+    def has_between(self, first: int, last: int) -> bool:
+        """Returns whether any of the points is in this range, whose ends are included."""
+        return bool(np.searchsorted(self.points, first) < np.searchsorted(self.points, last, "right"))
+
+    def put_points(self, points: np.ndarray, rows: ResultRows) -> None:
+        """Stores the rows of points as `put`; those of other points are left out."""
+        places = np.minimum(np.searchsorted(self.points, points), len(self) - 1)
+        is_here = self.points[places] == points
+        self.put(places[is_here], rows.at(is_here))
 
     def put(self, places: np.ndarray, rows: ResultRows) -> None:
         """Stores rows at these places, except over final results; the last of several for one place, or a final one."""

@@ -103,20 +103,16 @@ class FailureReporter:
     """A reporter of the first point that fails for each reason, as soon as it does.
 
     Args:
-      points: points of the study, or of a part of it.
-      numbers: number of each of these points in the study; None if they are all of its points.
+      points: points of the study.
       noun: the word for a point.
     """
 
-    def __init__(
-        self, points: Design, reporter: Reporter, numbers: Sequence[int] | None = None, noun: str = "point"
-    ) -> None:
+    def __init__(self, points: Design, reporter: Reporter, noun: str = "point") -> None:
         self._points, self._reporter, self._noun = points, reporter, noun
-        self._numbers = range(len(points.points)) if numbers is None else numbers
         self._reported = set[tuple[str, str]]()
 
     def add(self, results: Iterable[PointResult]) -> None:
-        """Adds results as they arrive; their indices are those of the points in `points`."""
+        """Adds results as they arrive; their indices are those of the points."""
         for result in results:
             if result.status == "ok" or _reason(result.status, result.message) in self._reported:
                 continue
@@ -126,7 +122,7 @@ class FailureReporter:
                 shown = ", ".join([*values[:FEW], *(["…"] if len(values) > FEW else [])])
                 line = result.message.partition("\n")[0]
                 where = f" ({clean(shown)})" if shown else ""
-                self._reporter.note(f"{self._noun} {self._numbers[result.index]}{where}: {clean(line)}")
+                self._reporter.note(f"{self._noun} {result.index}{where}: {clean(line)}")
             elif len(self._reported) == MOST_REASONS + 1:
                 self._reporter.note(f"{self._noun}s fail for more reasons; the table contains all of them")
 

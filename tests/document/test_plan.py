@@ -30,16 +30,16 @@ def made() -> StudyPlan:
     return plan(replace(study, vary={**vary, "model": "ball.xml"}))
 
 
-def lines(path: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in Path(path).read_text().splitlines()]
+def content(path: str) -> dict[str, Any]:
+    return json.loads(Path(path).read_text())
 
 
 def test_what_is_written_is_read(made: StudyPlan) -> None:
     write_plan("plan.jsonl", made)
-    assert [line["points"] for line in lines("plan.jsonl")] == [[0, 1], [2, 3], [4]]
+    assert content("plan.jsonl")["ranges"] == [[0, 5]]
     again = read_plan("plan.jsonl", {"chunk": 2})
     assert again
-    assert again == replace(made, names=list(made.names))
+    assert again == made
 
 
 def test_a_plan_elsewhere_leads_to_the_same_files(
@@ -47,7 +47,7 @@ def test_a_plan_elsewhere_leads_to_the_same_files(
 ) -> None:
     (folder / "plans").mkdir()
     write_plan("plans/plan.jsonl", made)
-    assert lines("plans/plan.jsonl")[0]["study"]["model"] == "../ball.xml"
+    assert content("plans/plan.jsonl")["study"]["model"] == "../ball.xml"
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
     again = read_plan("../plans/plan.jsonl")
@@ -58,7 +58,7 @@ def test_a_plan_elsewhere_leads_to_the_same_files(
 
 
 def test_a_plan_of_nothing_is_empty(made: StudyPlan) -> None:
-    write_plan("plan.jsonl", replace(made, chunks=[]))
+    write_plan("plan.jsonl", replace(made, ranges=[]))
     assert read_plan("plan.jsonl") is None
 
 
@@ -67,31 +67,29 @@ def test_a_plan_of_nothing_is_empty(made: StudyPlan) -> None:
     [
         ("nonsense", "plan.jsonl:1:1: not JSON: Expecting value"),
         ("[]", "plan.jsonl:1:1: expected a mapping"),
-        ({"schema": "mjrun-plan-9"}, "plan.jsonl:1:1: schema: expected 'mjrun-plan-1', got 'mjrun-plan-9'"),
+        ({"schema": "mjrun-plan-9"}, "plan.jsonl:1:1: schema: expected 'mjrun-plan-2', got 'mjrun-plan-9'"),
         ({"pickle": "x"}, "plan.jsonl:1:1: unknown key 'pickle'; keys: schema, folder, study, "),
-        ({"points": ["0"]}, "plan.jsonl:1:1: points[0]: expected a whole number, got '0'"),
-        (
-            {"values": [["1", "ball.xml"]]},
-            "plan.jsonl:1:1: values: expected a list for each point, with a value for each",
-        ),
+        ({"ranges": [["0"]]}, "plan.jsonl:1:1: ranges[0][0]: expected a whole number, got '0'"),
+        ({"ranges": [[0, 2], [1, 5]]}, "plan.jsonl:1:1: ranges: expected ascending pairs"),
+        ({"ranges": [[0, 2, 4]]}, "plan.jsonl:1:1: ranges: expected ascending pairs"),
+        ({"ranges": [[-1, 2]]}, "plan.jsonl:1:1: ranges: expected ascending pairs"),
         ({"study": {"model": "ball.xml", "durration": 1}}, "plan.jsonl:1:1: unknown key 'durration' (did"),
         ({"study": {"model": "ball.xml", "controller": "a:b"}}, "plan.jsonl:1:1: unknown key 'controller'"),
     ],
 )
 def test_what_is_no_plan_is_refused(made: StudyPlan, change: Any, expected: str) -> None:
-    write_plan("plan.jsonl", replace(made, chunks=made.chunks[:1]))
-    text = change if isinstance(change, str) else json.dumps({**lines("plan.jsonl")[0], **change})
+    write_plan("plan.jsonl", made)
+    text = change if isinstance(change, str) else json.dumps({**content("plan.jsonl"), **change})
     Path("plan.jsonl").write_text(text)
     with pytest.raises(DocumentError) as caught:
         read_plan("plan.jsonl")
     assert str(caught.value).startswith(expected)
 
 
-def test_chunks_of_two_studies_are_refused(made: StudyPlan) -> None:
+def test_two_plans_in_a_file_are_refused(made: StudyPlan) -> None:
     write_plan("plan.jsonl", made)
-    first, second, _ = lines("plan.jsonl")
-    Path("plan.jsonl").write_text(f"{json.dumps(first)}\n{json.dumps({**second, 'folder': 'other'})}\n")
-    with pytest.raises(DocumentError, match=r"^plan\.jsonl:2:1: this chunk belongs to another study than the first$"):
+    Path("plan.jsonl").write_text(2 * Path("plan.jsonl").read_text())
+    with pytest.raises(DocumentError, match=r"^plan\.jsonl:2:1: a plan is one line$"):
         read_plan("plan.jsonl")
 
 

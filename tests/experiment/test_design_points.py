@@ -36,6 +36,7 @@ def test_points_are_those_of_nested_loops(columns: list[list[str]], data: Any) -
             values = [point[number] for point in all_expected]
             assert texts_at(column.texts, column.places) == values
             assert sorted(column.distinct) == sorted({*values})
+            assert len({*column.texts}) == len(column.texts)
             texts = column.numbers
             assert (texts is None) == ("x" in values)
             assert texts is None or texts.tolist() == [float(text) for text in values]
@@ -60,10 +61,11 @@ def test_the_digest_changes_with_every_value_and_their_order() -> None:
 def test_numbers_have_the_shortest_texts(values: list[float]) -> None:
     texts = NumberTexts(np.array(values, float))
     assert list(texts) == [texts[index] for index in range(len(texts))] == [repr(value) for value in values]
-    read, column = numbers(texts), DesignColumn.of(list(texts))
+    read, column = numbers(texts), DesignColumn.of(texts, np.arange(len(values)))
     assert read is not None
     assert read.tolist() == values
     assert texts_at(column.texts, column.places) == list(texts)
+    assert len({*column.texts}) == len(column.texts) == len({*texts})
     assert [*texts.only(np.arange(len(values))[::2])] == [repr(value) for value in values[::2]]
 
 

@@ -13,11 +13,11 @@ from mjrun.errors import FailedPointsError, FileError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import ChunkSizes
-from mjrun.study.job_plan import StudyPlan, TaskResult, plan, run_task, task_points
+from mjrun.study.job_plan import MOST_RANGES, StudyPlan, TaskResult, plan, ranges_of, run_task, task_points
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview
-from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
+from tests.reporters import RecordingReporter
 from tests.study.models import BALL
 
 
@@ -37,7 +37,7 @@ def test_tasks_in_any_order_make_the_table_of_the_study(study: Study, tmp_path: 
     with pytest.raises(FailedPointsError):
         alone.run()
     made = plan(study)
-    assert [len(line) for line in made.chunks] == [3, 3, 3, 1]
+    assert made.ranges == [(0, 10)]
     with pytest.raises(FailedPointsError) as caught:
         study.collect()
     assert caught.value.results[0].statuses == {"missing": 10}
@@ -46,7 +46,7 @@ def test_tasks_in_any_order_make_the_table_of_the_study(study: Study, tmp_path: 
     assert [(each.points, each.simulated) for each in done] == [(3, 3), (4, 4)]
     with pytest.raises(FailedPointsError, match="3 missing, of 10 points"):
         study.collect()
-    assert [len(line) for line in plan(study).chunks] == [3]
+    assert plan(study).ranges == [(1, 2), (4, 5), (7, 8)]
     assert task(made, 2, 3).simulated == 3
     assert task(made, 1, 1).simulated == 0
     with pytest.raises(FailedPointsError) as caught:
@@ -62,18 +62,39 @@ def test_a_task_without_points_does_nothing(study: Study) -> None:
     assert task(plan(study), 11, 11).points == 0
 
 
-@given(st.lists(st.integers(1, 40), max_size=8), st.integers(1, 60))
-def test_tasks_divide_all_points_evenly(lines: list[int], tasks: int) -> None:
-    every = [StudyPoint(index, ()) for index in range(sum(lines))]
-    ends = np.cumsum([0, *lines]).tolist()
-    made = StudyPlan(
-        Study(Simulation("ball.xml"), "study"), (), {}, [every[start:end] for start, end in pairwise(ends)]
-    )
-    shares = [task_points(made, task, tasks) for task in range(1, tasks + 1)]
-    assert sorted(point.index for share in shares for point in share) == [*range(len(every))]
+@given(st.sets(st.integers(0, 400)), st.integers(1, 60))
+def test_tasks_divide_all_points_evenly(points: set[int], tasks: int) -> None:
+    ranges = ranges_of(np.array(sorted(points), np.int64))
+    assert [point for first, stop in ranges for point in range(first, stop)] == sorted(points)
+    assert all(one[1] < other[0] for one, other in pairwise(ranges))
+    shares = [task_points(ranges, task, tasks).tolist() for task in range(1, tasks + 1)]
+    assert all(share == sorted(share) for share in shares)
+    assert sorted(point for share in shares for point in share) == sorted(points)
     counts = [*map(len, shares)]
-    assert max(counts) - min(counts) <= max(1, -(-len(every) // (4 * tasks)))
-    assert counts.count(0) == max(0, tasks - len(every))
+    assert max(counts) - min(counts) <= max(1, -(-len(points) // (4 * tasks)))
+    assert counts.count(0) == max(0, tasks - len(points))
+
+
+def test_a_plan_of_many_holes_has_few_ranges() -> None:
+    points = np.concatenate([np.arange(0, 10 * MOST_RANGES, 2), [10**9]])
+    ranges = ranges_of(points)
+    assert len(ranges) == MOST_RANGES
+    assert ranges[-1] == (10**9, 10**9 + 1)
+    inside = np.concatenate([np.arange(first, stop) for first, stop in ranges])
+    assert np.isin(points, inside).all()
+
+
+def test_a_task_opens_only_the_parts_of_its_points(study: Study) -> None:
+    made, reporter = plan(study), RecordingReporter()
+    task(made, 1, 2)
+    parts = [*(Path(study.output) / "parts").iterdir()]
+    assert len(parts) == 3  # of blocks of two points, of which every second one is of the other task
+    for part in parts:
+        part.write_text("damaged")
+    assert run_task(made, 2, 2, reporter).simulated == 4
+    assert reporter.warnings == []
+    assert run_task(made, 1, 2, reporter).simulated == 6
+    assert len(reporter.warnings) == 3
 
 
 def test_a_plan_of_another_model_or_version_is_refused(study: Study, tmp_path: Path) -> None:

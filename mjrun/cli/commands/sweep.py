@@ -217,7 +217,7 @@ def _write_plan(console: Console, study: "Study", path: str) -> None:
     made = plan(study)
     write_plan(path, made)
     if console.verbosity >= 0:
-        console.result(f"{clean(path)}: {counted(sum(map(len, made.chunks)), 'point')}")
+        console.result(f"{clean(path)}: {counted(made.count, 'point')}")
 
 
 def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
