@@ -22,18 +22,22 @@ def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
     """Yields geoms that collide and have no mass, on a moving body whose mass comes from geoms that collide."""
     model, inferred = context.model, bodies_with_inferred_mass(context)
     geoms = [geom for geom in context.spec.geoms if 0 <= geom.id < model.ngeom] if context.spec else []
-    visual = [geom for geom in geoms if not _collides(model, geom.id)]
-    inferred -= {int(model.geom_bodyid[geom.id]) for geom in visual if geom_mass(context, geom)}
-    for geom in geoms:
-        if model.geom_type[geom.id] in INFINITE:
-            continue
-        body = int(model.geom_bodyid[geom.id])
-        moves = model.body_weldid[body] != 0
-        massless = 0 in (geom.mass, geom.density if np.isnan(geom.mass) else 1)
-        if moves and _collides(model, geom.id) and massless and body in inferred:
+    massless = [geom for geom in geoms if int(model.geom_bodyid[geom.id]) in inferred and _is_massless(model, geom)]
+    bodies = {int(model.geom_bodyid[geom.id]) for geom in massless}
+    visual = [g for g in geoms if int(model.geom_bodyid[g.id]) in bodies and not _collides(model, g.id)]
+    bodies -= {int(model.geom_bodyid[geom.id]) for geom in visual if geom_mass(context, geom)}
+    for geom in massless:
+        if int(model.geom_bodyid[geom.id]) in bodies:
             message = "it collides, but adds no mass to its body"
             remedy = 'give it a density or mass, or contype="0" conaffinity="0" if it is only visual'
             yield context.violation("geom", geom.id, message, remedy)
+
+
+def _is_massless(model: mujoco.MjModel, geom: mujoco.MjsGeom) -> bool:
+    """Returns whether a geom of a moving body collides, but has no mass."""
+    moves = model.body_weldid[model.geom_bodyid[geom.id]] != 0
+    massless = 0 in (geom.mass, geom.density if np.isnan(geom.mass) else 1)
+    return bool(moves and massless and _collides(model, geom.id) and model.geom_type[geom.id] not in INFINITE)
 
 
 def bodies_with_inferred_mass(context: LintContext) -> set[int]:

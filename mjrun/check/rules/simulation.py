@@ -1,6 +1,5 @@
 """Faults in a simulation: instability, unexplained energy, warnings of MuJoCo."""
 
-import copy
 from collections.abc import Iterator
 
 import mujoco
@@ -36,12 +35,10 @@ def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
 
 
 def _step(context: LintContext, steps: int) -> Iterator[Finding]:
-    model = copy.copy(context.model)
-    model.opt.enableflags |= ENERGY  # it does not affect the motion
     energies: list[tuple[float, float]] = []
     passive = True
     with collected_warnings() as warnings:
-        stepper = PhysicsStepper(model, mujoco.MjData(model))
+        stepper = _energy_stepper(context.model)
         try:
             for step in _sample_steps(steps):
                 stepper.advance(step)
@@ -61,6 +58,16 @@ def _step(context: LintContext, steps: int) -> Iterator[Finding]:
     strained = joints_beyond_range(context, None) or deep_penetrations(context, None)
     if passive and not strained and _conserves_energy(context.model):
         yield from _energy_gain(context, np.array(energies))
+
+
+def _energy_stepper(model: mujoco.MjModel) -> PhysicsStepper:
+    """Returns a stepper that computes the energy, which does not affect the motion; it copies the model."""
+    flags = int(model.opt.enableflags)
+    model.opt.enableflags = flags | ENERGY
+    try:
+        return PhysicsStepper(model, mujoco.MjData(model))
+    finally:
+        model.opt.enableflags = flags
 
 
 def _sample_steps(steps: int) -> list[int]:
