@@ -32,6 +32,7 @@ SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # op
 
 SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<count>.+)")
 MOST_IN_SPAN = 1_000_000
+DRAWN = 2**16  # samples whose values are computed at once
 DIGITS = 50  # far more than a float has, so that 1e-4..1e-1:4 contains 0.001
 
 
@@ -166,7 +167,10 @@ def _require_alone(
 def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
     if distribution.name == "choice":
         return distribution.values(fractions)
-    return NumberTexts(distribution.quantiles(fractions), has_integers=distribution.name == "integers")
+    values = np.empty(len(fractions))
+    for start in range(0, len(values), DRAWN):  # quantile functions need several times the memory of their values
+        values[start : start + DRAWN] = distribution.quantiles(fractions[start : start + DRAWN])
+    return NumberTexts(values, has_integers=distribution.name == "integers")
 
 
 def _product(parts: Sequence[Design]) -> Design:

@@ -75,8 +75,11 @@ class DesignColumn:
     def of(cls, texts: Sequence[str], places: np.ndarray) -> "DesignColumn":
         """Returns the column with these places in `texts`, of which several may be equal."""
         if isinstance(texts, NumberTexts):
-            _, first, code = np.unique(texts.numbers.view(np.int64), return_index=True, return_inverse=True)
-            return cls(texts, places) if len(first) == len(texts) else cls(texts.only(first), code[places])
+            bits = texts.numbers.view(np.int64)
+            if (np.diff(np.sort(bits)) != 0).all():
+                return cls(texts, places)
+            _, first, code = np.unique(bits, return_index=True, return_inverse=True)
+            return cls(texts.only(first), code[places])
         code_of = {text: code for code, text in enumerate(dict.fromkeys(texts))}
         if len(code_of) == len(texts):
             return cls(texts, places)

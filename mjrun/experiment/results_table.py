@@ -12,7 +12,6 @@ import numpy as np
 
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
 from mjrun.experiment.design import Design, is_whole
-from mjrun.experiment.design_points import texts_at
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
@@ -45,30 +44,40 @@ class ResultsTable:
     @property
     def rows(self) -> np.ndarray:
         """Rows `(n, columns)`; texts are indices into the labels of their columns."""
-        return np.stack(self._values, axis=1)
+        return np.stack(self._values, axis=1, dtype=float)
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
         """Numeric columns `(n,)`, by name."""
         return {
-            column.name: values for column, values in zip(self.columns, self._values, strict=True) if not column.labels
+            column.name: values.astype(float)
+            for column, values in zip(self.columns, self._values, strict=True)
+            if not column.labels
         }
 
     def add(self, column: Column, values: Sequence[float] | np.ndarray) -> None:
         """Appends a numeric column `(n,)`."""
         self.columns.append(column)
-        self._values.append(np.asarray(values, float))
+        self._values.append(np.asarray(values))
 
     def add_texts(self, name: str, texts: Sequence[str], meaning: str = "") -> None:
         """Appends a text column; empty strings become null."""
-        labels = tuple(dict.fromkeys(text for text in texts if text)) or ("",)
-        place = {label: index for index, label in enumerate(labels)}
-        self.add(Column(name, meaning=meaning, labels=labels), [place[text] if text else -1 for text in texts])
+        code = {text: index for index, text in enumerate(dict.fromkeys(texts))}
+        self.add_coded(name, np.array([code[text] for text in texts], np.int32), [*code], meaning)
+
+    def add_coded(self, name: str, codes: np.ndarray, texts: Sequence[str], meaning: str = "") -> None:
+        """Appends a text column, given as indices `(n,)` of texts; empty strings become null."""
+        used, first = np.unique(codes, return_index=True)
+        in_order = [int(code) for code in used[np.argsort(first)] if texts[int(code)]]
+        place = np.full(len(texts), -1, np.int32)
+        place[in_order] = np.arange(len(in_order))
+        labels = tuple(texts[code] for code in in_order) or ("",)
+        self.add(Column(name, meaning=meaning, labels=labels), place[codes])
 
     def add_parameters(
         self,
         design: Design,
-        points: Sequence[int],
+        points: Sequence[int] | np.ndarray,
         text_meaning: str = "",
         units: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
@@ -81,11 +90,12 @@ class ResultsTable:
         rows = np.asarray(points, np.intp)
         for index, name in enumerate(design.names):
             values = design.column(index)
-            if values.numbers is None:
-                self.add_texts(name, texts_at(values.texts, values.places[rows]), text_meaning)
+            found = values.numbers
+            if found is None:
+                self.add_coded(name, values.places[rows], values.texts, text_meaning)
             else:
                 column = Column(name, units.get(name, ""), "what varies", integer=is_whole(name))
-                self.add(column, values.numbers[rows])
+                self.add(column, found[rows])
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:
         """Returns a flag column `(n,)` for each text: 1 in the rows where the column `name` contains it, else 0."""
@@ -108,7 +118,9 @@ class ResultsTable:
             path = str(folder / name)
             writers.append(stack.enter_context(TableWriter(path, output_format(path).name, self.columns, manifest)))
             for start in range(0, count, BLOCK):
-                writers[-1].write(np.stack([values[start : start + BLOCK] for values in self._values], axis=1))
+                writers[-1].write(
+                    np.stack([values[start : start + BLOCK] for values in self._values], axis=1, dtype=float)
+                )
         return writers
 
     def write(self, folder: Path, manifest: Mapping[str, object], files: Sequence[str] = FILES) -> list[Path]:

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyarrow
 import pyarrow.parquet
+from numpy.typing import DTypeLike
 from pyarrow import types
 
 from mjrun.decompression_limits import require_expandable
@@ -105,12 +106,15 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
     return content.read()
 
 
-def parquet_groups(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> Iterator[pyarrow.Table]:
+def parquet_groups(
+    path: Path, file: BinaryIO, repeated: Sequence[str] = (), without: Collection[str] = ()
+) -> Iterator[pyarrow.Table]:
     """Yields the row groups of a Parquet file.
 
     Args:
       path: the path of the file, for messages.
       repeated: text columns to read as dictionaries, if they exist.
+      without: columns to leave out.
 
     Raises:
       FileError: one of them would fill the memory.
@@ -118,10 +122,11 @@ def parquet_groups(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> 
     texts = [field.name for field in pyarrow.parquet.read_schema(file) if _is_text(field.type)]
     content = pyarrow.parquet.ParquetFile(file, read_dictionary=[name for name in repeated if name in texts])
     metadata = content.metadata
-    sizes = row_group_sizes(metadata, content.schema_arrow.names)
+    names = [name for name in content.schema_arrow.names if name not in without]
+    sizes = row_group_sizes(metadata, names)
     for index, size in enumerate(sizes):
         require_expandable(path, size + 8 * metadata.row_group(index).num_rows * metadata.num_columns)
-        yield content.read_row_group(index)
+        yield content.read_row_group(index, names)
 
 
 def units(schema: pyarrow.Schema, indices: dict[str, int]) -> dict[str, str]:
@@ -140,6 +145,23 @@ def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> pyarrow
         mask = pyarrow.py_buffer(np.packbits(valid, bitorder="little"))
     data = pyarrow.py_buffer(np.ascontiguousarray(values))
     return pyarrow.Array.from_buffers(pyarrow.from_numpy_dtype(values.dtype), len(values), [mask, data])
+
+
+def array_numbers(array: pyarrow.Array, dtype: DTypeLike) -> np.ndarray:
+    """Returns the numbers of an Arrow array `(n,)`, whatever they are where the array is null.
+
+    Its method `to_numpy` does the same, but imports pandas where it is installed.
+    """
+    return np.frombuffer(array.buffers()[1] or b"", dtype)[array.offset : array.offset + len(array)]
+
+
+def array_validity(array: pyarrow.Array) -> np.ndarray:
+    """Returns whether each value of an Arrow array exists, `(n,)`."""
+    bits = array.buffers()[0]
+    if bits is None or not array.null_count:
+        return np.ones(len(array), bool)
+    valid = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little").astype(bool)
+    return valid[array.offset : array.offset + len(array)]
 
 
 def text_array(texts: Sequence[str]) -> pyarrow.Array:

@@ -41,7 +41,7 @@ METRIC = "metric:"  # precedes the name of each metric
 STUDY = "study"  # in the metadata of a part
 NAMED = 16  # digits of the hash of a study in the names of its parts
 PART = re.compile(rf"([0-9a-f]{{{NAMED}}})-(\d{{1,18}})-(\d{{1,18}})-[0-9a-f]{{{NAMED}}}\.parquet")
-TEXTS = ("status", "message", "host")
+TEXTS, INTEGERS = ("status", "message", "host"), ("point", "steps", "exit_code")
 KEY_BYTES = 16
 KEYS = f"S{KEY_BYTES}"  # of numpy, which ignores zeros at the end
 HEXADECIMAL = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}")
@@ -198,7 +198,7 @@ class ChunkFiles:
                 if part is None or part.study != self.study[:NAMED]:
                     others.append(path)
                 elif known.has_between(part.first, part.last):
-                    for rows in self._rows(path):
+                    for rows in self._rows(path, has_keys=False):
                         if rows.study != self.study:  # another one with such a name
                             others.append(path)
                             break
@@ -284,7 +284,7 @@ class ChunkFiles:
         except OSError as error:
             raise FileError(self._folder, f"cannot be read: {error.strerror}") from None
 
-    def _rows(self, path: Path) -> Iterator["_PartRows"]:
+    def _rows(self, path: Path, *, has_keys: bool = True) -> Iterator["_PartRows"]:
         """Yields the valid rows of a part in groups; nothing if it is damaged, or not a part of a study."""
         import pyarrow
 
@@ -292,8 +292,8 @@ class ChunkFiles:
 
         try:
             with path.open("rb") as stream:
-                for table in parquet_groups(path, stream, TEXTS):
-                    if not _is_part(table.schema, self._metrics):
+                for table in parquet_groups(path, stream, TEXTS, () if has_keys else ("key",)):
+                    if not _is_part(table.schema, self._metrics, has_keys=has_keys):
                         return
                     yield _part_rows(table, self._metrics)
         except FileNotFoundError:  # merged by another process: the new part is read instead
@@ -450,7 +450,7 @@ def _part(points: np.ndarray, keys: Sequence[str], results: ResultRows, metrics:
     return pyarrow.Table.from_arrays(columns, names=_schema(metrics).names)
 
 
-def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str]) -> bool:
+def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str], *, has_keys: bool) -> bool:
     """Returns whether a file with these columns is a part of a study with these metrics, of this or an older layout."""
     from pyarrow import types
 
@@ -459,7 +459,8 @@ def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str]) -> bool:
         return False
     ours = _schema(metrics)
     is_old = "key" in schema.names and types.is_string(schema.field("key").type)
-    wanted = [name for name in ours.names if not is_old or name not in ("key", "point")]
+    wanted = [name for name in ours.names if (has_keys and not is_old) or name != "key"]
+    wanted = [name for name in wanted if not is_old or name != "point"]
 
     def kind(name: str) -> "pyarrow.DataType":
         found = schema.field(name).type
@@ -470,20 +471,22 @@ def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str]) -> bool:
 
 def _part_rows(table: "pyarrow.Table", metrics: Sequence[str]) -> _PartRows:
     """Returns the valid rows of a part; files are untrusted, and have older layouts."""
+    from mjrun.formats.arrow_columns import array_numbers, array_validity
+
+    arrays = {name: table.column(name).combine_chunks() for name in table.column_names}
     is_valid = np.ones(table.num_rows, bool)
-    for column in table.columns:
-        if column.null_count:
-            is_valid &= ~column.is_null().to_numpy()
+    for array in arrays.values():
+        is_valid &= array_validity(array)
 
     def numbers(name: str) -> np.ndarray:
-        return table.column(name).fill_null(0).to_numpy()
+        return array_numbers(arrays[name], np.int64 if name in INTEGERS else np.float64)
 
     def coded(name: str) -> tuple[np.ndarray, list[str]]:
-        column = table.column(name).combine_chunks()
-        return column.indices.fill_null(0).to_numpy(), [text or "" for text in column.dictionary.to_pylist()]
+        codes = array_numbers(arrays[name].indices, np.int32)
+        return np.where(is_valid, codes, 0), [text or "" for text in arrays[name].dictionary.to_pylist()] or [""]
 
     status, statuses = coded("status")
-    codes = np.array([STATUSES.index(text) if text in STATUSES else MISSING for text in [*statuses, "missing"]])
+    codes = np.array([STATUSES.index(text) if text in STATUSES else MISSING for text in statuses])
     status = codes[status]
     results = ResultRows(
         status.astype(np.uint8),
@@ -505,10 +508,14 @@ def _keys_in(table: "pyarrow.Table") -> np.ndarray:
     """Returns the keys in a part; those of older layouts are texts, of which invalid ones become empty."""
     from pyarrow import types
 
+    from mjrun.formats.arrow_columns import array_numbers
+
+    if "key" not in table.column_names:
+        return np.zeros(table.num_rows, KEYS)
     column = table.column("key").combine_chunks()
-    if not types.is_fixed_size_binary(column.type):
-        return _binary([text if text and HEXADECIMAL.fullmatch(text) else "" for text in column.to_pylist()])
-    return np.array([key or b"" for key in column.to_pylist()], KEYS)
+    if types.is_fixed_size_binary(column.type):
+        return array_numbers(column, KEYS)
+    return _binary([text if text and HEXADECIMAL.fullmatch(text) else "" for text in column.to_pylist()])
 
 
 def _binary(keys: Sequence[str]) -> np.ndarray:

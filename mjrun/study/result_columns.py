@@ -12,7 +12,7 @@ from mjrun.study.spec import PointResult, Status
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 MISSING = STATUSES.index("missing")
-FINAL = ("ok", "unstable")  # statuses that another attempt would not change
+FINAL = STATUSES[:2]  # which another attempt would not change
 NUMBERS = ("status", "steps", "exit_code", "wall", "metrics")
 NOT_YET = "it is not simulated yet"
 _CODES = {status: code for code, status in enumerate(STATUSES)}
@@ -63,7 +63,7 @@ class ResultRows:
     @property
     def is_final(self) -> np.ndarray:
         """True for results that another attempt would not change."""
-        return np.isin(self.status, [_CODES[status] for status in FINAL])
+        return self.status < len(FINAL)
 
 
 class ResultColumns(Sequence[PointResult]):
@@ -132,8 +132,9 @@ class ResultColumns(Sequence[PointResult]):
 
     def put(self, places: np.ndarray, rows: ResultRows) -> None:
         """Stores rows at these places, except over final results; the last of several for one place, or a final one."""
-        order = np.argsort(rows.is_final, kind="stable")
-        order = order[~self.is_final[places[order]]]
+        order = np.flatnonzero(~self.is_final[places])
+        if not rows.is_final.all():
+            order = order[np.argsort(rows.is_final[order], kind="stable")]
         places, rows = places[order], rows.at(order)
         for name in NUMBERS:
             getattr(self, name)[places] = getattr(rows, name)
@@ -157,7 +158,7 @@ class ResultColumns(Sequence[PointResult]):
     @property
     def is_final(self) -> np.ndarray:
         """True for results that another attempt would not change, `(n,)`."""
-        return self.status <= len(FINAL) - 1
+        return self.status < len(FINAL)
 
     @property
     def is_missing(self) -> np.ndarray:
@@ -171,9 +172,9 @@ class ResultColumns(Sequence[PointResult]):
         return {status: count for status, count in zip(STATUSES, counts, strict=True) if count}
 
     @property
-    def messages(self) -> list[str]:
-        """The message of each point; equal ones are in memory once."""
-        return [self._words[code] for code in self._message.tolist()]
+    def messages(self) -> tuple[np.ndarray, Sequence[str]]:
+        """The message of each point, as indices `(n,)` of texts, and the texts."""
+        return self._message, self._words
 
     @property
     def endings(self) -> list[tuple[Status, str, int, int]]:

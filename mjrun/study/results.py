@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
+import numpy as np
+
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.experiment.design import Design
@@ -32,14 +34,14 @@ def study_table(
       units: units of parameters and metrics, by name.
     """
     table = ResultsTable()
-    table.add(POINT, range(len(results)))
-    table.add_parameters(design, range(len(design.points)), units=units)
+    table.add(POINT, np.arange(len(results)))
+    table.add_parameters(design, np.arange(len(design.points)), units=units)
     for index, name in enumerate(metrics):
         table.add(Column(name, units.get(name, ""), "metric"), results.metrics[:, index])
-    table.add_texts("status", [STATUSES[code] for code in results.status.tolist()])
+    table.add_coded("status", results.status, STATUSES)
     table.add(Column("steps", meaning="steps taken", integer=True), results.steps)
     table.add(Column("exit_code", meaning="of this point alone", integer=True), results.exit_code)
-    table.add_texts("message", results.messages)
+    table.add_coded("message", *results.messages)
     return table
 
 

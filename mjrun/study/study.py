@@ -196,7 +196,7 @@ class Study(StudyOptions, ExecutionOptions):
                 path.unlink(missing_ok=True)
 
         verdicts, kept = list[Verdict](), KeptFiles()
-        if not results.is_missing.any():
+        if not results.is_missing.any() and (self.require or keeper.kinds):
             numbers = table.numbers
             requirements = Requirements(self.require, [*numbers], STATUSES, with_flags)
             verdicts = requirements.verdicts(numbers | table.flags("status", STATUSES))

@@ -148,7 +148,6 @@ def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: Chu
     [
         ("status", ["\x1b[2J"]),
         ("status", [7]),
-        ("key", [["k"]]),
         ("point", [1.5]),
         ("point", [99]),
         ("steps", ["many"]),

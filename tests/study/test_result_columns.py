@@ -29,13 +29,11 @@ def test_columns_are_their_results_and_final_ones_stay(parts: list[list[PointRes
     expected = {index: PointResult(index, "missing", (math.nan,) * 2, 0, 0, NOT_YET) for index in range(10, 10 + COUNT)}
     for part in parts:
         columns.put(np.array([each.index - 10 for each in part], int), ResultRows.of(part, 2, "host"))
-        for each in sorted(part, key=lambda result: result.status in FINAL):  # a final result of a part counts
-            if expected[each.index].status not in FINAL or each in part[: part.index(each)]:
-                expected[each.index] = each
-        for index in range(10, 10 + COUNT):  # of several final results in one part, the last
-            final = [each for each in part if each.index == index and each.status in FINAL]
-            if final and expected[index] in final:
-                expected[index] = final[-1]
+        for index, before in expected.items():
+            new = [each for each in part if each.index == index]
+            final = [each for each in new if each.status in FINAL]
+            if new and before.status not in FINAL:
+                expected[index] = (final or new)[-1]
     assert [*map(str, columns)] == [str(expected[index]) for index in range(10, 10 + COUNT)]
     assert [str(each) for each in columns[1:3]] == [*map(str, columns)][1:3]
     copy = ResultColumns(columns.points, 2)
@@ -44,7 +42,8 @@ def test_columns_are_their_results_and_final_ones_stay(parts: list[list[PointRes
 
     results = [*expected.values()]
     assert columns.counts == {s: n for s in STATUSES if (n := sum(each.status == s for each in results))}
-    assert columns.messages == [each.message for each in results]
+    codes, texts = columns.messages
+    assert [texts[code] for code in codes] == [each.message for each in results]
     assert columns.is_final.tolist() == [each.status in FINAL for each in results]
     assert columns.is_missing.tolist() == [each.status == "missing" for each in results]
     ends = [(each.status, each.message) for each in results]
