@@ -48,13 +48,13 @@ class Frustum(NamedTuple):
 def cameras_that_see_nothing(context: LintContext) -> Iterator[Violation]:
     """Yields cameras with nothing visible in their frustum at any start.
 
-    Models without a floor are parts of scenes, which the cameras of moving bodies look at.
+    Models without a floor are parts of scenes, which the cameras of their bodies look at.
     """
     model = context.model
     visible = np.flatnonzero(_visible(model))
     is_part = not np.isin(model.geom_type, INFINITE).any()
     for camera in range(model.ncam):
-        if is_part and model.body_weldid[model.cam_bodyid[camera]]:
+        if is_part and model.cam_bodyid[camera]:
             continue
         if any(_sees(model, context.data_at(start), camera, visible) for start in context.starts):
             continue

@@ -39,13 +39,16 @@ def test_a_camera_that_sees_anything_is_well(camera: str, geom: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("joint", "floor", "reported"),
-    [("<freejoint/>", "", False), ("", "", True), ("<freejoint/>", '<geom type="plane" size="0 0 1"/>', True)],
-    ids=["moving", "fixed", "above a floor"],
+    ("world", "reported"),
+    [
+        ('<body><geom size=".1"/>{}</body>', False),
+        ('<body><geom size=".1"/></body>{}', True),
+        ('<geom type="plane" size="0 0 1"/><body pos="0 0 1"><geom size=".1"/>{}</body>', True),
+    ],
+    ids=["of a body", "of the world", "above a floor"],
 )
-def test_a_moving_camera_may_look_at_the_scene_that_a_part_is_for(joint: str, floor: str, reported: bool) -> None:
-    eye = '<camera name="eye" zaxis="0 0 -1" pos="0 0 .2"/>'
-    model = mjcf(f'{floor}<body pos="0 0 1">{joint}<geom size=".1"/>{eye}</body>')
+def test_the_camera_of_a_body_may_look_at_the_scene_that_a_part_is_for(world: str, reported: bool) -> None:
+    model = mjcf(world.format('<camera name="eye" zaxis="0 0 -1" pos="0 0 .2"/>'))
     assert [f.object for f in lint(model) if f.code == "MJ601"] == ["camera 'eye'"] * reported
 
 
