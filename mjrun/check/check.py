@@ -20,7 +20,7 @@ from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
-from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
@@ -323,7 +323,8 @@ class Check(PolicyOptions, CheckOptions):
             message = f"it needs more than {self.memory} MiB of memory while {stage}"
             return OUT_OF_MEMORY.in_model(model, message, MEMORY_REMEDY)
         if ended.cause:
-            message = f"not finished after {float(self.timeout):g} s, while {stage}"
+            is_slow = any(message.get("is_slow") for message in output.messages)
+            message = f"not finished after {float(self.timeout) + FIX_TIME * is_slow:g} s, while {stage}"
             remedy = f"raise {option('timeout')}, or lower {option('steps')}; a pipe among its files never ends"
             return TIMEOUT.in_model(model, message, remedy)
 

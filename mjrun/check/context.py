@@ -1,6 +1,6 @@
 """A model that loads, as rules see it: compiled, at its start, and in its XML."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,6 +49,7 @@ class LintContext:
       source: its XML, as far as it could be read.
       editor: the editor of its elements.
       unsafe: true if rules may propose fixes that need a look.
+      announce_slow_fix: called before a fix that computes for minutes, with its description.
       thresholds: the numbers beyond which rules report something.
     """
 
@@ -62,6 +63,7 @@ class LintContext:
     ) -> None:
         self.path, self.model, self.spec, self.source = path, model, spec, source
         self.editor, self.unsafe = ElementEditor(source.mjcf_texts), False
+        self.announce_slow_fix: Callable[[str], None] = lambda stage: None
         self.thresholds = thresholds
         self._names: dict[str, list[str]] = {}
         self._lines_by_id: dict[str, dict[int, int]] = {}

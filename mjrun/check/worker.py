@@ -1,8 +1,8 @@
 """A process that checks models or tasks, and may hang, explode or crash: `worker_pool` starts and ends it.
 
 It reads each task as a line of JSON, and writes JSON to standard output, one object per line: `pid`, the process that
-checks the model; `stage` before each stage, so that the reader knows the stage in which the process ended; `finding`;
-`loaded`; `done`; `exit`, the exit code of that process.
+checks the model; `stage` before each stage, so that the reader knows the stage in which the process ended, with
+`is_slow` if it is a fix that computes for minutes; `finding`; `loaded`; `done`; `exit`, the exit code of that process.
 """
 
 import gc
@@ -26,7 +26,7 @@ from mjrun.check.rule import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
 from mjrun.check.rules.ignore_comments import IgnoreComments
 from mjrun.check.thresholds import Thresholds
-from mjrun.check.worker_pool import MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
+from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError
 from mjrun.model.compilation import checked_arrays
@@ -84,7 +84,7 @@ def check(task: bytes, output: int) -> None:
     """Checks the model or the task of a `WorkerTask`, which is given as JSON."""
     channel = os.fdopen(output, "w", encoding="utf-8", errors="surrogateescape", closefd=False)
     checker = _checker(WorkerTask(**json.loads(task)), channel)
-    system.end_after(int(checker.task.timeout) + GRACE)
+    system.end_after(int(checker.task.timeout + FIX_TIME * checker.task.unsafe) + GRACE)
     # These limit addresses; the parent watches the memory in use, and reports it.
     limit_this_process(memory=checker.task.memory * MIB, file_size=0, core=0)
     checker.run()
@@ -151,6 +151,7 @@ class ModelChecker(Checker):
             return
         self.write(loaded=True)
         context.unsafe = self.task.unsafe
+        context.announce_slow_fix = lambda stage: self.write(stage=stage, is_slow=True)
         if self.task.root:
             from mjrun.check.fixing import changed_fields
 

@@ -24,6 +24,7 @@ from mjrun.worker import ENVIRONMENT
 MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 PACKAGE = str(Path(__file__).parents[2])
+FIX_TIME = 600.0  # [s] in addition to the time limit of a check, for fixes that compute for minutes
 TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
 
@@ -142,7 +143,8 @@ class CheckProcess:
     def run(self, task: WorkerTask) -> WorkerOutput:
         """Checks one model, and ends the process if that exceeds a limit."""
         self.is_reusable = False
-        deadline = time.monotonic() + task.timeout
+        start = time.monotonic()
+        deadline = start + task.timeout
         messages: list[dict[str, Any]] = []
         with suppress(OSError):  # it has ended; its status is the reason
             self._process.feed(memoryview(f"{json.dumps(asdict(task))}\n".encode()))
@@ -152,6 +154,8 @@ class CheckProcess:
             if "exit" in message:
                 return self._finished(messages, int(message["exit"]))
             messages.append(message)
+            if message.get("is_slow"):
+                deadline = start + task.timeout + FIX_TIME
             if time.monotonic() > deadline:
                 self._process.kill("time")
             elif resident_memory(pid) > task.memory * MIB:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.worker_pool import CheckProcesses, WorkerTask
+from mjrun.check.worker_pool import CheckProcess, CheckProcesses, WorkerTask
 from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
 from tests.processes import PATIENCE
@@ -49,3 +49,16 @@ def test_one_process_checks_models_until_one_crashes_it_and_says_why() -> None:
     assert "missing_module" in unreadable.stderr
     pids = [message["pid"] for output in (first, unreadable, last) for message in output.messages if "pid" in message]
     assert len(set(pids)) == 3
+
+
+@pytest.mark.parametrize(("is_slow", "ends"), [(True, []), (False, ["time"])])
+def test_a_slow_fix_has_more_time_than_a_check(is_slow: bool, ends: list[str]) -> None:
+    process = CheckProcess()
+    messages = [{"stage": "decomposing mesh 'm'", "is_slow": is_slow}, {"exit": 0}]
+    killed = list[str]()
+    process._next_message = lambda: messages.pop(0)  # type: ignore[method-assign]
+    process._process.kill = killed.append  # type: ignore[method-assign, assignment]
+    assert process.run(WorkerTask("a.xml", (), 0, -1, 1024)).exit.code == 0
+    assert killed == ends
+    del process._process.kill
+    process.end()

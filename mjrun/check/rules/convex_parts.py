@@ -53,6 +53,7 @@ def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[i
     if elements is None or context.spec is None or obstacle():
         return None
     mesh, other = int(context.model.geom_dataid[geom]), pair[0] if geom == pair[1] else pair[1]
+    context.announce_slow_fix(f"decomposing {context.object('mesh', mesh)}")
     for fineness in FINENESS:
         parts = _parts(context, mesh, fineness)
         if _make_room(context, context.spec.copy(), start, geom, other, parts):
