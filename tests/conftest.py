@@ -60,7 +60,7 @@ def pytest_collection_finish() -> None:
 # Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
 # How slowly examples are made says nothing on a busy machine.
 ANYWHERE = {"database": None, "deadline": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("same", derandomize=True, **ANYWHERE)
+settings.register_profile("same", derandomize=True, max_examples=50, **ANYWHERE)
 settings.register_profile("explore", derandomize=False, **ANYWHERE)
 settings.load_profile("same")
 

@@ -145,7 +145,7 @@ def test_letters_accents_and_emoji_stay_as_they_are(text: str) -> None:
 
 
 @given(st.text(st.characters()))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_cleaned_text_is_one_line_that_any_terminal_takes_and_cleaning_again_changes_nothing(text: str) -> None:
     cleaned = clean(text)
     assert len(cleaned.splitlines()) <= 1

@@ -70,7 +70,9 @@ def test_a_camera_script_is_read(path: Path) -> None:
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.stem)
 def test_a_lesson_makes_its_video_image_trace_plot_and_replay(mjrun_here: Command, path: Path, tmp_path: Path) -> None:
-    done = mjrun_here("run", path, *SMALL, "-o", tmp_path / "out", "-q", "--quality", "draft")
+    # The camera of the dominos looks for the throw at every step.
+    coarse = ["timestep=0.002"] if path.stem == "dominos" else []
+    done = mjrun_here("run", path, *SMALL, *coarse, "-o", tmp_path / "out", "-q", "--quality", "draft")
     assert (done.returncode, done.stderr) == (0, b"")
     name = path.stem
     made = {"plot.png", f"{name}.mp4", f"{name}.jpg", f"{name}.csv", f"{name}.html"} | (

@@ -24,7 +24,7 @@ FPS = st.one_of(
     up_to("1/2", "120"),
 )
 SPEEDS = st.one_of(st.just(Fraction(1)), up_to("1/4", "8", 50))
-LAWS = settings(max_examples=60, deadline=None)
+LAWS = settings(max_examples=30, deadline=None)
 
 
 @pytest.mark.parametrize(

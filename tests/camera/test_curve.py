@@ -121,7 +121,7 @@ def test_where_a_curve_halts_it_leads_to_where_it_goes_next_or_came_from_at_last
         ]
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(moving, st.booleans())
 def test_equal_shares_of_a_path_are_equally_long(points: np.ndarray, straight: bool) -> None:
     curve = spline(points, straight)

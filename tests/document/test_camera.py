@@ -171,7 +171,7 @@ def test_the_script_is_called_as_its_file_is() -> None:
 
 
 @given(st.floats(min_value=0, exclude_min=True, allow_infinity=False))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_times_are_the_decimal_numbers_that_are_written(time: float) -> None:
     shot = script(f"shots: [{{free: , until: {time!r}, speed: {time!r}}}]").shots[0]
     assert shot.until == shot.speed == Fraction(repr(time))
@@ -379,7 +379,7 @@ trees = st.recursive(
 
 
 @given(st.lists(trees, max_size=4))
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_no_shots_do_anything_but_be_read_or_be_told_what_is_wrong_with_them(shots: list[str]) -> None:
     Path("c.yaml").write_text("shots:\n" + "".join(f"  - {shot}\n" for shot in shots))
     try:

@@ -176,7 +176,7 @@ pieces = st.sampled_from([*WORDS, *MARKS, *ODD])
 @given(st.text() | st.lists(pieces, max_size=30).map("".join), st.lists(st.text() | st.lists(pieces).map("".join)))
 @example("films: [{fps: 1}]", ["films[99999999999999999999].fps=1"])
 @example("films: [{fps: 1}]", ["\0number=1"])
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 def test_no_text_does_anything_but_be_read_or_be_told_what_is_wrong_with_it(text: str, assignments: list[str]) -> None:
     path = put(text.encode("utf-8", "surrogatepass"))
     for kind in (Run, Anything):
@@ -189,14 +189,14 @@ def test_no_text_does_anything_but_be_read_or_be_told_what_is_wrong_with_it(text
 
 
 @given(st.binary())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_no_bytes_do_either(data: bytes) -> None:
     with pytest.raises(DocumentError):
         read(put(data + b"\xff"), Run)
 
 
 @given(st.lists(pieces, max_size=20).map("".join))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_every_place_that_is_reported_is_in_the_text(text: str) -> None:
     found = outcome(lambda: read(put(text), Anything))
     lines = re.split("\r\n|\r|\n", text)

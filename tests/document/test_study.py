@@ -186,7 +186,7 @@ def studies(draw: st.DrawFn) -> Study:
 
 
 @given(studies())
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_the_document_of_a_study_is_that_study(made: Study) -> None:
     Path("d.yaml").write_text(study_text(made, "mjrun …\n"), encoding="utf-8")
     assert read_study("d.yaml").made == made

@@ -20,7 +20,7 @@ values = st.recursive(
 
 
 @given(values)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_json_is_read_as_json(value: object) -> None:
     text = json.dumps({"a": value}, ensure_ascii=False).replace("Infinity", ".inf")
     assert read(put(text), Anything).a == value
@@ -36,7 +36,7 @@ def block(value: object, indent: str = "") -> str:
 
 
 @given(values)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_lines_that_are_indented_are_read_as_what_is_in_brackets(value: object) -> None:
     assert read(put(block({"a": value})), Anything).a == value
 

@@ -46,7 +46,7 @@ def test_an_integer_of_more_digits_than_any_float_is_infinite() -> None:
 
 
 @given(st.floats(allow_nan=False) | st.integers(-(10**300), 10**300))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_number_comes_back_as_it_was_printed(value: float) -> None:
     text = {"inf": ".inf", "-inf": "-.inf"}.get(repr(value), repr(value))
     found = read(put(f"a: {text}"), Anything).a

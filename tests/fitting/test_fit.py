@@ -54,7 +54,9 @@ def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Pat
         def progress(self, what: str, done: int, total: int) -> None:
             write_model(tmp_path, damping=3.0, armature=0.5)
 
-    fit = Fit(pendulum, data=log(tmp_path), free=THREE, starts=1, output=str(tmp_path / "fitted.xml"))
+    times, angles = simulate(1.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    fit = Fit(pendulum, data=data, free=THREE[:2], starts=1, output=str(tmp_path / "fitted.xml"))
     before = fit.run()
     written = (tmp_path / "fitted.xml").read_bytes()
     edited = fit.run(Editor())

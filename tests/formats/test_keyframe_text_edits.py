@@ -100,7 +100,7 @@ def test_line_ends_of_windows_stay() -> None:
     st.text(st.characters(exclude_categories=("Cs", "Cc")), min_size=1).filter(lambda name: "\ufffe" not in name),
     st.lists(st.floats(-1e10, 1e10), min_size=3, max_size=3),
 )
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 def test_any_name_and_any_number_come_back(name: str, numbers: list[float]) -> None:
     fields = {**FIELDS, "mocap_pos": np.array(numbers), "qpos": np.array(numbers[:1])}
     xml = with_key(b"<mujoco>" + BODIES + b"</mujoco>", name, fields)

@@ -32,7 +32,7 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 STATES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(
     lambda shape: arrays(np.float64, shape, elements=NUMBERS)
 )
-hypothesis = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+hypothesis = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FACTS = st.dictionaries(
     st.text().filter(lambda key: key != "stride"),
     st.none() | st.integers() | NUMBERS | st.text() | st.lists(st.text()),
@@ -418,7 +418,7 @@ def test_nothing_in_a_recording_runs(tmp_path: Path, name: str) -> None:
     st.floats(0.5, 1),
 )
 @example([], 0.9999)
-@settings(hypothesis, max_examples=200)
+@settings(hypothesis, max_examples=100)
 def test_however_the_bytes_of_a_recording_are_changed_it_reads_as_finite_states_or_is_refused(
     tmp_path: Path, changes: list[tuple[float, int]], kept: float
 ) -> None:

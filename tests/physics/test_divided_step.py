@@ -175,7 +175,7 @@ def stepper(model: mujoco.MjModel, controller: Callable, every: int = 1) -> Phys
     return PhysicsStepper(model, mujoco.MjData(model), sources)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(models(), st.sampled_from(CONTROLLERS), st.sampled_from([1, 2, 3, 5, 8]))
 def test_every_instant_and_every_step_are_those_of_a_bare_loop(
     model: mujoco.MjModel, controller: Callable, every: int

@@ -56,7 +56,7 @@ def instant(stepper: Stepper) -> bytes:
 
 
 @given(st.lists(CADENCES, max_size=4))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_every_tap_is_served_exactly_at_its_steps_in_order(cadences: list[list[int]]) -> None:
     served: list[list[int]] = [[] for _ in cadences]
     run = stepper()
@@ -66,7 +66,7 @@ def test_every_tap_is_served_exactly_at_its_steps_in_order(cadences: list[list[i
 
 
 @given(st.lists(st.tuples(CADENCES, st.sampled_from([motion, instant])), min_size=1, max_size=3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_watching_changes_nothing_and_sees_what_a_bare_loop_goes_through(
     taps: list[tuple[list[int], Callable[[Stepper], bytes]]],
 ) -> None:

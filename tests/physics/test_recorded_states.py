@@ -341,7 +341,7 @@ def chosen(steps: Sequence[int], timestep: Fraction, times: Sequence[float | Fra
 
 
 @given(PATHS, TIMESTEPS, st.lists(st.fractions(-5, 400, max_denominator=1000), max_size=8))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_the_state_at_a_time_is_the_last_one_that_is_not_later(
     steps: list[int], timestep: Fraction, times: list[Fraction]
 ) -> None:
@@ -350,7 +350,7 @@ def test_the_state_at_a_time_is_the_last_one_that_is_not_later(
 
 
 @given(PATHS, TIMESTEPS, st.sampled_from([float, Fraction]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_the_time_of_a_step_finds_that_step_however_it_is_rounded(
     steps: list[int], timestep: Fraction, kind: Callable[[Fraction], float | Fraction]
 ) -> None:

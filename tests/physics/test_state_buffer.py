@@ -29,7 +29,7 @@ def counted(index: int) -> np.ndarray:
 
 
 @given(st.lists(STATES, max_size=6), st.sampled_from([1, 3 * SIZE * 8, 2**20]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_what_went_in_comes_out_bit_for_bit_in_order_in_memory_and_on_disk(
     states: list[np.ndarray], spill: int
 ) -> None:

@@ -17,7 +17,7 @@ OF_VALUES = [name for name in AGGREGATES if name not in ("share", "quantile")]  
 
 
 @given(st.lists(VALUES | ODD | st.floats(allow_nan=False), min_size=1, max_size=30), st.sampled_from(OF_VALUES))
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=125, deadline=None)
 def test_every_aggregate_is_the_true_value_rounded_once(values: list[float], name: str) -> None:
     with np.errstate(all="ignore"):
         expected = aggregate(name, np.array(values))

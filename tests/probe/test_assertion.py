@@ -159,7 +159,7 @@ SPLIT = [
 
 
 @given(st.sampled_from(SPLIT), st.lists(st.integers(0, len(LONG)), max_size=12))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_a_verdict_does_not_depend_on_how_the_rows_are_split(text: str, cuts: list[int]) -> None:
     assert judged(text, COLUMNS, LONG, cuts) == judged(text, COLUMNS, LONG)
 

@@ -163,7 +163,7 @@ PARTS = [*"xyab/.-+*^<>=!()',` \t019e", *"\x1b\u202eé²", " and ", " or ", " no
 
 
 @given(st.lists(st.sampled_from(PARTS)).map("".join))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_any_text_is_an_assertion_or_a_usage_error_fit_for_a_terminal(text: str) -> None:
     columns = ["x", "a/b", "a", "x y", "\x1b[2J"]
     try:

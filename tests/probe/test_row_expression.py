@@ -439,7 +439,7 @@ SMALL = mujoco.MjModel.from_xml_string(
 
 
 @given(st.lists(st.sampled_from([*PARTS, "b", "b)", "b, b)", "geom:0", ".z", " > 1"])).map("".join))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_any_text_is_a_condition_or_a_usage_error_fit_for_a_terminal(text: str) -> None:
     try:
         watched = condition(text, SMALL)

@@ -55,7 +55,7 @@ def test_the_longest_known_name_is_read_and_division_otherwise(text: str, column
 
 
 @given(st.lists(st.text(min_size=1, max_size=8), min_size=1, max_size=5, unique=True))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_every_name_can_be_spelled_whatever_its_neighbours(columns: list[str]) -> None:
     for index, name in enumerate(columns):
         row = np.zeros((1, len(columns)))

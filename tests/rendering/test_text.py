@@ -114,7 +114,7 @@ def test_letters_are_those_of_pillow() -> None:
 
 
 @given(sizes, corners, st.text(max_size=60), st.sampled_from([0.5, 1.0, 3.0]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_nothing_is_drawn_in_the_margin_of_the_picture(
     size: tuple[int, int], corner: str, text: str, scale: float
 ) -> None:

@@ -223,7 +223,7 @@ def test_a_run_that_is_pushed_by_many_and_recorded_in_c_is_stepped_again() -> No
 
 
 @given(st.integers(1, MANY), st.sampled_from(["qpos", "qvel", "act", "time", "qacc_warmstart"]), st.data())
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 def test_a_bit_that_was_flipped_is_found_in_its_step_and_place(step: int, field: str, data: st.DataObject) -> None:
     kept = driven_run()
     part = state.fields(state.sizes(TUMBLER))[field]

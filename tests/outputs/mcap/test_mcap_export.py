@@ -27,6 +27,7 @@ FPS, STEPS_OF_A_FRAME = 25, 20
 CAMERAS = ["side", "orbit:lookat=ball,azimuth=80..120,elevation=-60,distance=2"]
 TIP = """
 <mujoco model="tip">
+  <visual><quality shadowsize="256" offsamples="0"/></visual>
   <worldbody>
     <light pos="0 0 3"/>
     <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>
