@@ -1,17 +1,12 @@
 """Theorems about the rules together."""
 
 from importlib import import_module
-from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
-
-import pytest
 
 import mjrun.check.rules
 from mjrun.check.rule import Finding, Rule
 from mjrun.check.rule_table import MAX_FINDINGS, MAX_OBJECTS, RULES, capped
-from mjrun.errors import ModelError
-from mjrun.model.sources import load
 from tests.check.models import ROOT, lint, lint_file, mjcf
 
 
@@ -31,18 +26,6 @@ def test_no_two_rules_share_a_code_and_titles_name_no_options() -> None:
 def test_scenes_of_mjrun_hold_no_errors() -> None:
     for scene in sorted((ROOT / "scenes").glob("*.xml")):
         assert [finding for finding in lint_file(scene) if finding.severity == "error"] == [], scene
-
-
-@pytest.mark.filterwarnings("ignore:Attach conflict")
-def test_models_that_load_hold_no_errors_and_those_that_do_not_are_explained(shared_models: Path) -> None:
-    for path in sorted(shared_models.rglob("*.xml")):
-        try:
-            load(path)
-            loads = True
-        except ModelError:
-            loads = False
-        errors = [finding for finding in lint_file(path) if finding.severity == "error"]
-        assert (errors == []) == loads, path
 
 
 def test_what_is_replicated_is_told_once_at_the_line_that_says_it() -> None:

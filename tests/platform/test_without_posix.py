@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet
@@ -131,14 +132,23 @@ def test_untrusted_files_are_refused_in_one_sentence(bootstrap: Path, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+def nodes_of_modules_with(*words: str) -> Iterator[tuple[str, ast.AST]]:
+    """Yields every node of the modules whose text contains a word, with the place of the module."""
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text("utf-8")
+        if any(word in text for word in words):
+            place = path.relative_to(PACKAGE).as_posix()
+            yield from ((place, node) for node in ast.walk(ast.parse(text)))
+
+
 def test_text_has_the_same_line_ends_on_every_system() -> None:
+    writers = ("write_text", "TextIOWrapper")
     writes = [
-        (path.relative_to(PACKAGE).as_posix(), node.lineno)
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        (place, node.lineno)
+        for place, node in nodes_of_modules_with(*writers)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Attribute)
-        and node.func.attr in ("write_text", "TextIOWrapper")
+        and node.func.attr in writers
         and not any(keyword.arg == "newline" for keyword in node.keywords)
     ]
     assert writes == []
@@ -146,9 +156,8 @@ def test_text_has_the_same_line_ends_on_every_system() -> None:
 
 def test_posix_is_used_in_its_own_modules_only() -> None:
     users = {
-        path.relative_to(PACKAGE).as_posix()
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        place
+        for place, node in nodes_of_modules_with(*(f"import {name}" for name in MODULES))
         if isinstance(node, ast.Import) and any(alias.name in MODULES for alias in node.names)
     }
     assert users == {*HOMES}
