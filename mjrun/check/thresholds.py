@@ -56,6 +56,11 @@ class Thresholds:
     side_axis: float = _threshold("MJ309", 0.2, "difference between components of joint axes")
     side_range: float = _threshold("MJ309", 0.02, "relative difference of joint ranges")
 
+    link_turn: float = _threshold("MJ313", pi, "turn of a hinge that can pass through its parent [rad]")
+    link_overlap: float = _threshold(
+        "MJ313", radians(40), "turn during which a geom's centre is inside its parent [rad]"
+    )
+
     penetration: float = _threshold("MJ501", 0.002, "depth between two moving geoms [m]")
     static_penetration: float = _threshold("MJ501", 0.01, "depth against a geom that cannot move [m]")
     penetration_share: float = _threshold("MJ501", 0.1, "depth relative to the smaller geom's half size")

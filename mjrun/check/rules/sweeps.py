@@ -1,0 +1,70 @@
+"""Hinges that turn their link through its parent, with which MuJoCo does not collide it."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Violation, rule
+from mjrun.check.rules.extents import INFINITE
+
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
+
+
+@rule("MJ313", "note", "hinge that turns its link through its parent")
+def links_through_parents(context: LintContext) -> Iterator[Violation]:
+    """Yields the first hinge that turns a colliding geom into one of its parent, and out of it again on the other side.
+
+    The others are counted. A geom is inside another one if its centre is in the other one's box.
+    """
+    model, found = context.model, dict[int, tuple[int, int]]()
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return
+    for joint in map(int, np.flatnonzero(model.jnt_type == HINGE)):
+        low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.pi, np.pi)
+        if high - low >= context.thresholds.link_turn and (pair := _entered(context, joint, low, high)):
+            found[joint] = pair
+    if found:
+        joint, (geom, other) = next(iter(found.items()))
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        limits = "its range allows" if model.jnt_limited[joint] else "without a range, it can turn"
+        message = (
+            f"{limits} {context.object('geom', geom)} through {context.object('geom', other)}, "
+            f"with which MuJoCo does not collide it{more}"
+        )
+        yield context.violation("joint", joint, message, 'limit it: range="-90 90" (in the unit of <compiler angle=…>)')
+
+
+def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple[int, int] | None:
+    """Returns a geom that a hinge turns through a geom of the parent, and that one; None if all stay outside."""
+    model, data = context.model, mujoco.MjData(context.model)
+    link = int(model.body_weldid[model.jnt_bodyid[joint]])
+    parent = int(model.body_weldid[model.body_parentid[link]])
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    collides &= ~np.isin(model.geom_type, INFINITE)
+    owners = model.body_weldid[model.geom_bodyid]
+    own, others = (np.flatnonzero(collides & (owners == body)) for body in (link, parent))
+    if not (parent and own.size and others.size):
+        return None
+
+    address, is_closed = int(model.jnt_qposadr[joint]), not model.jnt_limited[joint]
+    positions = np.linspace(low, high, SAMPLES, endpoint=not is_closed)
+    inside = np.empty((SAMPLES + 1, own.size, others.size), bool)
+    for i, position in enumerate([*positions, model.qpos0[address]]):
+        data.qpos[address] = position
+        mujoco.mj_kinematics(model, data)
+        inside[i] = _centres_inside(model, data, own, others)
+    ends = inside[-1] if is_closed else inside[0] | inside[-2] | inside[-1]
+    passes = ~ends & (inside[:-1].sum(axis=0) * (high - low) / SAMPLES > context.thresholds.link_overlap)
+    pairs = np.argwhere(passes)
+    return (int(own[pairs[0, 0]]), int(others[pairs[0, 1]])) if pairs.size else None
+
+
+def _centres_inside(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Returns whether the centres of the boxes of some geoms are in those of `others`, `(len(own), len(others))`."""
+    frames = data.geom_xmat.reshape(-1, 3, 3)
+    centres = data.geom_xpos + np.einsum("gij,gj->gi", frames, model.geom_aabb[:, :3])
+    offsets = np.einsum("abj,bji->abi", centres[own][:, None] - centres[others], frames[others])
+    return (abs(offsets) < model.geom_aabb[others, 3:]).all(axis=2)
