@@ -3,8 +3,6 @@
 Each task computes the values of its points from their numbers, and opens only the results of these points.
 """
 
-import hashlib
-import json
 import time
 from collections.abc import Mapping, Sequence
 
@@ -17,12 +15,12 @@ from mjrun.study.chunk_files import points_digest
 from mjrun.study.executors import check_engine
 from mjrun.study.point_files import PointKeeper
 from mjrun.study.prepared import PreparedStudy
+from mjrun.study.spec import versions
 from mjrun.study.study import Study
 
 SCHEMA = "mjrun-plan-2"
 BLOCKS = 4  # blocks of points of each task, since slow points are often neighbours
 MOST_RANGES = 1000  # in a plan: closer ones are joined, and tasks skip the points that are known
-VERSIONS = ("mjrun", "mujoco", "numpy")
 DESIGN = "points"  # in the identity of a plan: the hash of the values of all points
 
 Range = tuple[int, int]  # the first point, and that after the last
@@ -140,7 +138,7 @@ def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> No
     here = _hashes(prepared)
     differing = [name for name in here if here[name] != planned.get(name)]
     if differing:
-        other = {name: f"{name} {clean(planned.get(name, ''))}, here {here[name]}" for name in VERSIONS}
+        other = {name: f"{name} {clean(planned.get(name, ''))}, here {here[name]}" for name in versions()}
         facts = [other.get(name, name) for name in differing]
         raise UsageError(
             f"the plan was made with other {'; '.join(facts)}\n"
@@ -149,12 +147,5 @@ def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> No
 
 
 def _hashes(prepared: PreparedStudy) -> dict[str, str]:
-    """Abbreviates each part of the identity of a study, and its points."""
-    identity = prepared.identity
-    texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in identity.items()}
-    hashes = {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()}
-    return (
-        hashes
-        | {name: str(identity[name]) for name in VERSIONS}
-        | {DESIGN: points_digest(prepared.spec, prepared.points)}
-    )
+    """Returns the hashes of a study, and of its points."""
+    return {**prepared.identity_hashes, DESIGN: points_digest(prepared.spec, prepared.points)}

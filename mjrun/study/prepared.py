@@ -1,5 +1,7 @@
 """A study that is ready to run: its points and their keys, the known results, and the missing chunks."""
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -38,6 +40,7 @@ from mjrun.study.spec import (
     StudySpec,
     require_values,
     simulation_at,
+    versions,
 )
 
 IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # options of simulations
@@ -90,6 +93,12 @@ class PreparedStudy(PreparedPoints):
     def identity(self) -> Mapping[str, object]:
         """Everything that determines the results, except the values of the points."""
         return study_identity(self.spec, self.model, self.shipped.spec.modules)
+
+    @cached_property
+    def identity_hashes(self) -> Mapping[str, str]:
+        """A hash of each part of the identity, or its version."""
+        texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in self.identity.items()}
+        return {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()} | versions()
 
     def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
         return point_keys(self.identity, self.spec, self.points.at(indices))

@@ -44,10 +44,11 @@ from mjrun.study.preview import StudyPreview, preview
 from mjrun.study.repeats import RepeatSummary
 from mjrun.study.result_columns import STATUSES
 from mjrun.study.results import FailureGroup, point_failures, study_table, with_flags
-from mjrun.study.spec import StudySpec
+from mjrun.study.spec import StudySpec, versions
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-sweep-1"
+READ = (*versions(), "model", "files", "code", "environment", "controllers")  # parts of an identity beside options
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 
 
@@ -98,9 +99,10 @@ class Study(StudyOptions, ExecutionOptions):
             check_engine(self.engine)
             prepared.files.create()
             prepared.warn_of_damaged(reporter)
-            self._report_changes(reporter)
+            self._report_changes(prepared, reporter)
             count = len(prepared.points.points)
-            self.write_manifest({"points": count, "schema": SCHEMA})  # lets an interrupted study continue
+            facts = {"points": count, "schema": SCHEMA, "identity": prepared.identity_hashes}
+            self.write_manifest(facts)  # lets an interrupted study continue
             missing = prepared.missing(self.retry_failed)
             if len(missing) < count:
                 reporter.note(f"{count - len(missing)} of {count} points are known already")
@@ -149,17 +151,19 @@ class Study(StudyOptions, ExecutionOptions):
         document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
         return manifest_writer(Path(self.output) / MANIFEST, document)
 
-    def _report_changes(self, reporter: Reporter) -> None:
-        """Reports the keys of the document that have changed since the last run."""
+    def _report_changes(self, prepared: PreparedStudy, reporter: Reporter) -> None:
+        """Reports the keys of the document, files, code and versions that have changed since the last run."""
         try:
-            before = json.loads((Path(self.output) / MANIFEST).read_text("utf-8"))["study"]
-        except (OSError, ValueError, KeyError, TypeError):
+            before = json.loads((Path(self.output) / MANIFEST).read_text("utf-8"))
+        except (OSError, ValueError):
             return
-        now = json.loads(json.dumps(self.document, default=str))
-        if isinstance(before, dict) and isinstance(now, dict):
-            changed = [key for key in dict.fromkeys([*before, *now]) if before.get(key) != now.get(key)]
-            if changed:
-                reporter.note(f"changed since the last run: {clean(', '.join(changed))}")
+        now = json.loads(json.dumps({"study": self.document, "identity": prepared.identity_hashes}, default=str))
+        changed = [
+            *_changed(before, now, "study"),
+            *(name for name in _changed(before, now, "identity") if name in READ),
+        ]
+        if changed:
+            reporter.note(f"changed since the last run: {clean(', '.join(dict.fromkeys(changed)))}")
 
     def _tables(self, files: Sequence[str], rows: int) -> Sequence[str]:
         """Returns the files of a table of `rows` rows."""
@@ -217,7 +221,7 @@ class Study(StudyOptions, ExecutionOptions):
             sensitivities=indices,
             confidence=self.confidence,
         )
-        self.write_manifest(dataclasses.asdict(result))
+        self.write_manifest({**dataclasses.asdict(result), "identity": prepared.identity_hashes})
         if self.html is not None:
             from mjrun.study.study_page import write_study_page
 
@@ -231,6 +235,14 @@ class Study(StudyOptions, ExecutionOptions):
             error = LostFilesError(kept.failures)
         raise_failures(result, verdicts, error)
         return result
+
+
+def _changed(before: object, now: Mapping[str, object], part: str) -> list[str]:
+    """Returns the keys whose values differ in a part of two manifests; none if one of them lacks it."""
+    old, new = (each.get(part) if isinstance(each, dict) else None for each in (before, now))
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return []
+    return [key for key in dict.fromkeys([*old, *new]) if old.get(key) != new.get(key)]
 
 
 @dataclass(frozen=True)

@@ -103,6 +103,9 @@ def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> N
     assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
     assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
     assert b"changed since the last run: steps\n" in mjrun_here("sweep", ball, "--steps", "6", *options).stderr
+    heavier = BALL.replace("<worldbody>", '<option gravity="0 0 -50"/><worldbody>')
+    (mjrun_here.folder / ball).write_text(heavier)
+    assert b"changed since the last run: model, files\n" in mjrun_here("sweep", ball, "--steps", "6", *options).stderr
 
 
 def test_a_folder_that_is_no_study_is_refused(mjrun_here: Command) -> None:
