@@ -45,14 +45,12 @@ def test_parameters_stop_at_their_bounds() -> None:
 
 @pytest.mark.slow
 def test_problems_side_by_side_come_to_what_each_comes_to_alone() -> None:
-    shoot, _ = shooting(THREE[:2])
+    shoot, _ = shooting(THREE[:1])
     parts = shoot.cut(segments(0.5))
-    alone = [
-        shoot.solve(parts, np.array(x), shoot.guessed(parts, None), np.array([NOISE])) for x in ([0.4] * 2, [0.7] * 2)
-    ]
+    alone = [shoot.solve(parts, np.array(x), shoot.guessed(parts, None), np.array([NOISE])) for x in ([0.4], [0.7])]
     tasks = [
         GaussNewton(shoot._problem(parts, np.array(x), shoot.guessed(parts, None), np.array([NOISE]))).minimize()
-        for x in ([0.4] * 2, [0.7] * 2)
+        for x in ([0.4], [0.7])
     ]
     beside = together(predictor_of(shoot), tasks)
     for one, other in zip(alone, beside, strict=True):

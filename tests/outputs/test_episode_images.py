@@ -19,7 +19,8 @@ from mjrun.timeline import Timeline
 
 pytestmark = pytest.mark.gl
 
-MODEL = """<mujoco><worldbody><body name="box" pos="0 0 {height}"><joint name="lift" type="slide" axis="0 0 1"/>
+MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
+<worldbody><body name="box" pos="0 0 {height}"><joint name="lift" type="slide" axis="0 0 1"/>
   <geom type="box" size=".1 .1 .1" rgba="{color} 1"/></body></worldbody></mujoco>"""
 OPTIONS = ViewOptions(size=(64, 48), camera=["free:distance=2", "track:box"], quality="draft", stage="floor,light,sky")
 HEIGHTS = [0.0, 0.2, 0.5]

@@ -15,7 +15,8 @@ from mjrun.rendering.single_render import render
 
 SIZE = (160, 120)
 CAMERA = "look:from=0/-2/.5,at=0/0/.5"
-MODEL = """<mujoco><asset><texture name="t" type="2d" builtin="flat" rgb1="1 0 0" width="8" height="8"/>
+MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
+<asset><texture name="t" type="2d" builtin="flat" rgb1="1 0 0" width="8" height="8"/>
   <material name="m" texture="t"/></asset>
   <worldbody><light pos="0 -1 3"/><geom name="floor" type="plane" size="3 3 .1"/>
   <body name="box" pos="-.3 0 .5" euler="10 20 30"><freejoint/><geom type="box" size=".1 .15 .2" material="m"/>

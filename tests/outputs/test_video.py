@@ -69,6 +69,7 @@ def test_two_seconds_of_humanoid_at_thirty_fps_are_sixty_frames(
 
 SHARED = Path(__file__).parents[3] / "shared/models"
 MODELS = sorted(path for path in SHARED.rglob("*.xml") if "malformed" not in path.parts)
+MODELS = [path for path in MODELS if path.stem != "torus"]  # its distance field takes as long as that of primitives
 
 
 @pytest.mark.slow

@@ -16,7 +16,8 @@ from mjrun.reporter import WarningReporter
 from mjrun.study.dataset import Dataset, DatasetResult
 from mjrun.study.image_spec import camera_argument, part_of
 
-MODEL = """<mujoco><asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>
+MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
+<asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>
   <light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>
   <body name="box" pos="0 0 {height}"><freejoint/><geom type="box" size=".1 .1 .1" material="red"/></body>
   <body name="ball" pos=".4 0 .1"><freejoint/><geom size=".1"/><site name="top" pos="0 0 .1"/></body>
