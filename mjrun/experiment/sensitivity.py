@@ -23,7 +23,12 @@ FILES = (SENSITIVITY, "sensitivity.csv")
 
 @dataclass(frozen=True)
 class Estimate:
-    """An index with its confidence interval; None if it is undefined, as for a constant metric."""
+    """An index with its confidence interval.
+
+    Attributes:
+      value: index; None if it is undefined, as for a constant metric.
+      interval: its confidence interval.
+    """
 
     value: float | None
     interval: Interval
