@@ -15,7 +15,7 @@ from mjrun.document.run_writer import plain_value
 from mjrun.document.value_forms import DocumentReader
 from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerances
-from mjrun.options.evaluation import EvaluationOptions, Thresholds
+from mjrun.options.evaluation import EvaluationOptions, Thresholds, VideoCount
 from mjrun.options.fit import FitOptions
 from mjrun.options.kinds import Kind
 from mjrun.options.model import ServoGains
@@ -123,6 +123,8 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(
                 ["torso=0/-1e2/.5@1/3+0.25", {"site": "a", "force": (1, 2, 3), "at": 0, "duration": 1}]
             )
+        case VideoCount():
+            return st.integers(0, 9) | st.just("failures")
         case PolicyKind():
             return st.sampled_from(["random", "zero", "a.onnx", "b/leapp"])
         case NormalizationKind():
