@@ -26,6 +26,7 @@ from mjrun.formats.tables import csv as csv_format
 from mjrun.model.table_column import Column
 from mjrun.options.diff import TableDiffOptions
 from mjrun.outputs.result_comparison import TABLE, VIDEO, kind_of
+from mjrun.study.result_columns import ResultColumns
 from mjrun.study.results import study_table
 from mjrun.study.spec import PointResult
 from tests.formats.table_files import write
@@ -344,7 +345,7 @@ def study(folder: Path, order: list[int], drift: float = 0.0) -> str:
     folder.mkdir()
     design = Design(("mass", "integrator"), [DESIGN[index] for index in order])
     results = [PointResult(i, ENDS[k][1], (ENDS[k][0] + drift,), 9, 0, ENDS[k][2]) for i, k in enumerate(order)]  # type: ignore[arg-type]
-    study_table(design, ["end"], results).write(folder, {"metrics": {"end": "last(x)"}})
+    study_table(design, ["end"], ResultColumns.of(results, 1)).write(folder, {"metrics": {"end": "last(x)"}})
     return str(folder)
 
 
