@@ -457,6 +457,11 @@ class Dataset(_Dataset):
         concurrent.futures.Executor. [default: 'local']
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
+      time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
+        that are running finish. Exits with code 8 if some are left; the same command continues.
+        [default: none]
+      max_failures: Start no more points or episodes once N of them have failed in this run; the same
+        command continues. Exits with code 8. [default: none]
       retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
@@ -468,6 +473,8 @@ class Dataset(_Dataset):
         engine: str = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
+        time_budget: float | str | Fraction | None = ...,
+        max_failures: int | None = ...,
         retry_failed: bool = ...,
         vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         points: str | PathLike[str] | None = ...,
@@ -621,6 +628,11 @@ class EpisodeDataset(_EpisodeDataset):
         concurrent.futures.Executor. [default: 'local']
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
+      time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
+        that are running finish. Exits with code 8 if some are left; the same command continues.
+        [default: none]
+      max_failures: Start no more points or episodes once N of them have failed in this run; the same
+        command continues. Exits with code 8. [default: none]
       retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
@@ -632,6 +644,8 @@ class EpisodeDataset(_EpisodeDataset):
         engine: str = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
+        time_budget: float | str | Fraction | None = ...,
+        max_failures: int | None = ...,
         retry_failed: bool = ...,
         gl: str | None = ...,
         require_gpu: bool = ...,
@@ -749,6 +763,11 @@ class Evaluation(_Evaluation):
         concurrent.futures.Executor. [default: 'local']
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
+      time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
+        that are running finish. Exits with code 8 if some are left; the same command continues.
+        [default: none]
+      max_failures: Start no more points or episodes once N of them have failed in this run; the same
+        command continues. Exits with code 8. [default: none]
       retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
@@ -760,6 +779,8 @@ class Evaluation(_Evaluation):
         engine: str = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
+        time_budget: float | str | Fraction | None = ...,
+        max_failures: int | None = ...,
         retry_failed: bool = ...,
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
@@ -1479,6 +1500,11 @@ class Study(_Study):
         concurrent.futures.Executor. [default: 'local']
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
+      time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
+        that are running finish. Exits with code 8 if some are left; the same command continues.
+        [default: none]
+      max_failures: Start no more points or episodes once N of them have failed in this run; the same
+        command continues. Exits with code 8. [default: none]
       retry_failed: Simulate again the points or episodes that failed before.
     """
     def __init__(
@@ -1490,6 +1516,8 @@ class Study(_Study):
         engine: str = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
+        time_budget: float | str | Fraction | None = ...,
+        max_failures: int | None = ...,
         retry_failed: bool = ...,
         confidence: float = ...,
         vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1963,6 +1991,8 @@ def evaluate(
     engine: str = ...,
     chunk: int | None = ...,
     time_limit: float | str | Fraction | None = ...,
+    time_budget: float | str | Fraction | None = ...,
+    max_failures: int | None = ...,
     retry_failed: bool = ...,
 ) -> EvaluationResult:
     """Plays episodes of a task with a policy, as `mjrun eval` does; `result.table` has a row for each episode.
@@ -2050,6 +2080,11 @@ def evaluate(
         concurrent.futures.Executor. [default: 'local']
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
+      time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
+        that are running finish. Exits with code 8 if some are left; the same command continues.
+        [default: none]
+      max_failures: Start no more points or episodes once N of them have failed in this run; the same
+        command continues. Exits with code 8. [default: none]
       retry_failed: Simulate again the points or episodes that failed before.
     """
 
@@ -2499,6 +2534,8 @@ def sweep(
     engine: str = ...,
     chunk: int | None = ...,
     time_limit: float | str | Fraction | None = ...,
+    time_budget: float | str | Fraction | None = ...,
+    max_failures: int | None = ...,
     retry_failed: bool = ...,
 ) -> StudyResult:
     """Simulates a model with varied parameters, as `mjrun sweep` does; `result.table` has a row for each point.
@@ -2628,6 +2665,11 @@ def sweep(
         concurrent.futures.Executor. [default: 'local']
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
+      time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
+        that are running finish. Exits with code 8 if some are left; the same command continues.
+        [default: none]
+      max_failures: Start no more points or episodes once N of them have failed in this run; the same
+        command continues. Exits with code 8. [default: none]
       retry_failed: Simulate again the points or episodes that failed before.
     """
 

@@ -652,17 +652,20 @@ class FailedEpisodesError(MjrunError):
       failures: the reason for each episode, by its number or the seed that identifies it.
       count: the number of requested episodes.
       place: the word for what lacks them.
+      missing: the number of episodes that are not simulated yet.
     """
 
     exit_code = 8
 
-    def __init__(self, failures: Mapping[str, str], count: int, place: str = "dataset") -> None:
+    def __init__(self, failures: Mapping[str, str], count: int, place: str = "dataset", missing: int = 0) -> None:
         reasons: dict[str, list[str]] = {}
         for name, message in failures.items():
             reasons.setdefault(message, []).append(name)
         lines = [f"{listing(names)}: {clean(message)}" for message, names in reasons.items()]
-        rest = f"the {place} has the others" if len(failures) < count else f"there is no {place}"
-        super().__init__("\n".join([f"{len(failures)} of {counted(count, 'episode')} failed; {rest}", *lines[:LOGGED]]))
+        states = [(len(failures), "failed"), (missing, "are not simulated yet")]
+        counts = ", ".join(f"{number} of {counted(count, 'episode')} {state}" for number, state in states if number)
+        rest = f"the {place} has the others" if len(failures) + missing < count else f"there is no {place}"
+        super().__init__("\n".join([f"{counts}; {rest}", *lines[:LOGGED]]))
 
 
 class LostFilesError(MjrunError):

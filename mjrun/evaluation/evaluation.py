@@ -43,6 +43,7 @@ from mjrun.study.executors import WARP, check_engine
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-eval-1"
+MISSING = "missing"  # status of episodes that are not played yet
 
 
 @options
@@ -68,7 +69,8 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
 
         Raises:
           FailedAssertionError: a requirement does not hold; all files are written nevertheless.
-          FailedEpisodesError: episodes failed; the tables have the others, or are not written if all of them failed.
+          FailedEpisodesError: episodes failed or are left; the tables have the others, or are not written if there are
+            none.
           PartlyDoneError: videos could not be made; the tables are written nevertheless.
           MjrunError: no episode could be played.
         """
@@ -90,10 +92,11 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         seeds = range(self.seed, self.seed + self.episodes)
         groups, simulated = play_all(prepared, self, seeds, folder, reporter)
         failed = _failures(groups, varies=bool(prepared.points.names))
-        if len(failed) == len(groups) * self.episodes:
-            if is_new:
+        missing = sum(episode.status == MISSING for group in groups for episode in group.episodes)
+        if len(failed) + missing == len(groups) * self.episodes:
+            if is_new and not missing:
                 _remove(folder)
-            raise _error_of_all(groups, failed)
+            raise _error_of_all(groups, failed, missing)
         count = len(prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
         outcome = summaries(prepared.points, prepared.player, prepared.metrics, policies, self.confidence)
@@ -103,7 +106,9 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         rewards, metrics, units = prepared.player.rewards, prepared.metrics, prepared.units
         table = episode_table(groups, prepared.points, rewards, metrics, units, compared=is_compared)
         own = self.episodes * count
-        verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
+        verdicts = list[Verdict]()
+        if not missing:
+            verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
         facts: dict[str, object] = {
             "command": self.command,
             "mjrun": __version__,
@@ -145,7 +150,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
 
             write_evaluation_page(self, result, prepared.points, {**facts, **dataclasses.asdict(result)})
 
-        raise_failures(result, verdicts, _error(failed, failures, result, len(groups)))
+        raise_failures(result, verdicts, _error(failed, missing, failures, result, len(groups)))
         return result
 
 
@@ -165,7 +170,7 @@ class EvaluationResult:
       points: summary of each point, if something varies.
       units: units of metrics, by name; empty where unknown.
       videos: videos of episodes.
-      assertions: requirements and whether they hold.
+      assertions: requirements and whether they hold; empty while episodes are missing.
       failures: reasons of failures, the most frequent first.
       simulated: number of episodes that were played now; the others were known.
       files: files that were written.
@@ -248,13 +253,13 @@ def _failures(groups: Sequence[PlayedEpisodes], *, varies: bool) -> dict[str, st
         + (f" of {group.policy}" if several else ""): episode.message.partition("\n")[0]
         for group in groups
         for episode in group.episodes
-        if episode.status != "ok"
+        if episode.status not in ("ok", MISSING)
     }
 
 
-def _error_of_all(groups: Sequence[PlayedEpisodes], failures: Mapping[str, str]) -> FailedEpisodesError:
-    """Returns the error of an evaluation whose episodes all failed; its exit code is theirs if they agree."""
-    error = FailedEpisodesError(failures, len(failures), "table")
+def _error_of_all(groups: Sequence[PlayedEpisodes], failures: Mapping[str, str], missing: int) -> FailedEpisodesError:
+    """Returns the error of an evaluation without results; its exit code is that of its episodes if they agree."""
+    error = FailedEpisodesError(failures, len(failures) + missing, "table", missing)
     endings = {(episode.status, episode.exit_code) for group in groups for episode in group.episodes}
     (status, code), *others = endings
     if status == "failed" and not others:
@@ -271,13 +276,17 @@ def _remove(folder: Path) -> None:
 
 
 def _error(
-    failed: Mapping[str, str], videos: Sequence[tuple[str, MjrunError]], result: EvaluationResult, groups: int
+    failed: Mapping[str, str],
+    missing: int,
+    videos: Sequence[tuple[str, MjrunError]],
+    result: EvaluationResult,
+    groups: int,
 ) -> MjrunError | None:
     """Returns the error of an evaluation that is written, but lacks episodes or videos."""
     lacking = PartlyDoneError(result.files, videos) if videos else None
-    if not failed:
+    if not failed and not missing:
         return lacking
-    error = FailedEpisodesError(failed, groups * result.episodes, "table")
+    error = FailedEpisodesError(failed, groups * result.episodes, "table", missing)
     if lacking:
         error.add_note(str(lacking))
     return error

@@ -25,6 +25,7 @@ from mjrun.evaluation.table import LENGTH, RETURN, REWARD
 from mjrun.experiment.design import Design
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import Source
+from mjrun.options.option import is_given
 from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.python_code import Sealed
 from mjrun.reporter import Reporter
@@ -222,20 +223,20 @@ def play_all(
     groups, simulated = prepared.groups, 0
     records = dict[int, list[EpisodeRecord]]()
     shared = [place for place, group in enumerate(groups) if isinstance(group.spec.chosen.policy, str)]
-    if len(shared) < len(groups) and options.time_limit is not None:
-        message = f"{option('time_limit')} requires a policy that other processes can load: a file or FILE.py:NAME"
-        raise UsageError(message, ("time_limit",))
+    for name in ("time_limit", "time_budget", "max_failures") if len(shared) < len(groups) else ():
+        if is_given(options, name):
+            message = f"{option(name)} requires a policy that other processes can load: a file or FILE.py:NAME"
+            raise UsageError(message, (name,))
     if shared:
         episodes = PreparedEpisodes(prepared, [groups[place] for place in shared], seeds, folder)
         episodes.files.create()
         episodes.warn_of_damaged(reporter)
         missing = episodes.missing(options.retry_failed)
-        simulated = len(missing)
-        if simulated < len(episodes.keys):
-            known = len(episodes.keys) - simulated
+        if len(missing) < len(episodes.keys):
+            known = len(episodes.keys) - len(missing)
             reporter.note(f"{known} of {counted(len(episodes.keys), 'episode')} are known already")
         if missing:
-            episodes.simulate(missing, options, reporter)
+            simulated = episodes.simulate(missing, options, reporter).total()
         records |= zip(shared, episodes.taken_records(), strict=True)
     for place, group in enumerate(groups):
         if place not in records:

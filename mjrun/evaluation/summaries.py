@@ -40,7 +40,8 @@ class EpisodeSummary:
     Attributes:
       policy: name of the policy.
       episodes: number of episodes that did not fail; all other numbers are of these.
-      failed: number of episodes that failed: a crash, a time limit, an action that is not finite.
+      failed: number of episodes without numbers: a crash, a time limit, an action that is not finite, or not played
+        yet.
       returns: sums of all rewards.
       lengths: simulated times [s].
       success: share of episodes that ended as a success; None if no termination of the task is a success.

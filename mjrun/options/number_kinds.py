@@ -112,7 +112,13 @@ class Percent(Real):
 
 # Units that texts of some numbers may end with, by the placeholder of the number.
 UNITS: Mapping[str, Mapping[str, Fraction]] = {
-    "SECONDS": {"s": Fraction(1), "ms": Fraction(1, 1000), "us": Fraction(1, 10**6), "min": Fraction(60)},
+    "SECONDS": {
+        "s": Fraction(1),
+        "ms": Fraction(1, 1000),
+        "us": Fraction(1, 10**6),
+        "min": Fraction(60),
+        "h": Fraction(3600),
+    },
     "FACTOR": {"x": Fraction(1)},
     "FPS": {"fps": Fraction(1)},
     "HZ": {"Hz": Fraction(1), "kHz": Fraction(1000)},

@@ -232,6 +232,22 @@ class ExecutionOptions(Options):
         usual="none",
         help="Maximum wall time per point or episode [s].",
     )
+    time_budget: Fraction | None = option(
+        converter=Optional(ExactNumber("SECONDS")),
+        default=None,
+        usual="none",
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Start no more points or episodes after this wall time [s], as in 2h or 50min; those that are running "
+        "finish. Exits with code 8 if some are left; the same command continues.",
+    )
+    max_failures: int | None = option(
+        converter=Optional(Integer(1)),
+        default=None,
+        usual="none",
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Start no more points or episodes once N of them have failed in this run; the same command continues. "
+        "Exits with code 8.",
+    )
     retry_failed: bool = option(
         converter=Flag(),
         default=False,

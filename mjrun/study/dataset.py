@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from importlib import import_module
@@ -88,9 +89,11 @@ class Dataset(DatasetOptions, ExecutionOptions):
             missing = sorted({*prepared.missing(self.retry_failed), *self._lost(prepared)})
             if len(missing) < len(prepared.keys):
                 reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
+            made = 0
             if missing:
-                prepared.simulate(missing, study, reporter, publish=self._publish)
-            return self._conclude(study, prepared, objects, len(missing), start)
+                made = prepared.simulate(missing, study, reporter, publish=self._publish).total()
+            lost = {*self._lost(prepared)} if made < len(missing) else set[int]()
+            return self._conclude(study, prepared, objects, made, lost, start)
 
     @property
     def _layout(self) -> Any:
@@ -194,8 +197,15 @@ class Dataset(DatasetOptions, ExecutionOptions):
                 place.unlink(missing_ok=True)
 
     def _conclude(
-        self, study: Study, prepared: PreparedStudy, objects: Sequence[LabelledObject], made: int, start: float
+        self,
+        study: Study,
+        prepared: PreparedStudy,
+        objects: Sequence[LabelledObject],
+        made: int,
+        lost: set[int],
+        start: float,
     ) -> "DatasetResult":
+        """Writes the labels and returns the result; the points `lost` have results, but their files are missing."""
         results, folder = prepared.known, Path(self.output)
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         study_table(prepared.points, (), results, prepared.units).write(prepared.folder, facts)
@@ -203,7 +213,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
         rejected = 0
         for index, result in enumerate(results):
-            document = self._record(index) if result.status == "ok" else None
+            document = self._record(index) if result.status == "ok" and index not in lost else None
             for image in document["images"] if document else ():
                 rejected += not image["accepted"]
                 if image["accepted"]:
@@ -229,8 +239,11 @@ class Dataset(DatasetOptions, ExecutionOptions):
             wall=time.perf_counter() - start,
         )
         study.write_manifest({"schema": SCHEMA, "format": list(self.format), "images": dict(result.images)})
-        failed = any(each.status != "ok" for each in results)
-        raise_failures(result, [], FailedPointsError(result.statuses) if failed else None)
+        statuses = Counter(results.counts)
+        statuses["ok"] -= len(lost)
+        statuses["missing"] += len(lost)
+        failed = statuses["ok"] < len(results)
+        raise_failures(result, [], FailedPointsError(+statuses) if failed else None)
         return result
 
     def _objects(self, objects: Sequence[LabelledObject], model: mujoco.MjModel) -> bytes:

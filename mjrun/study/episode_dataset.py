@@ -120,9 +120,10 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             missing = self._missing(prepared, known)
             if len(missing) < len(prepared.keys):
                 reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} episodes are known already")
+            simulated = 0
             if missing:
-                prepared.simulate(missing, study, reporter, publish=self._publish)
-            return self._conclude(layout, prepared, known, len(missing), start, reporter)
+                simulated = prepared.simulate(missing, study, reporter, publish=self._publish).total()
+            return self._conclude(layout, prepared, known, simulated, start, reporter)
 
     # --- before the simulation --------------------------------------------------------------------
 
@@ -368,7 +369,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         new = [
             index
             for index, (key, result) in enumerate(zip(prepared.keys, results, strict=True))
-            if result.status == "ok" and key not in have
+            if result.status == "ok" and key not in have and self._waits(index, key)
         ]
         episodes = [*known]
         if new:
@@ -385,8 +386,10 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         failures = {
             self._name(prepared, index): result.message.partition("\n")[0]
             for index, result in enumerate(results)
-            if result.status != "ok" and prepared.keys[index] not in have
+            if result.status not in ("ok", "missing") and prepared.keys[index] not in have
         }
+        written = {each["key"] for each in episodes}
+        missing = sum(key not in written for key in prepared.keys) - len(failures)
         returns = [each["return"] for each in episodes]
         result = EpisodeDatasetResult(
             path=self.output,
@@ -402,7 +405,9 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             failures=failures,
             wall=time.perf_counter() - start,
         )
-        raise_failures(result, [], FailedEpisodesError(failures, len(results)) if failures else None)
+        is_complete = not failures and not missing
+        error = None if is_complete else FailedEpisodesError(failures, len(results), missing=missing)
+        raise_failures(result, [], error)
         return result
 
     def _waiting(

@@ -139,7 +139,11 @@ def process_count(engine: str, jobs: int | str) -> int | None:
 
 
 def completed(
-    executor: Executor, chunks: Iterator[PointChunk], ahead: int, fault: Callable[[ChunkResult], str]
+    executor: Executor,
+    chunks: Iterator[PointChunk],
+    ahead: int,
+    fault: Callable[[ChunkResult], str],
+    is_over: Callable[[], bool] = lambda: False,
 ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
     """Yields the results of chunks as they arrive; at most `ahead` chunks are in flight.
 
@@ -149,13 +153,16 @@ def completed(
 
     Args:
       fault: returns the reason to refuse results; empty to accept them.
+      is_over: returns whether to submit no more chunks; those that are running finish.
     """
     running = dict[Future[ChunkResult], PointChunk]()
     again = deque[PointChunk]()
     is_first = True
     while True:
-        while len(running) < ahead and (chunk := again.popleft() if again else next(chunks, None)):
+        while not is_over() and len(running) < ahead and (chunk := again.popleft() if again else next(chunks, None)):
             running[executor.submit(run_chunk, chunk)] = chunk
+        if is_over() and isinstance(executor, ThreadPoolExecutor):  # others cannot tell which chunks have begun
+            running = {future: chunk for future, chunk in running.items() if not future.cancel()}
         if not running:
             return
         if is_first:

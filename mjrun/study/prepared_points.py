@@ -3,6 +3,7 @@
 import hashlib
 import math
 import socket
+import time
 from abc import ABC, abstractmethod
 from array import array
 from collections import Counter
@@ -34,6 +35,27 @@ from mjrun.study.spec import (
 
 JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
 ADOPTED = 2**16  # results in a part that are adopted from other designs
+
+
+class Budget:
+    """The limits of a run, after which no more points are started: its wall time, from now, and its failures.
+
+    Attributes:
+      failed: number of points that have failed in this run.
+    """
+
+    def __init__(self, options: ExecutionOptions) -> None:
+        self._time, self._failures = options.time_budget, options.max_failures
+        self._start, self.failed = time.perf_counter(), 0
+
+    @property
+    def reached(self) -> str:
+        """The limit that is reached; empty if none is."""
+        if self._failures is not None and self.failed >= self._failures:
+            return f"{self.failed} failed in this run"
+        if self._time is not None and time.perf_counter() - self._start >= self._time:
+            return f"the time budget of {float(self._time):g} s is spent"
+        return ""
 
 
 class PreparedPoints(ABC):
@@ -143,7 +165,8 @@ class PreparedPoints(ABC):
     ) -> Counter[str]:
         """Simulates points in chunks, publishes their results every half second, and adds them to `known`.
 
-        Results of a process with other versions of libraries are refused and not published.
+        Results of a process with other versions of libraries are refused and not published. When the time budget is
+        spent, or too many points have failed, those that are running finish, and the others stay missing.
 
         Args:
           publish: writes the files of a point with its key, before its result is recorded.
@@ -151,10 +174,10 @@ class PreparedPoints(ABC):
         Returns:
           The number of points by status.
         """
-        statuses = Counter[str]()
+        statuses, budget = Counter[str](), Budget(options)
         failures = FailureReporter(self.points, reporter, self.noun)
         with PartWriter(self.files, executors.INTERVAL) as parts:
-            for arrived in self._completed(indices, options, reporter):
+            for arrived in self._completed(indices, options, budget, reporter):
                 for chunk, result in arrived:
                     places = [point.index for point in chunk.points]
                     keys = self._keys(places)
@@ -169,14 +192,16 @@ class PreparedPoints(ABC):
 
                     failures.add(result.results)
                     statuses.update(each.status for each in result.results)
-                    failed = statuses.total() - statuses["ok"]
-                    label = f"{self.noun}s, {failed} failed" if failed else f"{self.noun}s"
+                    budget.failed = statuses.total() - statuses["ok"]
+                    label = f"{self.noun}s, {budget.failed} failed" if budget.failed else f"{self.noun}s"
                     reporter.progress(label, statuses.total(), len(indices))
                 parts.write_if_due()
+        if left := len(indices) - statuses.total():
+            reporter.note(f"{budget.reached}: {counted(left, self.noun)} left; repeat the command to continue")
         return statuses
 
     def _completed(
-        self, indices: Sequence[int], options: ExecutionOptions, reporter: Reporter
+        self, indices: Sequence[int], options: ExecutionOptions, budget: Budget, reporter: Reporter
     ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
         """Yields the results of chunks as `executors.completed`; warns of each reason to refuse some."""
         expected = WorkerVersions.here(self._spec.models(self.points.points))
@@ -196,7 +221,8 @@ class PreparedPoints(ABC):
         with ExitStack() as stack:
             executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack)
             sizes = self.chunk_sizes(options, ahead)
-            for arrived in executors.completed(executor, self.chunks(indices, options, sizes), ahead, fault):
+            chunks = self.chunks(indices, options, sizes)
+            for arrived in executors.completed(executor, chunks, ahead, fault, lambda: bool(budget.reached)):
                 for _, result in arrived:
                     results = result.results
                     sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))

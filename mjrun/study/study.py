@@ -107,10 +107,11 @@ class Study(StudyOptions, ExecutionOptions):
             if len(missing) < count:
                 reporter.note(f"{count - len(missing)} of {count} points are known already")
             prepared.adopt(reporter)
+            simulated = 0
             if missing:
-                prepared.simulate(missing, self, reporter)
+                simulated = prepared.simulate(missing, self, reporter).total()
                 prepared.files.merge_all()
-            return self._conclude(prepared, keeper, len(missing), reporter, start)
+            return self._conclude(prepared, keeper, simulated, reporter, start)
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
         """Writes the table of all points from the existing results without simulating any.

@@ -114,6 +114,24 @@ def test_where_all_episodes_fail_no_table_is_written(tmp_path: Path) -> None:
     assert after == before
 
 
+def test_an_evaluation_that_ends_at_its_limit_is_continued_to_the_same_bytes(tmp_path: Path) -> None:
+    options = {"name": "NotNumber", "require": ["return > -100"]}
+    with pytest.raises(FailedEpisodesError):
+        evaluation(tmp_path, "whole", **options).run()  # type: ignore[arg-type]
+    with pytest.raises(FailedEpisodesError, match="9 of 9 episodes are not simulated yet; there is no table"):
+        evaluation(tmp_path, time_budget="1us", **options).run()  # type: ignore[arg-type]
+    with pytest.raises(FailedEpisodesError, match="episodes are not simulated yet; the table has the others") as caught:
+        evaluation(tmp_path, max_failures=1, chunk=1, **options).run()  # type: ignore[arg-type]
+    (result,) = caught.value.results
+    assert (caught.value.exit_code, result.assertions) == (8, [])
+    assert 0 < result.simulated < 9
+    with pytest.raises(FailedEpisodesError, match="of 9 episodes failed; the table has the others") as caught:
+        evaluation(tmp_path, **options).run()  # type: ignore[arg-type]
+    assert [verdict.passed for verdict in caught.value.results[0].assertions] == [True]
+    for name in FILES:
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
 def test_the_table_has_failed_episodes_with_their_reasons_and_no_number_includes_them(tmp_path: Path) -> None:
     """Of the episodes of seeds 3 to 11, those that still run after 5 + 3·(seed − 7) periods fail from seed 7 on."""
     with pytest.raises(FailedEpisodesError, match="of 18 episodes failed; the table has the others") as caught:

@@ -124,8 +124,10 @@ def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path, monkeypa
     (own, other), simulated = play(some, range(4), tmp_path / "out", jobs=1)
     assert (own, simulated) == (other, 8)
     assert play(some, range(4), tmp_path / "out", jobs=1)[1] == 4  # nothing identifies a function
-    with pytest.raises(UsageError, match="time_limit requires a policy that other processes can load"):
-        play(some, range(4), tmp_path / "out", time_limit=1)
+    limits: dict[str, Any] = {"time_limit": 1, "time_budget": 1, "max_failures": 1}
+    for name, limit in limits.items():
+        with pytest.raises(UsageError, match=f"{name} requires a policy that other processes can load"):
+            play(some, range(4), tmp_path / "out", **{name: limit})
 
 
 def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

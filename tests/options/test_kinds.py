@@ -42,6 +42,7 @@ from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings, setti
         (ExactNumber("SECONDS"), "20 ms", Fraction(1, 50)),
         (ExactNumber("SECONDS"), "1e3us", Fraction(1, 1000)),
         (ExactNumber("SECONDS"), "2min", Fraction(120)),
+        (ExactNumber("SECONDS"), "1.5h", Fraction(5400)),
         (ExactNumber("FACTOR"), "1/4x", Fraction(1, 4)),
         (ExactNumber("HZ"), "1kHz", Fraction(1000)),
         (Instant(), 0.3, Fraction(3, 10)),

@@ -77,3 +77,7 @@ def one_of_two() -> Executor:
 
 def all_of_them() -> Executor:
     return OtherLibraries(1)
+
+
+def in_this_process() -> Executor:
+    return OtherLibraries(10**9)

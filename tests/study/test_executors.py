@@ -4,10 +4,12 @@ import os
 import signal
 from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from threading import Event
 from typing import cast
 
 import numpy as np
@@ -17,10 +19,10 @@ from hypothesis import strategies as st
 
 from mjrun.errors import MissingExtraError, MjrunError, UsageError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.executors import GROWTH, MOST, QUEUED, SECONDS, ChunkSizes, open_executor, process_count
+from mjrun.study.executors import GROWTH, MOST, QUEUED, SECONDS, ChunkSizes, completed, open_executor, process_count
 from mjrun.study.isolation import run_chunk
 from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import PointChunk, ShippedStudy, StudyPoint, StudySpec
+from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
 from tests.processes import PATIENCE
 
 
@@ -85,6 +87,30 @@ def test_warp_without_its_library_is_told_before_any_point(tmp_path: Path, monke
     monkeypatch.setattr("mjrun.physics.warp_device.LIBRARIES", ("not_installed",))
     with ExitStack() as stack, pytest.raises(MissingExtraError, match="mjrun\\[warp\\]"):
         open_executor("warp", 1, tmp_path, stack)
+
+
+def test_when_a_run_is_over_only_the_running_chunk_finishes(
+    chunks: list[PointChunk], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started, has_begun, may_end, over = list[PointChunk](), Event(), Event(), list[bool]()
+
+    def run(chunk: PointChunk) -> ChunkResult:
+        started.append(chunk)
+        has_begun.set()
+        assert may_end.wait(PATIENCE)
+        return chunk.failed("no reason")
+
+    monkeypatch.setattr("mjrun.study.executors.run_chunk", run)
+    monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0.01)
+    with ThreadPoolExecutor(1) as pool:
+        arriving = completed(pool, iter(chunks), 3, lambda _: "", lambda: bool(over))
+        assert next(arriving) == []
+        assert has_begun.wait(PATIENCE)
+        over.append(True)
+        assert [*next(arriving), *next(arriving)] == []
+        may_end.set()
+        finished = [chunk for arrived in arriving for chunk, _ in arrived]
+    assert finished == started == chunks[:1]
 
 
 def division(sizes: ChunkSizes, costs: Sequence[float], ahead: int, steps: np.ndarray | None = None) -> list[int]:

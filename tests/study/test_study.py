@@ -8,7 +8,9 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -161,6 +163,40 @@ def test_points_that_an_engine_loses_have_failed_and_are_tried_again_on_request(
         study(simulation, tmp_path / "study", **options).run()
     result = study(simulation, tmp_path / "study", retry_failed=True, **options).run()
     assert (result.simulated, result.statuses) == (2, {"ok": 4})
+
+
+@pytest.mark.parametrize(
+    ("engine", "limit", "counts", "reason"),
+    [
+        ("Forgetful", {"max_failures": 2}, "2 failed, 7 missing", "2 failed in this run"),
+        ("in_this_process", {"time_budget": "4s"}, "7 missing", "the time budget of 4 s is spent"),
+    ],
+)
+def test_a_run_ends_at_its_limit_and_leaves_a_study_that_continues_to_the_same_table(
+    simulation: Simulation,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    engine: str,
+    limit: dict[str, object],
+    counts: str,
+    reason: str,
+) -> None:
+    """Three points are in flight, and the clock advances by a second for each of them."""
+    here = "tests.study.factories:in_this_process"
+    options = {"vary": {"qpos/ball/z": "1..2:10"}, "chunk": 1, "require": ["min(low) > 0"]}
+    study(simulation, tmp_path / "whole", engine=here, **options).run()
+    with monkeypatch.context() as patch:
+        patch.setattr("mjrun.study.prepared_points.time", SimpleNamespace(perf_counter=count().__next__))
+        reporter = RecordingReporter()
+        limited = study(simulation, tmp_path / "study", engine=f"tests.study.factories:{engine}", **limit, **options)
+        with pytest.raises(FailedPointsError, match=f"^{counts}, of 10 points; the table has the others") as caught:
+            limited.run(reporter)
+    (result,) = caught.value.results
+    assert (caught.value.exit_code, result.simulated, result.assertions) == (8, 3, [])
+    assert f"{reason}: 7 points left; repeat the command to continue" in reporter.texts
+    again = study(simulation, tmp_path / "study", engine=here, retry_failed=True, **options).run()
+    assert again.simulated == 10 - result.statuses["ok"]
+    assert table(tmp_path / "study") == table(tmp_path / "whole")
 
 
 def test_a_model_that_varies_and_has_changed_is_simulated_again(simulation: Simulation, tmp_path: Path) -> None:

@@ -286,13 +286,15 @@ def _failure(failures: "EpisodeFailures", result: "EvaluationResult") -> str:
 
 def _last_line(result: "EvaluationResult") -> str:
     last = result.seed + result.episodes - 1
-    failed = sum(each.count for each in result.failures)
+    missing = sum(each.count for each in result.failures if each.status == "missing")
+    failed = sum(each.count for each in result.failures) - missing
     seeds = f"seeds {result.seed} to {last}" if result.episodes > 1 else f"seed {result.seed}"
     facts = [
         counted(result.episodes, "episode") + (" of each policy" if len(result.policies) > 1 else ""),
         *([f"at {len(result.points)} points"] if result.points else []),
         seeds,
         *([f"{failed:,} failed"] if failed else []),
+        *([f"{missing:,} missing"] if missing else []),
         f"{result.steps:,} control periods",
     ]
     return f"{clean(str(Path(result.path)))}: {', '.join(facts)}; {result.wall:.1f} s"
