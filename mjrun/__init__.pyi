@@ -451,10 +451,13 @@ class Dataset(_Dataset):
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
-      jobs: Number of processes on this machine. [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
+        [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
+        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -471,6 +474,7 @@ class Dataset(_Dataset):
         *,
         jobs: int | Literal["auto"] = ...,
         engine: str = ...,
+        slurm: str | Sequence[str] = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
         time_budget: float | str | Fraction | None = ...,
@@ -622,10 +626,13 @@ class EpisodeDataset(_EpisodeDataset):
         which requires Vulkan. One of classic, filament. [default: 'classic']
       gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
       require_gpu: Fail instead of rendering in software.
-      jobs: Number of processes on this machine. [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
+        [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
+        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -642,6 +649,7 @@ class EpisodeDataset(_EpisodeDataset):
         *,
         jobs: int | Literal["auto"] = ...,
         engine: str = ...,
+        slurm: str | Sequence[str] = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
         time_budget: float | str | Fraction | None = ...,
@@ -757,10 +765,13 @@ class Evaluation(_Evaluation):
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
-      jobs: Number of processes on this machine. [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
+        [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
+        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -777,6 +788,7 @@ class Evaluation(_Evaluation):
         *,
         jobs: int | Literal["auto"] = ...,
         engine: str = ...,
+        slurm: str | Sequence[str] = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
         time_budget: float | str | Fraction | None = ...,
@@ -1494,10 +1506,13 @@ class Study(_Study):
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       confidence: Confidence level of all intervals. [default: 0.95]
-      jobs: Number of processes on this machine. [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
+        [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
+        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -1514,6 +1529,7 @@ class Study(_Study):
         *,
         jobs: int | Literal["auto"] = ...,
         engine: str = ...,
+        slurm: str | Sequence[str] = ...,
         chunk: int | None = ...,
         time_limit: float | str | Fraction | None = ...,
         time_budget: float | str | Fraction | None = ...,
@@ -1989,6 +2005,7 @@ def evaluate(
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     jobs: int | Literal["auto"] = ...,
     engine: str = ...,
+    slurm: str | Sequence[str] = ...,
     chunk: int | None = ...,
     time_limit: float | str | Fraction | None = ...,
     time_budget: float | str | Fraction | None = ...,
@@ -2074,10 +2091,13 @@ def evaluate(
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
-      jobs: Number of processes on this machine. [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
+        [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
+        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -2532,6 +2552,7 @@ def sweep(
     confidence: float = ...,
     jobs: int | Literal["auto"] = ...,
     engine: str = ...,
+    slurm: str | Sequence[str] = ...,
     chunk: int | None = ...,
     time_limit: float | str | Fraction | None = ...,
     time_budget: float | str | Fraction | None = ...,
@@ -2659,10 +2680,13 @@ def sweep(
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
       confidence: Confidence level of all intervals. [default: 0.95]
-      jobs: Number of processes on this machine. [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
+        [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
+        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those

@@ -1,11 +1,13 @@
 """Options of the command `sweep`: a study of many simulations."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
 from itertools import combinations
 from typing import ClassVar
 
+from mjrun.errors import option as mention
 from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
@@ -199,6 +201,35 @@ class StudyOptions(KeepOptions, PageOptions, VariationOptions, ConfidenceOptions
     )
 
 
+# Settings of Slurm jobs, with the pattern of the values of each.
+SLURM_SETTINGS = {
+    **dict.fromkeys(("partition", "account", "qos", "constraint"), r"[\w.@&|*-]+"),
+    "time": r"[0-9]+(min|h)",
+    "mem": r"[0-9]+[MGT]B?",
+    "gpus": r"([\w.-]+:)?[0-9]+",
+    "cpus": r"[1-9][0-9]*",
+}
+SLURM_JOBS = 100  # in flight, unless --jobs sets their number
+
+
+class SlurmSetting(Kind[str, str]):
+    """A setting of Slurm jobs: `partition=gpu`, `time=90min`, `mem=16G`, `gpus=a100:1`."""
+
+    metavar = "NAME=VALUE"
+
+    def __call__(self, value: str) -> str:
+        name, _, text = value.partition("=")
+        if name not in SLURM_SETTINGS:
+            raise InvalidValueError(f"a setting of Slurm; settings: {', '.join(SLURM_SETTINGS)}", value)
+        if not re.fullmatch(SLURM_SETTINGS[name], text):
+            expected = "a valid setting; write it as in partition=long, time=90min, mem=16G, gpus=1 or gpus=a100:1"
+            raise InvalidValueError(expected, value)
+        return value
+
+    def parse(self, text: str) -> str:
+        return self(text)
+
+
 @options
 class ExecutionOptions(Options):
     """Execution of the points, or of the episodes of an evaluation or a dataset."""
@@ -210,7 +241,7 @@ class ExecutionOptions(Options):
         converter=Processes("N", of="processes"),
         default="auto",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Number of processes on this machine.",
+        help=f"Number of processes on this machine; on Slurm, number of jobs in flight, by default {SLURM_JOBS}.",
     )
     engine: str = option(
         converter=Text("ENGINE"),
@@ -218,6 +249,14 @@ class ExecutionOptions(Options):
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision), dask, "
         "dask://HOST:PORT, slurm, or module:factory, a function that returns a concurrent.futures.Executor.",
+    )
+    slurm: tuple[str, ...] = option(
+        converter=Several(SlurmSetting(), commas=True, expected="NAME=VALUE, as in partition=long"),
+        default=(),
+        usual="time=5min, and what the cluster sets",
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos and "
+        "constraint. Requires --engine slurm.",
     )
     chunk: int | None = option(
         converter=Optional(Integer(1)),
@@ -254,6 +293,17 @@ class ExecutionOptions(Options):
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Simulate again the points or episodes that failed before.",
     )
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        yield from super().conflicts(values)
+        if values.get("slurm") and values.get("engine") != "slurm":
+            yield ("slurm",), f"{mention('slurm')} requires {mention('engine')} slurm"
+
+    @property
+    def processes(self) -> int | str:
+        """Number of processes on this machine, also where `jobs` is the number of jobs of Slurm."""
+        return "auto" if self.engine == "slurm" else self.jobs
 
 
 @options

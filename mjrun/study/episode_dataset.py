@@ -256,7 +256,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         """Returns the number of processes that render an episode: more than one if cores would idle otherwise."""
         if not self.camera or self.engine != "local":
             return 1
-        processes = self.jobs if isinstance(self.jobs, int) else available_cores()
+        processes = self.processes if isinstance(self.processes, int) else available_cores()
         return max(1, processes // len(self._points.points))
 
     def _origin(self, simulation: Simulation) -> dict[str, str]:

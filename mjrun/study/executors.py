@@ -3,6 +3,7 @@
 Chunks run on this machine or on an existing distributed engine; each executor is a `concurrent.futures.Executor`.
 """
 
+import shutil
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
-from mjrun.options.sweep import EXTRAS
+from mjrun.options.sweep import EXTRAS, SLURM_JOBS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
@@ -78,11 +79,14 @@ class ChunkSizes:
         self._largest = max(self._largest, points)
 
 
-def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
+def open_executor(
+    engine: str, jobs: int | str, folder: Path, stack: ExitStack, slurm: Sequence[str] = ()
+) -> tuple[Executor, int]:
     """Opens an executor, to be closed by `stack`, and returns it with the number of chunks to keep in flight.
 
     Args:
       folder: folder for the logs of Slurm.
+      slurm: settings of Slurm jobs.
 
     Raises:
       UsageError: the engine is unknown.
@@ -98,9 +102,18 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
     if engine == SLURM:
         import submitit
+        from submitit.core.utils import FailedJobError
 
         submitter = submitit.AutoExecutor(folder=folder / "slurm")  # starts local processes where Slurm is missing
-        return stack.enter_context(PollingExecutor(submitter.submit)), count * QUEUED
+        submitter.update_parameters(**slurm_parameters(slurm))
+
+        def submit(fn: Callable[..., Any], *arguments: Any) -> Any:
+            try:
+                return submitter.submit(fn, *arguments)
+            except FailedJobError as error:
+                raise UsageError(f"{option('engine')} slurm: {clean(str(error).strip())}") from None
+
+        return stack.enter_context(PollingExecutor(submit)), _slurm_jobs(jobs)
     return stack.enter_context(_made_by(engine)), count * QUEUED
 
 
@@ -131,11 +144,30 @@ def process_count(engine: str, jobs: int | str) -> int | None:
     """
     if engine == WARP:
         return 1
-    if engine in ("local", "dask", SLURM):
+    if engine == SLURM:
+        return _slurm_jobs(jobs)
+    if engine in ("local", "dask"):
         return jobs if isinstance(jobs, int) else available_cores()
     if not _is_dask(engine):
         _factory(engine)
     return None
+
+
+def slurm_parameters(settings: Sequence[str]) -> dict[str, object]:
+    """Returns the parameters of submitit for settings such as `time=2h`."""
+    parameters = dict[str, object]()
+    for name, _, text in (setting.partition("=") for setting in settings):
+        if name == "time":
+            parameters["timeout_min"] = 60 * int(text[:-1]) if text.endswith("h") else int(text.removesuffix("min"))
+        else:
+            own = {"gpus": "gpus_per_node", "cpus": "cpus_per_task"}.get(name, name)
+            parameters[f"slurm_{own}"] = text.removesuffix("B") if name == "mem" else text
+    return parameters
+
+
+def _slurm_jobs(jobs: int | str) -> int:
+    """Returns the number of jobs in flight; those of submitit's stand-in for Slurm run on this machine."""
+    return jobs if isinstance(jobs, int) else SLURM_JOBS if shutil.which("srun") else available_cores()
 
 
 def completed(

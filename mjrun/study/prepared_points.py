@@ -219,7 +219,7 @@ class PreparedPoints(ABC):
             return "; ".join(reasons)
 
         with ExitStack() as stack:
-            executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack)
+            executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack, options.slurm)
             sizes = self.chunk_sizes(options, ahead)
             chunks = self.chunks(indices, options, sizes)
             for arrived in executors.completed(executor, chunks, ahead, fault, lambda: bool(budget.reached)):

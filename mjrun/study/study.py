@@ -205,7 +205,7 @@ class Study(StudyOptions, ExecutionOptions):
             numbers = table.numbers
             requirements = Requirements(self.require, [*numbers], STATUSES, with_flags)
             verdicts = requirements.verdicts(numbers | table.flags("status", STATUSES))
-            kept = keeper.keep(numbers, results, self.jobs, reporter)
+            kept = keeper.keep(numbers, results, self.processes, reporter)
         result = StudyResult(
             path=str(prepared.folder),
             points=len(results),
