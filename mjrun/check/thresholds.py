@@ -58,7 +58,7 @@ class Thresholds:
 
     link_turn: float = _threshold("MJ313", pi, "turn of a hinge that can pass through its parent [rad]")
     link_overlap: float = _threshold(
-        "MJ313", radians(40), "turn during which a geom's centre is inside its parent [rad]"
+        "MJ313", radians(30), "turn during which a geom's centre is inside its parent [rad]"
     )
 
     penetration: float = _threshold("MJ501", 0.002, "depth between two moving geoms [m]")

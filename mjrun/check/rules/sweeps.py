@@ -10,6 +10,7 @@ from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.extents import INFINITE
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+INNER = 0.75  # part of a box that is well inside; links may touch beside the hinge
 SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
 
 
@@ -17,7 +18,7 @@ SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
 def links_through_parents(context: LintContext) -> Iterator[Violation]:
     """Yields the first hinge that turns a colliding geom into one of its parent, and out of it again on the other side.
 
-    The others are counted. A geom is inside another one if its centre is in the other one's box.
+    The others are counted. A geom is inside another one if its centre is well inside the other one's box.
     """
     model, found = context.model, dict[int, tuple[int, int]]()
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
@@ -51,20 +52,23 @@ def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple
 
     address, is_closed = int(model.jnt_qposadr[joint]), not model.jnt_limited[joint]
     positions = np.linspace(low, high, SAMPLES, endpoint=not is_closed)
-    inside = np.empty((SAMPLES + 1, own.size, others.size), bool)
+    offsets = np.empty((SAMPLES + 1, own.size, others.size))
     for i, position in enumerate([*positions, model.qpos0[address]]):
         data.qpos[address] = position
         mujoco.mj_kinematics(model, data)
-        inside[i] = _centres_inside(model, data, own, others)
-    ends = inside[-1] if is_closed else inside[0] | inside[-2] | inside[-1]
-    passes = ~ends & (inside[:-1].sum(axis=0) * (high - low) / SAMPLES > context.thresholds.link_overlap)
+        offsets[i] = _offsets(model, data, own, others)
+    ends = offsets[[-1]] if is_closed else offsets[[0, -2, -1]]
+    turn_inside = (offsets[:-1] < INNER).sum(axis=0) * (high - low) / SAMPLES
+    passes = (ends > 1).all(axis=0) & (turn_inside > context.thresholds.link_overlap)
     pairs = np.argwhere(passes)
     return (int(own[pairs[0, 0]]), int(others[pairs[0, 1]])) if pairs.size else None
 
 
-def _centres_inside(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Returns whether the centres of the boxes of some geoms are in those of `others`, `(len(own), len(others))`."""
+def _offsets(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Returns how far the centres of some geoms are from those of the boxes of `others`, relative to the half sizes of
+    these, `(len(own), len(others))`; up to 1 inside.
+    """
     frames = data.geom_xmat.reshape(-1, 3, 3)
     centres = data.geom_xpos + np.einsum("gij,gj->gi", frames, model.geom_aabb[:, :3])
     offsets = np.einsum("abj,bji->abi", centres[own][:, None] - centres[others], frames[others])
-    return (abs(offsets) < model.geom_aabb[others, 3:]).all(axis=2)
+    return (abs(offsets) / np.maximum(model.geom_aabb[others, 3:], mujoco.mjMINVAL)).max(axis=2)

@@ -6,7 +6,7 @@ import pytest
 from mjrun.check.rules import sweeps
 from tests.check.models import lint, mjcf
 
-PARENT = '<geom type="box" size="0.5 1 {half}" pos="1 0 0"/>'
+PARENT = '<geom type="box" size="0.8 1 {half}" pos="1 0 0"/>'
 LINK = '<body name="link">{joint}<geom size="0.1" pos="-1 0 0"/></body>'
 
 
@@ -20,9 +20,9 @@ def reported(half: float, joint: str) -> bool:
 STEP = 360 / sweeps.SAMPLES  # [degrees]
 
 
-@pytest.mark.parametrize(("angle", "passes"), [(40 - STEP, False), (40 + STEP, True)])
-def test_the_ball_is_in_the_box_for_more_than_40_degrees(angle: float, passes: bool) -> None:
-    half = float(np.sin(np.radians(angle / 2)))
+@pytest.mark.parametrize(("angle", "passes"), [(30 - STEP / 2, False), (30 + STEP, True)])
+def test_the_ball_is_in_the_box_for_more_than_30_degrees(angle: float, passes: bool) -> None:
+    half = float(np.sin(np.radians(angle / 2)) / sweeps.INNER)
     assert reported(half, "") == passes
     assert reported(half, 'range="0 330"') == passes
     assert not reported(half, 'range="0 170"')
