@@ -40,7 +40,7 @@ def links_through_parents(context: LintContext) -> Iterator[Violation]:
 
 def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple[int, int] | None:
     """Returns a geom that a hinge turns through a geom of the parent, and that one; None if all stay outside."""
-    model, data = context.model, mujoco.MjData(context.model)
+    model = context.model
     link = int(model.body_weldid[model.jnt_bodyid[joint]])
     parent = int(model.body_weldid[model.body_parentid[link]])
     collides = (model.geom_contype | model.geom_conaffinity) != 0
@@ -50,6 +50,7 @@ def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple
     if not (parent and own.size and others.size):
         return None
 
+    data = mujoco.MjData(model)
     address, is_closed = int(model.jnt_qposadr[joint]), not model.jnt_limited[joint]
     positions = np.linspace(low, high, SAMPLES, endpoint=not is_closed)
     offsets = np.empty((SAMPLES + 1, own.size, others.size))
