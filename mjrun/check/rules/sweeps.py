@@ -24,6 +24,8 @@ def links_through_parents(context: LintContext) -> Iterator[Violation]:
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return
     for joint in map(int, np.flatnonzero(model.jnt_type == HINGE)):
+        if not model.jnt_limited[joint] and model.jnt_range[joint].any():
+            continue  # MJ302 or MJ303 says why its range has no effect
         low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.pi, np.pi)
         if high - low >= context.thresholds.link_turn and (pair := _entered(context, joint, low, high)):
             found[joint] = pair
