@@ -101,7 +101,7 @@ class Bench(BenchOptions):
         for path, text in self.scan:
             if path in grid:
                 raise UsageError(f"{option('scan')} {path} is given twice; give all its values at once")
-            grid[path] = value_list(path, text, "scan")
+            grid[path] = [*value_list(path, text, "scan")]
         return grid
 
     def _check_effects(self) -> None:
