@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.experiment.results_table import ResultsTable
 from mjrun.experiment.sample_designs import SAMPLES, STEP
-from mjrun.experiment.statistics import NO_INTERVAL, Interval, mean_interval, resamples_of
+from mjrun.experiment.statistics import NO_INTERVAL, Interval, mean_interval, percentile_interval, resamples_of
 from mjrun.formats.study_reader import SENSITIVITY
 from mjrun.model.table_column import Column
 
@@ -102,11 +102,9 @@ def _first_and_total(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bootstrapped(value: float, drawn: np.ndarray, confidence: float) -> Estimate:
-    finite = drawn[np.isfinite(drawn)]
-    if not np.isfinite(value) or not len(finite):
+    if not np.isfinite(value):
         return Estimate(None, NO_INTERVAL)
-    low, high = np.quantile(finite, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Estimate(float(value), Interval(float(low), float(high)))
+    return Estimate(float(value), percentile_interval(drawn[np.isfinite(drawn)], confidence))
 
 
 def sensitivities(

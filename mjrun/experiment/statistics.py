@@ -214,7 +214,7 @@ def iqm_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: C
     A resample draws clusters with replacement. Undefined for fewer than two cases or clusters.
     """
     cases = np.sort(values) if clusters is None else values  # so that their order makes no difference
-    return _percentiles(_resampled_iqms(cases, clusters), confidence)
+    return percentile_interval(_resampled_iqms(cases, clusters), confidence)
 
 
 def iqm_difference_interval(
@@ -224,10 +224,11 @@ def iqm_difference_interval(
 
     It is the percentile interval of a bootstrap whose resamples draw pairs of `(n,)` cases, or clusters of pairs.
     """
-    return _percentiles(_resampled_iqms(ours, clusters) - _resampled_iqms(theirs, clusters), confidence)
+    return percentile_interval(_resampled_iqms(ours, clusters) - _resampled_iqms(theirs, clusters), confidence)
 
 
-def _percentiles(resampled: np.ndarray, confidence: float) -> Interval:
+def percentile_interval(resampled: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """Returns the percentile interval of a bootstrap: of numbers of its resamples `(n,)`; undefined without any."""
     if not len(resampled):
         return NO_INTERVAL
     low, high = np.quantile(resampled, [(1 - confidence) / 2, (1 + confidence) / 2])
