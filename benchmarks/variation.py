@@ -24,7 +24,7 @@ import numpy as np
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import ELEMENTS, Override
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = [ROOT / "../shared/models/humanoid/humanoid.xml", ROOT / "../shared/models/car/car.xml"]
@@ -39,7 +39,7 @@ FIELDS = {
 
 def ours(path: str, target: str, factors: np.ndarray) -> Callable[[], None]:
     """Returns a function that loads the variants as a study does."""
-    variants = ModelVariants()
+    variants = VariantLoader()
 
     def run() -> None:
         for factor in factors.tolist():

@@ -128,7 +128,7 @@ def suggestion(name: str, valid: Iterable[str], *meant: str) -> str:
 
 
 @dataclass(frozen=True)
-class CommandFailure:
+class FailureReport:
     """The failure of a command: `error` in its JSON document, which may have further keys that depend on the kind.
 
     Attributes:
@@ -144,7 +144,7 @@ class CommandFailure:
     facts: Mapping[str, object] = field(default_factory=dict[str, object])
 
     @classmethod
-    def of(cls, error: "MjrunError") -> "CommandFailure":
+    def of(cls, error: "MjrunError") -> "FailureReport":
         """Returns the failure that `error` represents, with its public attributes as facts."""
         hidden = ("results", "path")
         facts = {name: plain(v) for name, v in vars(error).items() if name not in hidden and not name.startswith("_")}

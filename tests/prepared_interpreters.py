@@ -32,7 +32,7 @@ MODULES = {
     "mjrun.rendering.filament_worker:FilamentServer": ("mjrun.rendering.filament_worker",),
     "mjrun.rendering.worker_process:PaintServer": ("mjrun.rendering.worker_process", "mujoco"),
     "mjrun.study.point_files:PointFileServer": ("mjrun.study.point_files", "mujoco"),
-    "mjrun.study.point_server:PointServer": ("mjrun.study.point_server", "mjrun.study.simulate"),
+    "mjrun.study.point_server:PointSimulationServer": ("mjrun.study.point_server", "mjrun.study.simulate"),
 }
 OWNER = os.getpid()
 EXECUTABLE = sys.executable  # which tests change

@@ -60,8 +60,8 @@ LIBRARIES = {
     "google": ("formats.mcap",),  # protobuf
     "foxglove_schemas_protobuf": ("formats.mcap",),
     "matplotlib": ("plotting",),
-    "contourpy": ("formats.datasets.masks",),
-    "coacd": ("check.rules.convex_parts",),
+    "contourpy": ("formats.datasets.mask_encodings",),
+    "coacd": ("check.rules.convex_decomposition",),
     "h5py": ("formats.tables.hdf5", "formats.episodes.minari", "hdf5"),
     "skimage": ("diff",),
     "orjson": ("formats.number_text", "formats.tables"),

@@ -20,7 +20,6 @@ from mjrun.errors import (
     BadValueError,
     BrokenModelError,
     ClosedPipeError,
-    CommandFailure,
     CompiledOverrideError,
     DocumentError,
     EncoderError,
@@ -28,6 +27,7 @@ from mjrun.errors import (
     FailedEpisodesError,
     FailedPointsError,
     FailedStepError,
+    FailureReport,
     FileError,
     LostFilesError,
     MjrunError,
@@ -315,7 +315,7 @@ def test_the_foreign_name_of_a_file_is_still_recognisable() -> None:
 
 
 def test_a_failure_is_plain_json_with_the_facts_of_its_error() -> None:
-    unknown = CommandFailure.of(UnknownNameError("joint", "knee", ("hip", "toe")))
+    unknown = FailureReport.of(UnknownNameError("joint", "knee", ("hip", "toe")))
     assert unknown.document() == {
         "name": "knee",
         "valid": ["hip", "toe"],
@@ -323,11 +323,11 @@ def test_a_failure_is_plain_json_with_the_facts_of_its_error() -> None:
         "message": "no joint 'knee'\njoints: hip, toe",
         "exit_code": 2,
     }
-    invalid = CommandFailure.of(DocumentError([Problem("a.yaml:1:2", "fps", "expected a number")]))
+    invalid = FailureReport.of(DocumentError([Problem("a.yaml:1:2", "fps", "expected a number")]))
     assert invalid.document()["problems"] == [{"place": "a.yaml:1:2", "path": "fps", "message": "expected a number"}]
     diverged = UnstableError(6, math.inf, "qacc", "hinge", 0.01)
-    assert json.loads(json.dumps(CommandFailure.of(diverged).document(), allow_nan=False))["time"] == "inf"
-    assert CommandFailure.of(UsageError(f"{option('trail_span')}: wrong")).message == "--trail-span: wrong"
+    assert json.loads(json.dumps(FailureReport.of(diverged).document(), allow_nan=False))["time"] == "inf"
+    assert FailureReport.of(UsageError(f"{option('trail_span')}: wrong")).message == "--trail-span: wrong"
 
 
 FOREIGN = "a\x1b[31m\x07\u202e\r\x9b2Kz"

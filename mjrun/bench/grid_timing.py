@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.bench.block_timing import Clock, RolloutInputs
 from mjrun.bench.reference_workload import ReferenceWorkload
-from mjrun.bench.results import Accuracy, GridPointResult, StepCounts
+from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
 from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
@@ -155,7 +155,7 @@ def _take_turns(timers: Sequence[StepTimer], reporter: Reporter) -> None:
 
 
 def _result(
-    point: GridPoint, timer: StepTimer | SimulationError, threads: Sequence[int], accuracy: Accuracy | None
+    point: GridPoint, timer: StepTimer | SimulationError, threads: Sequence[int], accuracy: IntegrationAccuracy | None
 ) -> GridPointResult:
     opt = point.model.opt
     integrator, timestep = _name(mujoco.mjtIntegrator, opt.integrator), float(opt.timestep)
@@ -196,7 +196,9 @@ def _name(enum: type, value: int) -> str:
     return next(name for name, number in enum_members(enum).items() if number == value)
 
 
-def _accuracy(model: mujoco.MjModel, setup: RolloutStart, horizon: Fraction | None, finer: Fraction) -> Accuracy | None:
+def _accuracy(
+    model: mujoco.MjModel, setup: RolloutStart, horizon: Fraction | None, finer: Fraction
+) -> IntegrationAccuracy | None:
     if horizon is None:
         return None
     drift = None
@@ -206,8 +208,8 @@ def _accuracy(model: mujoco.MjModel, setup: RolloutStart, horizon: Fraction | No
         distance = distance_from_finer(model, setup.data(model), final, finer)
     except SimulationError as error:
         where = "" if drift is None else "the finer run: "
-        return Accuracy(float(horizon), drift, float(finer), None, where + _first_line(error))
-    return Accuracy(float(final.time), drift, float(finer), distance)
+        return IntegrationAccuracy(float(horizon), drift, float(finer), None, where + _first_line(error))
+    return IntegrationAccuracy(float(final.time), drift, float(finer), distance)
 
 
 def _first_line(error: SimulationError) -> str:

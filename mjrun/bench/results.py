@@ -183,7 +183,7 @@ class StepCounts:
 
 
 @dataclass(frozen=True)
-class Accuracy:
+class IntegrationAccuracy:
     """Accuracy of the motion, without noise on the controls.
 
     Attributes:
@@ -238,7 +238,7 @@ class GridPointResult:
     phases: Phase | None = None
     threads: Sequence[ThreadScaling] = ()
     overflows: Sequence[str] = ()
-    accuracy: Accuracy | None = None
+    accuracy: IntegrationAccuracy | None = None
     failure: str | None = None
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 from mjrun.check.baseline import Baseline, write_baseline
 from mjrun.check.changed_models import ChangedModels
 from mjrun.check.codes import codes, matching_codes
-from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
+from mjrun.check.model_result import CheckedCopy, Copy, FixedFile, ModelResult
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
@@ -183,7 +183,7 @@ class Check(PolicyOptions, CheckOptions):
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
 
-            def checked(each: Checked) -> ModelResult:
+            def checked(each: CheckedCopy) -> ModelResult:
                 reporter.progress("models", next(count), len(paths))
                 return each.result if fixing else reported(each.result)
 
@@ -219,7 +219,7 @@ class Check(PolicyOptions, CheckOptions):
             return None
         from mjrun.check.fixing import Fixing  # which imports MuJoCo
 
-        def check(copies: Sequence[Copy]) -> Sequence[Checked]:
+        def check(copies: Sequence[Copy]) -> Sequence[CheckedCopy]:
             tasks = [
                 replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
                 for copy in copies
@@ -234,7 +234,7 @@ class Check(PolicyOptions, CheckOptions):
         workers: CheckProcesses,
         cache: ResultCache | None,
         spelling: Spelling,
-        finished: Callable[[Checked], T],
+        finished: Callable[[CheckedCopy], T],
     ) -> list[T]:
         """Returns `finished` of each result, in the order of `tasks`; it is called as soon as the result is known.
 
@@ -256,7 +256,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def _check(
         self, task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
-    ) -> Checked:
+    ) -> CheckedCopy:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
         if task.unsafe and not is_done:
@@ -281,7 +281,7 @@ class Check(PolicyOptions, CheckOptions):
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
         result = _in_spelling(ModelResult(task.model, loads, tuple(reported), suppressed), spelling)
         changes = next((message["changes"] for message in output.messages if "changes" in message), None)
-        return Checked(result, changes)
+        return CheckedCopy(result, changes)
 
     @staticmethod
     def _output(task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None) -> WorkerOutput:
@@ -361,7 +361,7 @@ def _is_known_not_to_load(result: ModelResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
-def _without_unsafe(checked: Checked, failure: Finding, spelling: Spelling) -> Checked:
+def _without_unsafe(checked: CheckedCopy, failure: Finding, spelling: Spelling) -> CheckedCopy:
     """Returns a model that was checked without unsafe fixes, with their failure as the reason if that succeeded."""
     message = f"{option('unsafe_fixes')} is left out: {failure.message}"
     reason = NOT_FIXED.in_model(Path(failure.file), message, failure.remedy)

@@ -11,7 +11,7 @@ from mjrun.check.model_result import Copy, ModelResult
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import ModelError, NoRendererError, clean, counted
-from mjrun.plotting.html_page import Page, PageCard, PageFacts
+from mjrun.plotting.html_page import Page, PageCard, PageFactTable
 from mjrun.plotting.page_writer import MAKER, PageWriter, origin
 from mjrun.reporter import Reporter
 
@@ -116,12 +116,12 @@ def _card(finding: Finding, level: str, others: Sequence[str], images: Sequence[
     )
 
 
-def _models(result: CheckResult) -> PageFacts:
+def _models(result: CheckResult) -> PageFactTable:
     rows: list[tuple[str, ...]] = []
     faulty = [model for model in worst_first(result.models) if model.findings or not model.loads]
     for model in faulty[:MAX_CARDS]:
         counts = [str(model.count(severity) or "") for severity in reversed(SEVERITIES)]
         rows.append((clean(model.model), *counts, "" if model.loads else "does not load"))
-    return PageFacts(
+    return PageFactTable(
         "Models", "Models with findings, the worst first", ("Model", "Errors", "Warnings", "Notes", ""), rows, (1, 2, 3)
     )

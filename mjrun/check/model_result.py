@@ -48,7 +48,7 @@ class FixedFile:
     is_new: bool = False
 
 
-class Checked(NamedTuple):
+class CheckedCopy(NamedTuple):
     """A model that was checked.
 
     Attributes:

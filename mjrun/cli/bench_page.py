@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from mjrun.cli.bench_report import machine_line, model_line, notes, sections, single_point
-from mjrun.plotting.html_page import Page, PageFacts
+from mjrun.plotting.html_page import Page, PageFactTable
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import MAKER
 
@@ -16,11 +16,11 @@ INDENT = "\u2003"  # of phases within others: browsers join spaces
 
 def bench_page(result: "BenchResult", command: str) -> Page:
     """Returns the page about a benchmark."""
-    facts = [PageFacts("Step", "Cost of a step", ("", ""), rows)] if (rows := single_point(result)) else []
+    facts = [PageFactTable("Step", "Cost of a step", ("", ""), rows)] if (rows := single_point(result)) else []
     for title, (heads, *cells) in sections(result):
         rows = [[cell.replace("  ", INDENT) for cell in row] for row in cells]
         name, caption = title.partition(",")[0], " ".join(title.split())
-        facts.append(PageFacts(name[:1].upper() + name[1:], caption, heads, rows, range(1, len(heads))))
+        facts.append(PageFactTable(name[:1].upper() + name[1:], caption, heads, rows, range(1, len(heads))))
     comparison, machine = result.comparison, result.machine
     origin = {
         "command": command,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mjrun.bench.baseline import BaselineComparison
     from mjrun.bench.block_timing import Phase
     from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
-    from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
+    from mjrun.bench.results import BenchResult, GridPointResult, IntegrationAccuracy
     from mjrun.bench.statistics import SampleStatistics
 
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))
@@ -215,12 +215,12 @@ def _unsure(step: "SampleStatistics") -> str:
     return f"{share:.1%}" if share < 0.0995 else f"{share:.0%}"
 
 
-def _accuracy(accuracy: "Accuracy") -> list[str]:
+def _accuracy(accuracy: "IntegrationAccuracy") -> list[str]:
     values = ((accuracy.energy_drift, "J"), (accuracy.distance, ""))
     return ["-" if value is None else f"{value:.3g} {unit}".strip() for value, unit in values]
 
 
-def _horizon(accuracy: "Accuracy") -> str:
+def _horizon(accuracy: "IntegrationAccuracy") -> str:
     return f"energy and position after {accuracy.horizon:.6g} s, against a timestep of {accuracy.reference:.6g} s"
 
 
@@ -338,7 +338,7 @@ def _record(result: "BenchResult", row: "GridPointResult") -> dict[str, object]:
     }
 
 
-def _accuracy_columns(accuracy: "Accuracy | None") -> dict[str, object]:
+def _accuracy_columns(accuracy: "IntegrationAccuracy | None") -> dict[str, object]:
     if accuracy is None:
         return {}
     return {"horizon": accuracy.horizon, "energy_drift": accuracy.energy_drift, "distance": accuracy.distance}

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from mjrun.cli.report_forms import Report
 
 from mjrun.cli.colors import coloured_message, is_coloured
-from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
+from mjrun.cli.standard_streams import STDERR, STDOUT, PayloadStream, text_stream
 from mjrun.confinement.confinement import confinement
-from mjrun.errors import CommandFailure, flag, spelled
+from mjrun.errors import FailureReport, flag, spelled
 from mjrun.shared_status import note_answered
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
@@ -59,7 +59,7 @@ class Console:
         sys.stdout.flush()
         self._stdout, payload = sys.stdout, os.dup(STDOUT)
         os.dup2(STDERR, STDOUT)
-        sys.stdout = text_stream(Payload(payload, "w"))
+        sys.stdout = text_stream(PayloadStream(payload, "w"))
 
     def release_stdout(self) -> None:
         """Ends `guard_stdout`; output that cannot be written is dropped."""
@@ -107,9 +107,9 @@ class Console:
     def fail(self, code: int, kind: str, message: str) -> None:
         """Sets the exit code of a command that completed, and adds the reason to its JSON document."""
         self.code = code
-        self.report_failure(CommandFailure(kind, message, code))
+        self.report_failure(FailureReport(kind, message, code))
 
-    def report_failure(self, failure: CommandFailure) -> None:
+    def report_failure(self, failure: FailureReport) -> None:
         """Adds the `error` to the JSON document, if one is requested."""
         if self.as_json:
             self._failure = failure.document()

@@ -25,7 +25,7 @@ from mjrun.platform.posix import PROMISE, SIGNALS
 from mjrun.shared_status import ConfinementPromise, ProcessStatus, SharedStatus, write_on
 
 if TYPE_CHECKING:
-    from mjrun.errors import CommandFailure
+    from mjrun.errors import FailureReport
 
 HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent; `SIGNALS` are forwarded
 GRACE = 0.5  # [s] for the child to respond to a signal before it is killed
@@ -203,14 +203,14 @@ class _Watcher:
             if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
                 shutil.rmtree(promise.temporary, ignore_errors=True)
 
-    def _explain(self, code: int, notice: ProcessStatus) -> "CommandFailure":
+    def _explain(self, code: int, notice: ProcessStatus) -> "FailureReport":
         """Explains why a child with this exit code was killed."""
-        from mjrun.errors import CommandFailure
+        from mjrun.errors import FailureReport
 
         if self._ending == signal.SIGINT:
-            return CommandFailure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
+            return FailureReport("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
         if self._ending is not None:
-            return CommandFailure("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
+            return FailureReport("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
         return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
 
 
@@ -239,31 +239,31 @@ def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:
     return {place for place in places if any(place.is_relative_to(folder) for folder in folders)}
 
 
-def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "CommandFailure":
+def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "FailureReport":
     """Explains why a process was killed, other than by a requested end.
 
     Args:
       limited: the process had limits set by mjrun.
     """
     from mjrun.child_process import ExitStatus
-    from mjrun.errors import CommandFailure, OutOfMemoryError, clean, flag, option, spelled
+    from mjrun.errors import FailureReport, OutOfMemoryError, clean, flag, option, spelled
 
     name = ExitStatus(-killer).signal
     during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
     if killer == signal.SIGKILL:
         reason = f"the process was killed{during}, which the system does when memory runs out"
-        return CommandFailure.of(OutOfMemoryError(reason))
+        return FailureReport.of(OutOfMemoryError(reason))
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
         message = f"ended{during}: {reason} its limit allows ({name})\n{option('limit')} {limit}=… allows more"
-        return CommandFailure("LimitExceeded", spelled(message, flag), EXIT_CODES.get(notice.activity, EXCEEDED))
+        return FailureReport("LimitExceeded", spelled(message, flag), EXIT_CODES.get(notice.activity, EXCEEDED))
     if killer not in CRASHES:
-        return CommandFailure("TerminatedError", f"ended by {name}{during}", 128 + killer)
+        return FailureReport("TerminatedError", f"ended by {name}{during}", 128 + killer)
 
     who = "MuJoCo" if notice.activity else "mjrun, or a library that it uses,"
     advice = ADVICE[notice.activity].format(model=clean(shlex.quote(notice.model)))
     message = f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}"
-    return CommandFailure("Crash", message, EXIT_CODES.get(notice.activity, BUG))
+    return FailureReport("Crash", message, EXIT_CODES.get(notice.activity, BUG))
 
 
 def _has_left_something(notice: ProcessStatus) -> bool:
@@ -306,7 +306,7 @@ def _kill(pid: int) -> None:
             kill(pid, signal.SIGKILL)
 
 
-def _report(failure: "CommandFailure", *, is_answered: bool) -> None:
+def _report(failure: "FailureReport", *, is_answered: bool) -> None:
     from mjrun.cli.console import Console, asks_for_json
     from mjrun.errors import EndedFromOutsideError
 

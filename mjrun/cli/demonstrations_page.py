@@ -2,15 +2,15 @@
 
 import shlex
 
-from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.table_cells import common, number, numbers, texts
+from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.errors import clean, listing
-from mjrun.hdf5.contents import DemonstrationList
+from mjrun.hdf5.demonstration_summary import DemonstrationList
 
 
 def demonstrations_page(listed: DemonstrationList) -> str:
     """Formats the origin of the demonstrations, and a table of them."""
-    page, origin, episodes = PageLayout(), listed.origin, listed.demonstrations
+    page, origin, episodes = TerminalLayout(), listed.origin, listed.demonstrations
     rate = origin.control_rate
     page.lines(
         clean(listed.path),

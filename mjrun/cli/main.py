@@ -19,8 +19,8 @@ from mjrun.cli.colors import shown_help
 from mjrun.cli.console import Console, asks_for_json
 from mjrun.errors import (
     ClosedPipeError,
-    CommandFailure,
     EndedFromOutsideError,
+    FailureReport,
     MjrunError,
     OutOfMemoryError,
     TerminatedError,
@@ -181,27 +181,27 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         console.close()
 
 
-def _failure(error: BaseException) -> CommandFailure:
+def _failure(error: BaseException) -> FailureReport:
     """Returns the failure that an exception represents."""
     match error:
         case click.UsageError():
-            return CommandFailure("UsageError", _usage_message(error), error.exit_code)
+            return FailureReport("UsageError", _usage_message(error), error.exit_code)
         case click.ClickException():
-            return CommandFailure(type(error).__name__, error.format_message(), error.exit_code)
+            return FailureReport(type(error).__name__, error.format_message(), error.exit_code)
         case MjrunError():
-            return CommandFailure.of(error)
+            return FailureReport.of(error)
         case KeyboardInterrupt() | click.Abort():
-            return CommandFailure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
+            return FailureReport("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
         case EndedFromOutsideError():
-            return CommandFailure("TerminatedError", f"ended by {error}", error.exit_code)
+            return FailureReport("TerminatedError", f"ended by {error}", error.exit_code)
         case Exception():
             if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
-                return CommandFailure.of(OutOfMemoryError(str(error)))
+                return FailureReport.of(OutOfMemoryError(str(error)))
             from mjrun.packages import cause_of
 
             if (cause := cause_of(error)) is not None:
-                return CommandFailure.of(cause)
-            return CommandFailure("InternalError", _bug_message(error), BUG)
+                return FailureReport.of(cause)
+            return FailureReport("InternalError", _bug_message(error), BUG)
         case _:
             raise error
 

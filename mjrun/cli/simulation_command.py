@@ -30,8 +30,8 @@ from mjrun.suffixes import is_yaml
 if TYPE_CHECKING:
     from mjrun.model.source import Source
     from mjrun.model.table_column import Column
-    from mjrun.outputs.last_run import EarlierReport, LastRun
     from mjrun.outputs.output import Job, OutputResult
+    from mjrun.outputs.up_to_date_check import EarlierReport, UpToDateCheck
     from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")
@@ -173,10 +173,10 @@ def make(
 
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
-    from mjrun.outputs.last_run import LastRun
+    from mjrun.outputs.up_to_date_check import UpToDateCheck
 
     try:
-        with LastRun(jobs, options) as last:
+        with UpToDateCheck(jobs, options) as last:
             if earlier := last.up_to_date():
                 console.answer(unchanged(earlier))
                 raise click.exceptions.Exit(0)
@@ -201,7 +201,7 @@ def unchanged(earlier: "EarlierReport") -> Report:
     )
 
 
-def tell_reason(console: Console, last: "LastRun") -> None:
+def tell_reason(console: Console, last: "UpToDateCheck") -> None:
     """Tells why outputs are made again."""
     if last.reason:
         console.note(f"made again: {last.reason}")
@@ -299,12 +299,12 @@ def show_columns(
 
 
 def _show_groups(console: Console, columns: "Sequence[Column]") -> None:
-    from mjrun.cli.page_layout import PageLayout
     from mjrun.cli.table_cells import numbers, texts
+    from mjrun.cli.terminal_layout import TerminalLayout
     from mjrun.probe.column_groups import column_groups
 
     groups = column_groups(columns)
-    page = PageLayout()
+    page = TerminalLayout()
     shown = [
         texts("probe", [group.name for group in groups]),
         numbers("columns", [len(group.columns) for group in groups]),

@@ -15,7 +15,7 @@ STDIN, STDOUT, STDERR = 0, 1, 2
 MODES = {STDIN: os.O_WRONLY, STDOUT: os.O_RDONLY, STDERR: os.O_WRONLY}
 
 
-class Payload(io.FileIO):
+class PayloadStream(io.FileIO):
     """A raw stream for the payload.
 
     Raises:
@@ -36,7 +36,7 @@ class Payload(io.FileIO):
             raise FileError("standard output", f"cannot be written: {reason}") from None
 
 
-class Messages(io.FileIO):
+class MessageStream(io.FileIO):
     """A raw stream for messages, which are dropped if they cannot be written."""
 
     def write(self, data: Any, /) -> int | None:
@@ -53,8 +53,8 @@ def open_standard_streams() -> None:
         if _is_closed(number):
             os.set_inheritable(os.open(os.devnull, mode), True)  # the lowest that is free, which is `number`
     system.show_utf8()
-    sys.stdout = text_stream(Payload(STDOUT, "w", closefd=False))
-    sys.stderr = text_stream(Messages(STDERR, "w", closefd=False), line_buffering=True)
+    sys.stdout = text_stream(PayloadStream(STDOUT, "w", closefd=False))
+    sys.stderr = text_stream(MessageStream(STDERR, "w", closefd=False), line_buffering=True)
 
 
 def text_stream(raw: io.FileIO, *, line_buffering: bool = False) -> TextIO:
@@ -62,7 +62,7 @@ def text_stream(raw: io.FileIO, *, line_buffering: bool = False) -> TextIO:
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding="utf-8",
-        errors="surrogateescape" if isinstance(raw, Payload) else "backslashreplace",
+        errors="surrogateescape" if isinstance(raw, PayloadStream) else "backslashreplace",
         newline="\n",
         line_buffering=line_buffering or raw.isatty(),
     )

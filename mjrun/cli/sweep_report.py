@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.console import flag
-from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.report_formats.markdown import escaped, markdown_table
 from mjrun.cli.table_cells import Column, byte_size, interval_text, number
+from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
 from mjrun.options.option import is_given, options_of
@@ -27,7 +27,7 @@ MAPPINGS = ("qpos", "qvel", "ctrl")
 
 def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     """Formats the metrics, the failures by reason, and the requirements."""
-    page = PageLayout()
+    page = TerminalLayout()
     if result.metrics:
         page.table("metrics", _metrics(result), len(result.metrics))
         extremes = _extremes(result)
@@ -89,7 +89,7 @@ def _last_line(result: "StudyResult") -> str:
 
 def preview_report(preview: "StudyPreview") -> str:
     """Formats the size and the expected duration of a study."""
-    page = PageLayout()
+    page = TerminalLayout()
     time = "unknown" if preview.wall is None else span_of_time(preview.wall)
     if preview.processes and preview.missing:
         time += f" on {preview.processes} process{'es' if preview.processes > 1 else ''}"

@@ -61,7 +61,7 @@ Difference = FieldDifference | ArrayDifference
 
 
 @dataclass(frozen=True)
-class ComputedDifference:
+class DerivedFieldDifference:
     """A field that differs, and that the compiler derives from others.
 
     Attributes:
@@ -144,7 +144,7 @@ class ModelComparison:
     arrays: Sequence[ArrayDifference]
     only_a: Sequence[UnmatchedObject]
     only_b: Sequence[UnmatchedObject]
-    computed: Sequence[ComputedDifference]
+    computed: Sequence[DerivedFieldDifference]
     xml: Sequence[XmlChange]
     warnings: Sequence[str] = ()
 

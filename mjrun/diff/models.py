@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.diff.model_differences import (
     ArrayDifference,
-    ComputedDifference,
+    DerivedFieldDifference,
     Difference,
     FieldDifference,
     ModelComparison,
@@ -329,6 +329,6 @@ def _orders(objects: ObjectMatching) -> Iterator[FieldDifference]:
                 yield FieldDifference("order", f"{PLURALS.get(kind, f'{kind}s')}{place}", (), a, b)
 
 
-def _summary(name: str, differences: Sequence[Difference]) -> ComputedDifference:
+def _summary(name: str, differences: Sequence[Difference]) -> DerivedFieldDifference:
     largest = [each.largest for each in differences if each.largest is not None]
-    return ComputedDifference(name, len(differences), max(largest, default=None))
+    return DerivedFieldDifference(name, len(differences), max(largest, default=None))

@@ -5,7 +5,7 @@ from itertools import groupby
 
 from mjrun.diff.model_differences import (
     ArrayDifference,
-    ComputedDifference,
+    DerivedFieldDifference,
     FieldDifference,
     ModelComparison,
     UnmatchedObject,
@@ -225,7 +225,7 @@ def _objects(objects: Sequence[UnmatchedObject]) -> str:
     return "; ".join(parts)
 
 
-def _computed(difference: ComputedDifference) -> str:
+def _computed(difference: DerivedFieldDifference) -> str:
     count = f" ({difference.objects})" if difference.objects > 1 else ""
     return f"{difference.field}{count}"
 

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar, cast
 from mjrun.document.output_folder import Folders
 from mjrun.document.reader import read
 from mjrun.document.tree import DeclaredAt, Fault, MappingNode, Place, document_error, option_fault
-from mjrun.document.value_forms import DocumentReader
+from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.kinds import Text
 from mjrun.options.option import Options, document_key, document_options
@@ -161,7 +161,7 @@ class SimulationDocument(Generic[Made]):
           DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
           FileError: one of them is missing or cannot be read.
         """
-        folders = DocumentReader(Path(path).parent)
+        folders = DocumentContext(Path(path).parent)
         document, tree = read(path, self.record, folders, assignments, variables=True)
         made = self.made(tree, folders, document, defaults, values, code)
         return Request(made, lambda: located_errors(tree, self.declared_at))

@@ -23,7 +23,7 @@ from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.task import read_task
 from mjrun.document.tree import Mapped, Place
-from mjrun.document.value_forms import DocumentReader
+from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten
@@ -94,7 +94,7 @@ def read_evaluation(
       DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
     """
-    folders = DocumentReader(Path(path).parent)
+    folders = DocumentContext(Path(path).parent)
     document, tree = read(path, EVALUATION, folders, assignments, variables=True)
     builder = DocumentBuilder(tree, folders, _declared_at)
     changed = Settings()(cast("Mapping[str, object]", document.get("changes", {})))

@@ -15,9 +15,9 @@ from mjrun.document.fit import FIT
 from mjrun.document.run import RUN
 from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
-from mjrun.document.value_forms import CAMERA, DocumentReader
+from mjrun.document.value_forms import CAMERA, DocumentContext
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS
-from mjrun.errors import CommandFailure, UnknownNameError
+from mjrun.errors import FailureReport, UnknownNameError
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
 from mjrun.model.info import InfoResult
 from mjrun.options.schema_validation import ANNOTATIONS, Schema
@@ -159,7 +159,7 @@ def failure_schema() -> JsonSchema:
 
 
 def _failure_rule() -> JsonSchema:
-    schema = _mapping(CommandFailure, {})
+    schema = _mapping(FailureReport, {})
     del schema["properties"]["facts"]
     schema["required"].remove("facts")
     return schema
@@ -175,7 +175,7 @@ def json_schema(kind: str) -> JsonSchema:
         raise UnknownNameError("schema", kind, [*DOCUMENTS])
     record, title, has_variables = DOCUMENTS[kind]
     definitions: dict[str, Schema] = {}
-    rule = record.mapping_schema(DocumentReader(Path()), definitions)
+    rule = record.mapping_schema(DocumentContext(Path()), definitions)
     schema: JsonSchema = printed({"$schema": DIALECT, "$defs": definitions, **rule, "title": title})
     return _with_variable_keys(schema) if has_variables else schema
 

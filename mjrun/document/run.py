@@ -40,7 +40,7 @@ from mjrun.document.tree import (
     path_text,
     written_path,
 )
-from mjrun.document.value_forms import DocumentReader
+from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import FaultyJobsError, UsageError
 from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions
@@ -172,7 +172,7 @@ def read_run(
       FileError: one of them is missing or cannot be read.
     """
     options = options or RunOptions()
-    folders = DocumentReader(Path(path).parent, OutputFolder(Path(options.output)))
+    folders = DocumentContext(Path(path).parent, OutputFolder(Path(options.output)))
     document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
     page = builder.page(document)

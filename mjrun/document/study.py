@@ -23,7 +23,7 @@ from typing import TypeVar, cast
 from mjrun.document.builder import Request, SimulationDocument, Values
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Node, document_error, misfit_faults, node_of
-from mjrun.document.value_forms import DocumentReader
+from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
@@ -91,7 +91,7 @@ def study_document(study: Study) -> Mapped:
     return {**simulation_document(study.simulation), **plain_options(study)}
 
 
-class _MovedReader(DocumentReader):
+class _MovedReader(DocumentContext):
     """A reader of a document that will be written to another folder; output paths are unchanged."""
 
     def output(self, path: str) -> str:
@@ -116,7 +116,7 @@ def portable_document(study: Study, folder: Path) -> Mapped:
     return moved
 
 
-class Plain(Kind[V, V]):
+class SchemaKind(Kind[V, V]):
     """Plain values with a rule of JSON Schema; an empty rule accepts everything."""
 
     def __init__(self, rule: Schema) -> None:
@@ -141,13 +141,13 @@ class _PlannedStudy(Options):
 
     format: str = required(converter=Choice((SCHEMA,)), key="schema", help="Format of the plan.")
     folder: str = required(converter=Text(), help="Folder of the study.")
-    study: object = required(converter=Plain[object]({}), help="Study, as a document.")
+    study: object = required(converter=SchemaKind[object]({}), help="Study, as a document.")
     identity: Mapping[str, str] = required(
-        converter=Plain[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
+        converter=SchemaKind[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
         help="Versions of the programs, and hashes of everything that determines the results.",
     )
     ranges: Sequence[Sequence[int]] = required(
-        converter=Plain[Sequence[Sequence[int]]]({"type": "array", "items": RANGE}),
+        converter=SchemaKind[Sequence[Sequence[int]]]({"type": "array", "items": RANGE}),
         help="Ranges of points: the first point, and that after the last.",
     )
 
@@ -247,7 +247,7 @@ def _line(path: str, number: int, text: bytes) -> _PlannedStudy:
 def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) -> Study:
     """Returns the study in `value`, a document in `folder`."""
     tree = node_of(value, Mark(0, 1, 1, path))
-    folders = DocumentReader(folder, lexical=True)
+    folders = DocumentContext(folder, lexical=True)
     document = _read(STUDY.record, value, tree, folders)
     assert isinstance(tree, MappingNode)
     return STUDY.made(tree, folders, document, {}, given, CodeOptions())

@@ -29,7 +29,7 @@ from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
 from mjrun.document.reader import read, unchecked_document
 from mjrun.document.tree import MappingNode, Place, document_error, option_fault
-from mjrun.document.value_forms import DocumentReader
+from mjrun.document.value_forms import DocumentContext
 from mjrun.document.yaml_scalars import number
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
@@ -132,7 +132,7 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
     """
     bundled = bundled_task(str(path))
     file = bundled or Path(path)
-    folders = DocumentReader(file.parent)
+    folders = DocumentContext(file.parent)
     document, tree = read(file, TASK, folders, assignments, variables=True)
     return _Builder(tree, folders, declared_at).task(document, file, str(path) if bundled else "")
 

@@ -192,7 +192,7 @@ FORMS: dict[type[AnyKind], AnyKind] = {
 }
 
 
-class DocumentReader(Folders):
+class DocumentContext(Folders):
     """A reader that resolves the paths of a document, and converts its forms of values."""
 
     def form(self, kind: AnyKind) -> AnyKind:

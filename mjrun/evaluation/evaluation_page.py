@@ -23,7 +23,7 @@ from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.html_page import Page, PageFacts, PageFigure
+from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
 from mjrun.plotting.page_writer import MAKER
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def write_evaluation_page(
     write_results_page(options.html, page)
 
 
-def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: bool) -> PageFacts:
+def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: bool) -> PageFactTable:
     named: dict[str, NumberSummary] = {"return": summary.returns, "length [s]": summary.lengths}
     named |= {f"reward {name}": each for name, each in summary.rewards.items()}
     named |= {with_unit(name, result.units.get(name)): each for name, each in summary.metrics.items()}
@@ -92,10 +92,10 @@ def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: boo
     title = f"Results of {clean(summary.policy)}" if several else "Results"
     episodes = f"{summary.episodes:,} episodes of {clean(summary.policy)}"
     caption = "; ".join(filter(None, [episodes, *doubts([summary], None, result.confidence)]))
-    return PageFacts(title, caption, heads, rows, range(1, 10))
+    return PageFactTable(title, caption, heads, rows, range(1, 10))
 
 
-def _comparison(result: "EvaluationResult") -> list[PageFacts]:
+def _comparison(result: "EvaluationResult") -> list[PageFactTable]:
     compared = result.comparison
     if compared is None:
         return []
@@ -118,27 +118,27 @@ def _comparison(result: "EvaluationResult") -> list[PageFacts]:
     heads = ("", "Difference", level, "Of interquartile means", level, "Better", "Wins / losses / ties")
     pairs = f"{clean(compared.first)} minus {clean(compared.second)}, over {compared.pairs:,} pairs of episodes"
     caption = "; ".join(filter(None, [pairs, *doubts([], compared, result.confidence)]))
-    return [PageFacts("Comparison", caption, heads, rows, range(1, 5))]
+    return [PageFactTable("Comparison", caption, heads, rows, range(1, 5))]
 
 
-def _endings(policies: Sequence[EpisodeSummary]) -> list[PageFacts]:
+def _endings(policies: Sequence[EpisodeSummary]) -> list[PageFactTable]:
     rows = [
         (each.ending, clean(policy.policy), each.outcome, *_share(each.share))
         for policy in policies
         for each in policy.endings
     ]
     heads = ("Ending", "Policy", "Outcome", "Share", "Interval")
-    return [PageFacts("Endings", "How episodes ended", heads, rows, (3, 4))] if rows else []
+    return [PageFactTable("Endings", "How episodes ended", heads, rows, (3, 4))] if rows else []
 
 
-def _failed(result: "EvaluationResult") -> list[PageFacts]:
+def _failed(result: "EvaluationResult") -> list[PageFactTable]:
     rows = [
         (each.status, clean(each.policy), f"{each.count:,}", f"{each.seed}", clean(each.message))
         for each in result.failures
     ]
     heads = ("Status", "Policy", "Episodes", "First seed", "Reason")
     return (
-        [PageFacts("Failures", "Episodes that failed, which no other number includes", heads, rows, (2, 3))]
+        [PageFactTable("Failures", "Episodes that failed, which no other number includes", heads, rows, (2, 3))]
         if rows
         else []
     )

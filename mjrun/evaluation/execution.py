@@ -117,7 +117,7 @@ class EpisodeSimulator:
         return PointResult(point.index, episode.status, numbers, episode.steps, episode.exit_code, message, wall)
 
 
-class EpisodeValues(Sequence[tuple[str, ...]]):
+class EpisodeParameters(Sequence[tuple[str, ...]]):
     """The values of each episode: those of its group, and its seed. They are made on demand, for many episodes.
 
     Args:
@@ -160,7 +160,7 @@ class PreparedEpisodes(PreparedPoints):
         self._episodes, self._seeds, self._task = spec, seeds, prepared.task
         several = len({group.policy for group in groups}) > 1
         names = (*(["policy"] if several else []), *prepared.points.names, "seed")
-        values = EpisodeValues(
+        values = EpisodeParameters(
             [(*([group.name] if several else []), *prepared.points.points[group.point]) for group in groups], seeds
         )
         sealed = Sealed(pickle.dumps(spec), prepared.modules)

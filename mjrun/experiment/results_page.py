@@ -12,7 +12,7 @@ from mjrun.formats.study_reader import read_study
 from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_writer import require_matplotlib, svg_text
-from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageFile, page_file
+from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, PageFile, page_file
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import PageWriter, check_page_name
 from mjrun.plotting.study.figure_data import study_grid
@@ -47,7 +47,7 @@ def write_results_page(path: str, page: Page) -> None:
         writer.publish()
 
 
-def parameters_table(design: Design) -> list[PageFacts]:
+def parameters_table(design: Design) -> list[PageFactTable]:
     """Returns a table of the varied parameters and their values, if anything varies."""
     rows = list[tuple[str, str, str]]()
     for index, name in enumerate(design.names):
@@ -63,7 +63,9 @@ def parameters_table(design: Design) -> list[PageFacts]:
             shown = f"{number(float(values.min()))} … {number(float(values.max()))}"
         rows.append((name, f"{len(texts):,}", shown))
     caption = f"What varies over {len(design.points):,} points"
-    return [PageFacts("Parameters", caption, ("Parameter", "Different values", "Values"), rows, (1,))] if rows else []
+    return (
+        [PageFactTable("Parameters", caption, ("Parameter", "Different values", "Values"), rows, (1,))] if rows else []
+    )
 
 
 def study_figures(folder: str | Path) -> tuple[list[PageFigure], list[str]]:

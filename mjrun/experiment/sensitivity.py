@@ -35,7 +35,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class MetricSensitivity:
     """The sensitivity of a metric to a parameter.
 
     Attributes:
@@ -113,7 +113,7 @@ def sensitivities(
     metrics: Mapping[str, np.ndarray | Sequence[float]],
     confidence: float,
     seed: int,
-) -> list[Sensitivity]:
+) -> list[MetricSensitivity]:
     """Returns the sensitivity of each metric to each parameter.
 
     Args:
@@ -122,7 +122,7 @@ def sensitivities(
       seed: seed of the design.
     """
     draw, more = SAMPLES[sampler]
-    size, made = len(parameters) + more, list[Sensitivity]()
+    size, made = len(parameters) + more, list[MetricSensitivity]()
     for name, numbers in metrics.items():
         values = np.asarray(numbers, float).reshape(-1, size)
         usable = np.isfinite(values).all(axis=1)
@@ -134,11 +134,13 @@ def sensitivities(
         else:
             fractions = draw(len(values), len(parameters), np.random.default_rng(seed))
             indices = elementary_effects(values[usable], fractions.reshape(-1, size, size - 1)[usable], confidence)
-        made += [Sensitivity(name, parameter, count, each) for parameter, each in zip(parameters, indices, strict=True)]
+        made += [
+            MetricSensitivity(name, parameter, count, each) for parameter, each in zip(parameters, indices, strict=True)
+        ]
     return made
 
 
-def sensitivity_table(made: Sequence[Sensitivity]) -> ResultsTable:
+def sensitivity_table(made: Sequence[MetricSensitivity]) -> ResultsTable:
     """Returns a table with a row for each metric and parameter."""
     table = ResultsTable()
     table.add_texts("metric", [each.metric for each in made])

@@ -12,7 +12,7 @@ from mjrun.fitting.comparison import HORIZON, write_comparison
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.table_column import Column
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.html_page import Page, PageFacts, PageFigure
+from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.probe.scanner import spelled
@@ -48,7 +48,7 @@ def write_fit_page(
     return writer
 
 
-def _parameters(result: "FitResult") -> PageFacts:
+def _parameters(result: "FitResult") -> PageFactTable:
     rows = [
         (
             p.path,
@@ -60,10 +60,10 @@ def _parameters(result: "FitResult") -> PageFacts:
         for p in result.parameters
     ]
     heads = ("Parameter", "Before", "Fitted", _confidence(result), "")
-    return PageFacts("Parameters", "Free parameters of the model", heads, rows, (1, 2, 3))
+    return PageFactTable("Parameters", "Free parameters of the model", heads, rows, (1, 2, 3))
 
 
-def _inertias(result: "FitResult") -> list[PageFacts]:
+def _inertias(result: "FitResult") -> list[PageFactTable]:
     rows = [
         (f"{each.body} {q.name}", _number(q.start), _number(q.value), _interval(q.low, q.high), q.unit)
         for each in result.inertias
@@ -71,10 +71,10 @@ def _inertias(result: "FitResult") -> list[PageFacts]:
     ]
     heads = ("Quantity", "Before", "Fitted", _confidence(result), "Unit")
     caption = "Mass, centre of mass in the frame of the body, and principal moments of inertia"
-    return [PageFacts("Inertias", caption, heads, rows, (1, 2, 3))] if rows else []
+    return [PageFactTable("Inertias", caption, heads, rows, (1, 2, 3))] if rows else []
 
 
-def _errors(result: "FitResult") -> PageFacts:
+def _errors(result: "FitResult") -> PageFactTable:
     rows = [
         (
             each.name,
@@ -88,10 +88,10 @@ def _errors(result: "FitResult") -> PageFacts:
     caption = "Root mean square errors of predictions, relative to the standard deviation of the signal"
     if result.loss != "linear":
         caption = f"Errors of predictions over the spread of the signal, by medians because the loss is {result.loss}"
-    return PageFacts("Errors", caption, heads, rows, range(1, 7))
+    return PageFactTable("Errors", caption, heads, rows, range(1, 7))
 
 
-def _correlations(result: "FitResult") -> list[PageFacts]:
+def _correlations(result: "FitResult") -> list[PageFactTable]:
     paths = [each.path for each in result.parameters]
     if len(paths) < 2:
         return []
@@ -100,10 +100,10 @@ def _correlations(result: "FitResult") -> list[PageFacts]:
         for i, (path, row) in enumerate(zip(paths, result.correlation, strict=True))
     ]
     caption = "Near 1 or −1, two parameters compensate for each other: only their difference or sum is well determined"
-    return [PageFacts("Correlations", caption, ["", *paths], rows, range(1, len(paths) + 1))]
+    return [PageFactTable("Correlations", caption, ["", *paths], rows, range(1, len(paths) + 1))]
 
 
-def _about(result: "FitResult") -> PageFacts:
+def _about(result: "FitResult") -> PageFactTable:
     rows = [
         ("fitted", f"{result.rows:,} rows in {result.segments} segment{'' if result.segments == 1 else 's'}"),
         ("simulated", f"{result.rollouts:,} rollouts"),
@@ -113,7 +113,7 @@ def _about(result: "FitResult") -> PageFacts:
         *(("changed", text) for text in result.changes),
         *(("remark", text) for text in result.remarks),
     ]
-    return PageFacts("About the fit", "Fitted data, and changes of the model", ("Fact", "Value"), rows)
+    return PageFactTable("About the fit", "Fitted data, and changes of the model", ("Fact", "Value"), rows)
 
 
 def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure:

@@ -14,7 +14,7 @@ from mjrun.fitting.measurements import CONTROLS, Segment, commands
 from mjrun.fitting.rotations_and_noise import align, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 from mjrun.physics.c_engine import AUTORESET, CEngine
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
@@ -140,7 +140,7 @@ class Predictor:
         self._source, self._parameters = simulation.source, parameters
         self.failures, self.rollouts, self.has_impacts = Failures(), 0, False
         self._linear = simulation.ctrl_interpolation == "linear"
-        self._variants = ModelVariants(_without_resets)
+        self._variants = VariantLoader(_without_resets)
         self._engine = CEngine()
         self.model = self._variants.load(self._source).model
         self.timestep = float(self.model.opt.timestep)

@@ -9,7 +9,7 @@ from mjrun.fitting.body_inertia import BodyInertia
 from mjrun.fitting.free_parameter import FreeParameter
 from mjrun.fitting.information import Intervals
 from mjrun.fitting.solution import Floats
-from mjrun.plotting.html_page import PageFacts, facts_table
+from mjrun.plotting.html_page import PageFactTable, facts_table
 
 SCHEMA = "mjrun-fit-1"
 QUANTITIES = {"mass": "kg"}  # of an inertia, with their units
@@ -150,7 +150,7 @@ class FitResult:
             for each in self.parameters
         ]
         caption = f"Parameters with their intervals at a confidence of {self.confidence:.0%}"
-        return facts_table(PageFacts("Parameters", caption, heads, rows, range(1, len(heads))))
+        return facts_table(PageFactTable("Parameters", caption, heads, rows, range(1, len(heads))))
 
 
 def fitted_inertias(

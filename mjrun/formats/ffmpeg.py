@@ -28,7 +28,7 @@ DEMUXERS = {
 
 
 @dataclass(frozen=True)
-class Answer:
+class FfmpegRun:
     """The outcome of a run of ffmpeg: its exit status, its standard output and its log."""
 
     status: ExitStatus
@@ -66,7 +66,7 @@ def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
     return ["-protocol_whitelist", "file", "-format_whitelist", demuxers, *forced], f"file:{path}"
 
 
-def run(*arguments: str) -> Answer:
+def run(*arguments: str) -> FfmpegRun:
     """Runs the bundled ffmpeg without feeding it.
 
     Raises:
@@ -74,7 +74,7 @@ def run(*arguments: str) -> Answer:
     """
     with ChildProcess(command(*arguments), stdout="capture", stderr="capture", stdout_limit=math.inf) as child:
         status = child.wait(idle=IDLE)
-        return Answer(status, child.stdout, child.stderr.decode(errors="replace"))
+        return FfmpegRun(status, child.stdout, child.stderr.decode(errors="replace"))
 
 
 def encoder_version() -> str:

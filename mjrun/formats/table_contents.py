@@ -66,7 +66,7 @@ class TableContents:
     lines: "LinePieces | None" = None
 
 
-class ArrayReader(Protocol):
+class FileArray(Protocol):
     """An array of a file, open for reading.
 
     Attributes:
@@ -86,7 +86,7 @@ def array_contents(
     path: Path,
     columns: Mapping[str, tuple[Stored, int]],
     cells: CellKinds,
-    opened: Callable[[str, Stored], ArrayReader],
+    opened: Callable[[str, Stored], FileArray],
     units: Mapping[str, str],
     manifest: dict[str, Any] | None,
 ) -> TableContents:
@@ -99,7 +99,7 @@ def array_contents(
     Raises:
       FileError: an array holds something other than numbers, or arrays differ in length.
     """
-    parts: list[tuple[ArrayReader, list[int]]] = []
+    parts: list[tuple[FileArray, list[int]]] = []
     lengths: dict[str, int] = {}
     for array, group in groupby(columns.items(), key=lambda column: column[1][0]):
         selected = list(group)

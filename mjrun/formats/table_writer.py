@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.formats import tables
 from mjrun.formats.atomic_output import OutputWriter, written_file
-from mjrun.formats.csv_metadata import metadata, metadata_path
+from mjrun.formats.csv_sidecar import metadata, metadata_path
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.model.table_column import Column
 from mjrun.options.trace import COMMENT, METADATA

@@ -21,8 +21,8 @@ import numpy as np
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, MjrunError, clean, quoted, suggestion
-from mjrun.hdf5.contents import DemonstrationOrigin, Episode
 from mjrun.hdf5.datasets import require_own_content
+from mjrun.hdf5.demonstration_summary import DemonstrationOrigin, DemonstrationSummary
 from mjrun.hdf5.strings import text_attributes
 
 LISTED = 8  # episodes in a message
@@ -144,7 +144,7 @@ class DemonstrationFile:
         with self._decoding(f"{self.path}:{name}"):
             return {key: dataset.shape for key, dataset in _observations(self._groups[name]).items()}
 
-    def episode(self, name: str) -> Episode:
+    def episode(self, name: str) -> DemonstrationSummary:
         """Returns the facts about an episode; its states are not checked."""
         group, where = self._groups[name], f"{self.path}:{name}"
         with self._decoding(where):
@@ -155,7 +155,9 @@ class DemonstrationFile:
             instruction = _instruction(text_attributes(self._file, group))
             has_rewards = _dataset(group, "rewards") is not None
         reward = float(self.array(name, "rewards").sum()) if has_rewards else None
-        return Episode(name, len(dataset), _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images))
+        return DemonstrationSummary(
+            name, len(dataset), _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images)
+        )
 
     @property
     def subsets(self) -> Mapping[str, int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.errors import FileError, MjrunError, ModelError, clean, option, quoted
-from mjrun.hdf5.contents import DemonstrationList
+from mjrun.hdf5.demonstration_summary import DemonstrationList
 from mjrun.model.archive_paths import file_content
 from mjrun.model.xml_source import is_regular
 from mjrun.packages import require

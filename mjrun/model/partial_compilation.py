@@ -33,7 +33,7 @@ ROWS = ("nbody", "nv", "nq", "nbvhstatic", *PARTS)
 MOST_BODIES = 0.5  # share of the bodies of a model, above which compiling all of it takes about the same time
 
 
-class PartialCompiler:
+class BodyCompiler:
     """The specification of a model, of which parts are compiled.
 
     Args:

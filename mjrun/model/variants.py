@@ -30,7 +30,7 @@ from mjrun.model.copied_fields import (
 from mjrun.model.derived_numbers import DerivedNumbers
 from mjrun.model.element_numbers import ElementNumbers
 from mjrun.model.override import Override
-from mjrun.model.partial_compilation import PartialCompiler
+from mjrun.model.partial_compilation import BodyCompiler
 from mjrun.model.recompilation import Recompiler, may_be_recompiled
 from mjrun.model.source import Source
 
@@ -60,7 +60,7 @@ class ModelVariant:
         return self.compilation.model
 
 
-class ModelVariants:
+class VariantLoader:
     """A loader of sources like `Source.load`, which caches their common compilations within `BYTES` of memory.
 
     The latest compilation is cached whatever its size.
@@ -218,7 +218,7 @@ class SharedCompilation:
         self.unused: list[ModelVariant] = []
         self._copied = CopiedFields(spec, model) if spec else None
         self._recompiler: Recompiler | None = None
-        self._partial: PartialCompiler | None = None
+        self._partial: BodyCompiler | None = None
         self._elements: ElementNumbers | None = None
         self._derived: DerivedNumbers | None = None
         self.proofs = dict[object, _Proof]()
@@ -283,10 +283,10 @@ class SharedCompilation:
         return self._recompiler
 
     @property
-    def _part_compiler(self) -> PartialCompiler:
+    def _part_compiler(self) -> BodyCompiler:
         if self._partial is None:
             whole = self._whole_compiler
-            self._partial = PartialCompiler(whole.spec, self.model, whole.is_number)
+            self._partial = BodyCompiler(whole.spec, self.model, whole.is_number)
         return self._partial
 
     def _copy(self, overwritten: Container[str], *, of_arrays: bool = True) -> mujoco.MjModel:

@@ -19,7 +19,7 @@ from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
 from mjrun.outputs.worst_frame_image import shown_frames
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import VIDEOS, Page, PageFacts, PageFigure, PagePair, page_file
+from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, page_file
 from mjrun.plotting.page_writer import MAKER, PageWriter, origin
 from mjrun.plotting.table_figure import TableFigure
 
@@ -70,16 +70,16 @@ def comparison_page(
     )
 
 
-def _differences(result: DiffResult) -> list[PageFacts]:
+def _differences(result: DiffResult) -> list[PageFactTable]:
     if not result.differences:
         return []
     rows = [[str(number + 1), sentence] for number, sentence in enumerate(result.differences[:LISTED])]
     if (more := len(result.differences) - LISTED) > 0:
         rows.append(["…", f"and {more} more"])
-    return [PageFacts("Differences", "What differs", ("", "Difference"), rows)]
+    return [PageFactTable("Differences", "What differs", ("", "Difference"), rows)]
 
 
-def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[PageFacts]:
+def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[PageFactTable]:
     """Returns a table of the columns that differ."""
     if not columns or result.table is None:
         return []
@@ -96,7 +96,7 @@ def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[Pa
     ]
     heads = ("Column", *(["Unit"] if units else []), "Rows that differ", "Largest", "RMS")
     numeric = range(1 + units, len(heads))
-    return [PageFacts("Columns that differ", "Columns with numbers beyond the tolerance", heads, rows, numeric)]
+    return [PageFactTable("Columns that differ", "Columns with numbers beyond the tolerance", heads, rows, numeric)]
 
 
 def _number(value: float | None) -> str:
@@ -113,14 +113,16 @@ def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> PageFigu
         return figure.for_page()
 
 
-def _pair(result: DiffResult, worst: WorstFrames) -> PagePair:
+def _pair(result: DiffResult, worst: WorstFrames) -> PictureSlider:
     """Returns the two pictures that differ most, and their difference."""
     assert result.picture
     (a, b), difference, scale = shown_frames(worst)
     facts = frame_facts(result.picture.worst) if result.picture.worst else "no difference"
     when = result.picture.worst.time if result.picture.worst else None
     at = "" if when is None or result.picture.frames == 1 else f"{when:.6g} s: "
-    return PagePair(_address(a), _address(b), a.shape[1], f"{at}{facts}", _address(difference), f"Difference, {scale}")
+    return PictureSlider(
+        _address(a), _address(b), a.shape[1], f"{at}{facts}", _address(difference), f"Difference, {scale}"
+    )
 
 
 def _address(pixels: np.ndarray) -> str:

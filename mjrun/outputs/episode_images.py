@@ -21,7 +21,7 @@ from mjrun.rendering.workers import PainterProcesses, ParallelPainter
 from mjrun.timeline import Timeline
 
 
-class EpisodeImages:
+class EpisodeImageRenderer:
     """A renderer of the images of episodes. To be used in one thread, and closed.
 
     Args:

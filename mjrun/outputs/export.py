@@ -178,7 +178,7 @@ class PlannedImages:
     job: "VideoInMemory"
     plan: "FramePlan"
 
-    def frames(self, stack: ExitStack, rendering: output.SharedRendering) -> RecordedFrames:
+    def frames(self, stack: ExitStack, rendering: output.PassRenderers) -> RecordedFrames:
         """Returns the frames, whose states are recorded and which can then be drawn."""
         from mjrun.outputs.memory_frames import FramesInMemory
 
@@ -379,7 +379,7 @@ class ExportOutput(output.Output[ExportResult]):
         rows: Sequence[int] | None,
         detector: "MarkDetector | None",
         stack: ExitStack,
-        rendering: output.SharedRendering,
+        rendering: output.PassRenderers,
     ) -> None:
         self._job, self._plan, self._context = job, plan, plan.context
         self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)

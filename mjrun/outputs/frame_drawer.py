@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, clean, option
 from mjrun.options.number_kinds import AUTO
-from mjrun.outputs.output import SharedRendering
+from mjrun.outputs.output import PassRenderers
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
@@ -41,7 +41,7 @@ class FrameDrawer:
     """
 
     def __init__(
-        self, asked: int | str, backend: Backend, size: tuple[int, int], panels: int, rendering: SharedRendering
+        self, asked: int | str, backend: Backend, size: tuple[int, int], panels: int, rendering: PassRenderers
     ) -> None:
         self.jobs = 1
         self._estimate = estimated_cost(size, panels)
@@ -125,7 +125,7 @@ def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> N
         compositor.look_ahead({index: states[index] for index in chosen})
 
 
-def start_early(asked: int | str, size: tuple[int, int], panels: int, frames: int, rendering: SharedRendering) -> None:
+def start_early(asked: int | str, size: tuple[int, int], panels: int, frames: int, rendering: PassRenderers) -> None:
     """Starts the processes of a `FrameDrawer` while the backend is being detected, where their number is certain."""
     if system.PASSES_DESCRIPTORS and lacks_gpu():
         jobs = jobs_for(asked, True, frames, estimated_cost(size, panels), available_cores())

@@ -13,7 +13,7 @@ from mjrun.options.option import options
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import Context, EventSteps, Output, OutputResult, RendererRequest, SharedRendering
+from mjrun.outputs.output import Context, EventSteps, Output, OutputResult, PassRenderers, RendererRequest
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.scene_frames import (
     R_co,
@@ -131,7 +131,7 @@ class FrameOutput(RecordedFrames, Output[R_co]):
         files: Sequence[PanelFile],
         known: Mapping[str, object],
         stack: ExitStack,
-        rendering: SharedRendering,
+        rendering: PassRenderers,
     ) -> None:
         super().__init__(plan.scene, stack)
         self._plan, self._files, self._stack = plan, files, stack

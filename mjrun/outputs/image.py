@@ -136,7 +136,7 @@ class ImageFile(PanelFile):
 class ImageOutput(FrameOutput[ImageResult]):
     """An image with open files."""
 
-    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
+    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
         files = job.formatted_files
         super().__init__(plan, files, {}, stack, rendering)
         self._job = job

@@ -129,7 +129,7 @@ class KeyframeOutput(output.Output[KeyframeResult]):
         source: Path,
         xml: bytes,
         stack: ExitStack,
-        _: output.SharedRendering,
+        _: output.PassRenderers,
     ) -> None:
         self._job, self._context, self._step = job, context, step
         self._state = np.empty(0)

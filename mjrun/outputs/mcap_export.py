@@ -21,11 +21,11 @@ import numpy as np
 from mjrun.camera.pose import lens
 from mjrun.errors import clean
 from mjrun.formats.glb import write_glb
+from mjrun.formats.h264_encoder import H264Encoder
 from mjrun.formats.image_encoding import ImageData, jpeg, png
 from mjrun.formats.mcap import foxglove
 from mjrun.formats.mcap.numeric import NumericMessages, TableMessages, distinct, groups
 from mjrun.formats.mcap.writer import McapWriter
-from mjrun.formats.video_stream import H264Stream
 from mjrun.model.names import BALL, FREE, names, object_names
 from mjrun.model.rendered_image import CameraCalibration
 from mjrun.options.export import H264
@@ -252,8 +252,8 @@ class CameraChannels:
             yield time, self._calibrations, foxglove.calibration(time, self._frame, seen, self._size)
 
 
-class StillImages:
-    """An encoder of separate images, with the interface of `H264Stream`. To be closed."""
+class StillImageEncoder:
+    """An encoder of separate images, with the interface of `H264Encoder`. To be closed."""
 
     def __init__(self, encode: Callable[[ImageData], bytes]) -> None:
         self._encode = encode
@@ -270,10 +270,10 @@ class StillImages:
         """Does nothing."""
 
 
-def image_encoder(job: Export) -> H264Stream | StillImages:
+def image_encoder(job: Export) -> H264Encoder | StillImageEncoder:
     """Returns an encoder of the images of one camera."""
     encode = ENCODERS.get(job.images or H264)
-    return StillImages(encode) if encode else H264Stream(job.size, job.fps)
+    return StillImageEncoder(encode) if encode else H264Encoder(job.size, job.fps)
 
 
 def image_size(job: Export) -> tuple[int, int]:

@@ -13,7 +13,7 @@ CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)
 PLANE = mujoco.mjtGeom.mjGEOM_PLANE
 
 
-class Geom(IntEnum):
+class GeomType(IntEnum):
     """The types of geoms, which patterns can name."""
 
     SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value
@@ -93,21 +93,21 @@ def _exact_corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     turn, place = _turn(model, geom), model.geom_pos[geom]
     size, axis = model.geom_size[geom], turn[:, 2]
     match model.geom_type[geom]:
-        case Geom.MESH | Geom.SDF:
+        case GeomType.MESH | GeomType.SDF:
             mesh = model.geom_dataid[geom]
             first = model.mesh_vertadr[mesh]
             points = place + model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ turn.T
             low, high = points.min(axis=0), points.max(axis=0)
             return (low + high) / 2 + CORNERS * (high - low) / 2
-        case Geom.SPHERE:
+        case GeomType.SPHERE:
             half = np.full(3, size[0])
-        case Geom.CAPSULE:
+        case GeomType.CAPSULE:
             half = np.abs(axis) * size[1] + size[0]
-        case Geom.CYLINDER:
+        case GeomType.CYLINDER:
             half = np.abs(axis) * size[1] + size[0] * np.sqrt(np.maximum(1 - axis**2, 0))
-        case Geom.ELLIPSOID:
+        case GeomType.ELLIPSOID:
             half = np.sqrt(((turn * size) ** 2).sum(axis=1))
-        case Geom.BOX:
+        case GeomType.BOX:
             half = np.abs(turn) @ size
         case _:  # a height field
             return _own_corners(model, geom)

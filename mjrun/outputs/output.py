@@ -128,7 +128,7 @@ class RendererRequest:
         return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
 
-class SharedRendering:
+class PassRenderers:
     """The renderers of a pass, which detects each backend and starts each worker process only once. To be closed."""
 
     def __init__(self) -> None:
@@ -239,7 +239,7 @@ class Plan(Generic[R_co]):
 
     preview: Preview
     until: int
-    open: Callable[[ExitStack, SharedRendering], Output[R_co]]
+    open: Callable[[ExitStack, PassRenderers], Output[R_co]]
     enable_flags: int = 0
     conditions: Sequence[str] = ()
 

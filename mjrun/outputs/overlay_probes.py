@@ -27,7 +27,7 @@ DEFAULT_FORMAT = ".4g"
 
 
 @dataclass(frozen=True)
-class TemplatePart:
+class OverlayTextPart:
     """Literal text, then a value by name and format, if any."""
 
     literal: str
@@ -36,10 +36,10 @@ class TemplatePart:
 
 
 @dataclass(frozen=True)
-class Template:
+class OverlayText:
     """A text with values in braces: `{time:.2f} s  {qpos/knee:.1f}`; `\\n` begins a line, `{{` is a brace."""
 
-    parts: Sequence[TemplatePart]
+    parts: Sequence[OverlayTextPart]
 
     @property
     def columns(self) -> list[str]:
@@ -65,7 +65,7 @@ class OverlayProbes:
       model: the model with all flags enabled that the measured values require.
     """
 
-    text: Template
+    text: OverlayText
     tables: Sequence[ProbeSampler]
     model: mujoco.MjModel
 
@@ -112,7 +112,7 @@ class OverlayProbes:
         return texts
 
 
-def parse_template(text: str, columns: Sequence[str]) -> Template:
+def parse_template(text: str, columns: Sequence[str]) -> OverlayText:
     """Parses a template.
 
     Args:
@@ -129,12 +129,12 @@ def parse_template(text: str, columns: Sequence[str]) -> Template:
             f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}} and a brace as {{{{"
         ) from None
     valid = [*BUILTIN, *columns]
-    return Template([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
+    return OverlayText([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
 
 
-def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> TemplatePart:
+def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> OverlayTextPart:
     if name is None:
-        return TemplatePart(literal)
+        return OverlayTextPart(literal)
     whole = f"{name}:{form}" if form else name  # a column may hold a colon itself, as in qpos/joint:0
     column = max((column for column in valid if whole == column or whole.startswith(f"{column}:")), key=len, default="")
     if not column:
@@ -144,7 +144,7 @@ def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]
         format(1 if column in ("frame", "step") else 1.0, form)
     except ValueError as error:
         raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {error}") from None
-    return TemplatePart(literal, column, form)
+    return OverlayTextPart(literal, column, form)
 
 
 def overlay_probes(
@@ -162,7 +162,7 @@ def overlay_probes(
     """
     with concerning("text"):
         columns = [column.name for column in available_columns(model, episode)] if text else []
-        template = parse_template(text, columns) if text else Template([])
+        template = parse_template(text, columns) if text else OverlayText([])
         tables = [ProbeSampler(model, template.columns, timeline, episode)]
     for index, plot in enumerate(plots):
         with concerning("plot", index):

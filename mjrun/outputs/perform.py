@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.atomic_output import OutputWriter, publish_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.outputs.output import Context, Job, OutputResult, PassSummary, Plan, Preview, SharedRendering
+from mjrun.outputs.output import Context, Job, OutputResult, PassRenderers, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.physics.observe import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
@@ -85,7 +85,7 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     Raises:
       MjrunError: the pass would fail before its first step.
     """
-    with collected_warnings(), closing(SharedRendering()) as rendering:
+    with collected_warnings(), closing(PassRenderers()) as rendering:
         plans, context, _ = _plan(jobs, reporter or WarningReporter(), rendering)
     timeline = context.timeline
     outputs = [plan.preview for plan in plans]
@@ -115,7 +115,7 @@ class Pass(Generic[R]):
         self._jobs, self._stack = jobs, stack
         self._manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
 
-        rendering = stack.enter_context(closing(SharedRendering()))
+        rendering = stack.enter_context(closing(PassRenderers()))
         self._plans, self._context, self._stepper = _plan(jobs, reporter, rendering)
         for text in self._context.simulation.notes(self._context.model):
             reporter.note(text)
@@ -289,7 +289,7 @@ class Pass(Generic[R]):
 
 
 def _plan(
-    jobs: Sequence[Job[R]], reporter: Reporter, rendering: SharedRendering
+    jobs: Sequence[Job[R]], reporter: Reporter, rendering: PassRenderers
 ) -> tuple[list[Plan[R]], Context, Stepper]:
     """Plans all jobs, after collecting every error in them."""
     if not jobs:
@@ -322,7 +322,7 @@ def _context(simulation: Simulation, reporter: Reporter) -> Context:
     return Context(simulation, model, simulation.timeline(model), reporter)
 
 
-def _check(job: Job[OutputResult], rendering: SharedRendering) -> None:
+def _check(job: Job[OutputResult], rendering: PassRenderers) -> None:
     job.check()
     if job.renderer_request is not None:
         rendering.detect(job.renderer_request)

@@ -14,7 +14,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, concerning, listing, option
 from mjrun.formats.atomic_output import OutputWriter
-from mjrun.formats.csv_metadata import metadata_path
+from mjrun.formats.csv_sidecar import metadata_path
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS, output_format
 from mjrun.model.mujoco_globals import collected_warnings
@@ -166,7 +166,7 @@ class TraceOutput(output.Output[TraceResult]):
         steps: Sequence[int],
         assertions: "Sequence[Assertion]",
         stack: ExitStack,
-        _: output.SharedRendering,
+        _: output.PassRenderers,
     ) -> None:
         self._job, self._context, self._table, self._steps = job, context, table, steps
         self.facts = context.facts(job)

@@ -128,7 +128,7 @@ class VideoFile(PanelFile):
 class DrawnFrames(FrameOutput[R_co]):
     """The frames of a video, drawn by one process or several."""
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
         self._count = None if plan.schedule is None else len(plan.schedule.steps)
         # Filament's noise continues from frame to frame: only a single process makes the same video each time.
         self._processes = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
@@ -155,7 +155,7 @@ class DrawnFrames(FrameOutput[R_co]):
 class VideoOutput(DrawnFrames[VideoResult]):
     """A video with open files."""
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
         super().__init__(job, plan, stack, rendering)
         self._draw_wall = 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()

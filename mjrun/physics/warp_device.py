@@ -105,7 +105,7 @@ def _device(warp: Any, alias: str | None) -> Any:
         raise UnknownNameError("device", alias, valid, "Warp") from None
 
 
-class WarpFields:
+class PerWorldFields:
     """The fields that the installed version of mujoco_warp stores for each world."""
 
     def __init__(self, device: WarpDevice) -> None:

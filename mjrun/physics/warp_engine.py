@@ -19,7 +19,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, option, quoted
 from mjrun.model import state
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
-from mjrun.physics.warp_device import WarpDevice, WarpFields
+from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 
 CHEAPER = "the omitted ones make a step cheaper than a complete one"
 CONSTRAINTS = f"a world holds at most {{njmax}} constraints; {CHEAPER}"
@@ -87,7 +87,7 @@ class WarpWorlds:
     """Worlds on a device, all at the same step; used within `active`.
 
     Args:
-      models: one for all worlds, or one for each, of one `WarpFields.group`.
+      models: one for all worlds, or one for each, of one `PerWorldFields.group`.
       starts: integration states, `(n, nstate)`.
       nconmax, njmax: maximum numbers of contacts and constraints per world; mujoco_warp estimates them when None.
 
@@ -113,7 +113,7 @@ class WarpWorlds:
         self._sample = mujoco.MjData(self._model)  # the shapes of fields
         state.restore(self._model, self._sample, starts[0])
         with self._device.refusals(self.count), self.active():
-            self._device_model = WarpFields(device).put_models(self._model, every)
+            self._device_model = PerWorldFields(device).put_models(self._model, every)
             self._device_model.opt.warn_overflow = 0  # it prints from the device, a line for each world and step
             self._data = device.library.put_data(
                 self._model, self._sample, nworld=self.count, nconmax=nconmax, njmax=njmax
@@ -262,7 +262,7 @@ def _with_autoreset(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 class WarpEngine:
-    """An `Engine` of models that differ only in the fields of `WarpFields`."""
+    """An `Engine` of models that differ only in the fields of `PerWorldFields`."""
 
     def __init__(self, device: WarpDevice) -> None:
         self._device = device
@@ -276,7 +276,7 @@ class WarpEngine:
         record: Sequence[str],
         every: int = 1,
     ) -> Iterator[RolloutBlock]:
-        """Implements `Engine.rollout` for models of one `WarpFields.group`; instability is detected at rows only.
+        """Implements `Engine.rollout` for models of one `PerWorldFields.group`; instability is detected at rows only.
 
         An overflow is a warning.
 

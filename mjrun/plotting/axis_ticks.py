@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
-from mjrun.plotting.figure_data import Scale
-from mjrun.plotting.matplotlib_figure import SMALL, Canvas
+from mjrun.plotting.figure_data import ParameterAxis
+from mjrun.plotting.matplotlib_figure import SMALL, FigureLayout
 from mjrun.plotting.panel_grid import DPI
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_ticks
 
@@ -18,7 +18,7 @@ DECADES = 8  # maximum number of decades of a logarithmic axis with minor ticks
 WHOLE = 8  # maximum number of categories on a horizontal axis with all names shown
 
 
-def set_scale(canvas: Canvas, axes: Axes, name: str, scale: Scale, *, whole: bool = False) -> None:
+def set_scale(canvas: FigureLayout, axes: Axes, name: str, scale: ParameterAxis, *, whole: bool = False) -> None:
     """Sets the range and the ticks of the axis `name`, x or y, from a scale; `whole` limits ticks to whole numbers."""
     axis = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": (scale.low, scale.high)})
@@ -36,7 +36,7 @@ def number_ticks(axis: Axis, em: float, *, whole: bool = False) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def category_ticks(axis: Axis, names: Sequence[str], canvas: Canvas) -> None:
+def category_ticks(axis: Axis, names: Sequence[str], canvas: FigureLayout) -> None:
     """Adds ticks at 0, 1, 2, … with the names of categories, or with some of them if they do not all fit."""
     em = canvas.em
     shown = [canvas.shown(name) for name in names]

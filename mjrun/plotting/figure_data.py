@@ -14,7 +14,7 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Scale:
+class ParameterAxis:
     """An axis for one parameter or metric.
 
     Attributes:
@@ -35,20 +35,22 @@ class Scale:
         return (values - self.low) / (self.high - self.low)
 
 
-def scale(name: str, values: np.ndarray, *, log: bool = False, categories: Sequence[str] = (), edge: float) -> Scale:
+def scale(
+    name: str, values: np.ndarray, *, log: bool = False, categories: Sequence[str] = (), edge: float
+) -> ParameterAxis:
     """Returns the axis with a margin for all finite `values`; equal values are centred."""
     if categories:
-        return Scale(name, -0.5, len(categories) - 0.5, categories=categories)
+        return ParameterAxis(name, -0.5, len(categories) - 0.5, categories=categories)
     finite = values[np.isfinite(values) & ((values > 0) | (not log))]
     if not len(finite):
-        return Scale(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
+        return ParameterAxis(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
     low, high = float(finite.min()), float(finite.max())
     if log:
         ratio = (high / low) ** edge if high > low * (1 + FLAT) else 2.0
-        return Scale(name, low / ratio, high * ratio, True)
+        return ParameterAxis(name, low / ratio, high * ratio, True)
     largest = max(abs(low), abs(high))
     pad = edge * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
-    return Scale(name, low - pad, high + pad)
+    return ParameterAxis(name, low - pad, high + pad)
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,10 @@ class DrawnPanel:
     axis_label: str = ""
 
     @property
-    def y(self) -> Scale:
+    def y(self) -> ParameterAxis:
         """The y axis, with a margin for curves and marks."""
         if self.limits:
-            return Scale(self.label, *self.limits, self.log)
+            return ParameterAxis(self.label, *self.limits, self.log)
         values = [end for curve in self.curves for end in _ends(curve.points.y)]
         values += [mark.value for mark in self.marks]
         return scale(self.label, np.array(values), log=self.log, edge=MARGIN)
@@ -117,19 +119,19 @@ class Drawing:
     legend_title: str = ""
 
     @property
-    def x(self) -> Scale:
+    def x(self) -> ParameterAxis:
         """The x axis of all curves, with the margin."""
         if self.x_limits:
-            return Scale(self.x_label, *self.x_limits, self.log_x)
+            return ParameterAxis(self.x_label, *self.x_limits, self.log_x)
         ends = [end for panel in self.panels for curve in panel.curves for end in _ends(curve.points.x)]
         if not ends:
-            return Scale(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
+            return ParameterAxis(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
         low, high = min(ends), max(ends)
         if self.log_x:
             ratio = (high / low) ** self.x_margin if high > low * (1 + FLAT) else 2.0
-            return Scale(self.x_label, low / ratio, high * ratio, True)
+            return ParameterAxis(self.x_label, low / ratio, high * ratio, True)
         pad = self.x_margin * (high - low) if high - low > 1e-15 * max(abs(low), abs(high)) else 0.5
-        return Scale(self.x_label, low - pad, high + pad)
+        return ParameterAxis(self.x_label, low - pad, high + pad)
 
 
 def _ends(values: np.ndarray) -> list[float]:

@@ -18,8 +18,8 @@ from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_trans
 from mjrun.dataclass import dataclass
 from mjrun.plotting.axis_ticks import set_scale
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, Scale
-from mjrun.plotting.matplotlib_figure import Canvas, rgb
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, ParameterAxis
+from mjrun.plotting.matplotlib_figure import FigureLayout, rgb
 from mjrun.plotting.panel_grid import DPI, POINT, PanelGrid
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
@@ -34,7 +34,7 @@ LETTERS = 0.95  # size of names [em]
 TITLE_ROOM, ABOVE, BELOW = 2.6, 2.5, 3.4
 
 
-def paint(drawing: Drawing, grid: PanelGrid, canvas: Canvas) -> None:
+def paint(drawing: Drawing, grid: PanelGrid, canvas: FigureLayout) -> None:
     """Draws a figure on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
     spec = canvas.figure.add_gridspec(grid.rows, grid.columns)
     count = len(drawing.panels)
@@ -58,7 +58,7 @@ def paint(drawing: Drawing, grid: PanelGrid, canvas: Canvas) -> None:
     _reference_lines(canvas, drawing, panels, panels[: grid.columns])
 
 
-def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *, lowest: bool) -> None:
+def _furnish(canvas: FigureLayout, axes: Axes, drawing: Drawing, panel: DrawnPanel, *, lowest: bool) -> None:
     """Draws a panel without the names of its curves."""
     theme, y = canvas.theme, panel.y
     set_scale(canvas, axes, "x", drawing.x)
@@ -86,7 +86,7 @@ def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *,
             axes.plot(x, y, "o", markersize=size, color=drawn.get_color(), markeredgewidth=0, clip_on=clip)
 
 
-def _sample(canvas: Canvas, curve: DrawnCurve) -> Line2D:
+def _sample(canvas: FigureLayout, curve: DrawnCurve) -> Line2D:
     """Returns a line in the style of a curve."""
     line = Line2D([], [], color=rgb(canvas.theme.colour(curve.colour)))
     if pattern := canvas.theme.pattern(curve.colour, curve.variant):
@@ -119,7 +119,7 @@ class _Legend:
     """
 
     def __init__(
-        self, canvas: Canvas, axes: Axes, panel: DrawnPanel, size: tuple[float, float], title: str = ""
+        self, canvas: FigureLayout, axes: Axes, panel: DrawnPanel, size: tuple[float, float], title: str = ""
     ) -> None:
         self._canvas, self._axes = canvas, axes
         self._height, width = size
@@ -216,7 +216,7 @@ def _spread(entries: Sequence[CurveName], bottom: float, top: float, line: float
     ]
 
 
-def _reference_lines(canvas: Canvas, drawing: Drawing, panels: Sequence[Axes], upper: Sequence[Axes]) -> None:
+def _reference_lines(canvas: FigureLayout, drawing: Drawing, panels: Sequence[Axes], upper: Sequence[Axes]) -> None:
     """Draws vertical lines through all panels, and their names in the `upper` ones."""
     scale = drawing.x
     lines = [line for line in drawing.marks if scale.low <= line.value <= scale.high]
@@ -263,7 +263,7 @@ def _named(lines: Sequence[ReferenceLine]) -> list[ReferenceLine]:
     return [line for line in named.values() if line.label]
 
 
-def _share(value: float, scale: Scale) -> float:
+def _share(value: float, scale: ParameterAxis) -> float:
     """Returns the position of a value on an axis, from 0 to 1."""
     low, high = scale.low, scale.high
     if scale.log:

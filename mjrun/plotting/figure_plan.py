@@ -9,10 +9,10 @@ from mjrun.errors import BadValueError, UsageError, concerning, counted, listing
 from mjrun.model.table_column import split_unit, with_unit
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
-from mjrun.plotting.envelope import Envelope, Points, Window
+from mjrun.plotting.envelope import Envelope, Points, RangeFilter
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
-from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
+from mjrun.plotting.panel_grid import FigureCounts, PanelGrid, panel_grid
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
 
@@ -74,7 +74,7 @@ class FigurePlan:
         self.ylabels = curve_syntax.parse_ylabel(options.ylabel, len(self.panels))
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
-        self._count = FigureContents(len(self.panels), names, bool(options.title))
+        self._count = FigureCounts(len(self.panels), names, bool(options.title))
         self.grid = panel_grid(self._count, options.size, options.columns, options.font_size)
 
     @property
@@ -211,7 +211,7 @@ class TableCollector:
         self._log = np.array([index in plan.log_y for index, _ in self._curves], bool)
         bins = 1 << (2 * plan.grid.size[0] - 1).bit_length()
         self._envelope = Envelope(len(self._curves), bins, log=plan.log_x, breaks=plan.breaks)
-        self._window = Window(*plan.options.xlim) if plan.options.xlim else None
+        self._window = RangeFilter(*plan.options.xlim) if plan.options.xlim else None
         self._events = [event for event in events if names.issuperset(event.condition.columns)]
         self._edges = [RisingEdgeDetector() for _ in self._events]
         self._seen = [0 for _ in self._events]

@@ -71,13 +71,13 @@ def encoded(
 ) -> bytes:
     """Draws a figure and returns it as the content of a file."""
     from mjrun.plotting.figure_painter import paint
-    from mjrun.plotting.matplotlib_figure import Canvas, settings
+    from mjrun.plotting.matplotlib_figure import FigureLayout, settings
     from mjrun.plotting.study.figure_painter import paint_study
 
     theme = THEMES[style]
     with settings(theme, grid.em), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        canvas = Canvas(grid, theme, any_letter=format == "svg")
+        canvas = FigureLayout(grid, theme, any_letter=format == "svg")
         if isinstance(drawing, Drawing):
             paint(drawing, grid, canvas)
         else:

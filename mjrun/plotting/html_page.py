@@ -77,7 +77,7 @@ class PageTable:
 
 
 @dataclass(frozen=True)
-class PageFacts:
+class PageFactTable:
     """A table of words and numbers in a separate section.
 
     Attributes:
@@ -115,7 +115,7 @@ class PageCard:
 
 
 @dataclass(frozen=True)
-class PagePair:
+class PictureSlider:
     """Two pictures of the same size under a slider, and their difference.
 
     Attributes:
@@ -155,11 +155,11 @@ class Page:
     files: Sequence[PageFile] = ()
     tables: Sequence[PageTable] = ()
     manifests: Sequence[FileManifest] = ()
-    facts: Sequence[PageFacts] = ()
+    facts: Sequence[PageFactTable] = ()
     cards: Sequence[PageCard] = ()
     notes: Sequence[str] = ()
     verdict: tuple[bool, str] | None = None
-    pairs: Sequence[PagePair] = ()
+    pairs: Sequence[PictureSlider] = ()
 
 
 def page_file(path: str, page: str, limit: float) -> PageFile:
@@ -273,7 +273,7 @@ def _verdicts(verdicts: Sequence[tuple[str, Verdict]]) -> Iterator[Markup]:
     yield table_element("Assertions and what was found", heads, rows)
 
 
-def facts_table(facts: PageFacts) -> Markup:
+def facts_table(facts: PageFactTable) -> Markup:
     """Returns a table of words and numbers."""
     rows: list[Markup] = []
     for name, *others in facts.rows:
@@ -323,7 +323,7 @@ def inline_svg(svg: str, label: str) -> str:
     return f'{opening}{style} role="img" aria-labelledby="{label}">{rest}'
 
 
-def _pair(pair: PagePair) -> Markup:
+def _pair(pair: PictureSlider) -> Markup:
     """Returns two pictures, of which a corner uncovers the second, and their difference below."""
     under = element("img", src=pair.b, alt="Picture B")
     over = element("div", element("img", src=pair.a, alt="Picture A"), class_="over", tabindex="0")

@@ -79,7 +79,7 @@ def _style(theme: Theme, em: float) -> dict[Any, Any]:
     }
 
 
-class Canvas:
+class FigureLayout:
     """A figure whose axes matplotlib places once all their parts are present.
 
     To be created and saved within `settings`.

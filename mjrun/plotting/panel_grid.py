@@ -14,7 +14,7 @@ ABOVE, BELOW = 2.6, 5.0  # room above the panels if there is a title, and below 
 
 
 @dataclass(frozen=True)
-class FigureContents:
+class FigureCounts:
     """The number of panels, the number of names in the largest legend, and whether there is a title."""
 
     panels: int
@@ -39,7 +39,7 @@ class PanelGrid:
 
 
 def panel_grid(
-    count: FigureContents,
+    count: FigureCounts,
     size: tuple[int, int] | None,
     columns: int | None,
     font_size: float | None = None,

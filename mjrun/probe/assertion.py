@@ -64,10 +64,10 @@ from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_ro
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
-from mjrun.probe.verdict import PartRows, Verdict
+from mjrun.probe.verdict import PartRowCount, Verdict
 
 
-class Alternatives:
+class AlternativeCounter:
     """The number of rows on which each part of an `or` decides, since all other parts fail there."""
 
     def __init__(self, operation: tree.BooleanOperation) -> None:
@@ -97,7 +97,7 @@ class RowCheck:
         self.place = ""
         self.time: float | None = None
         self.compared: dict[tree.NumericExpression, float] = {}
-        self.alternatives = [Alternatives(operation) for operation in _alternatives(truth)]
+        self.alternatives = [AlternativeCounter(operation) for operation in _alternatives(truth)]
 
     def add(self, chunk: RowChunk, known: KnownValues) -> None:
         """Adds one chunk."""
@@ -192,11 +192,11 @@ class AssertionChecker:
         return min(self._failures(self._truth), default=None)
 
     @property
-    def _decided(self) -> list[PartRows]:
+    def _decided(self) -> list[PartRowCount]:
         """The number of rows that each alternative decides, and that each aggregate with a condition uses."""
         parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
         calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in tree.OF_CONDITIONS]
-        return [PartRows(self._text(node), rows) for node, rows in (*parts, *calls)]
+        return [PartRowCount(self._text(node), rows) for node, rows in (*parts, *calls)]
 
     def _digest(self, chunk: RowChunk) -> None:
         with np.errstate(all="ignore"):

@@ -11,9 +11,9 @@ import numpy as np
 
 from mjrun.errors import clean
 from mjrun.model.names import KIND_OF, enum_members, object_name
-from mjrun.scene_graph import assets, shapes
+from mjrun.scene_graph import meshes, shapes
 from mjrun.scene_graph.graph import Mesh, Node, Track, Vector
-from mjrun.scene_graph.surfaces import Surfaces
+from mjrun.scene_graph.materials import MaterialCache
 
 TYPES = {value: name for name, value in enum_members(mujoco.mjtGeom).items()}
 NAMED = ("tendon", "joint", "actuator")  # kinds whose objects are these items; those of others are nodes themselves
@@ -54,7 +54,7 @@ class Shapes:
     def asset(self, dataid: int) -> Mesh | None:
         """Returns a mesh of the model; in MuJoCo's scenes, odd numbers are convex hulls."""
         index, is_hull = divmod(dataid, 2)
-        make = assets.mesh_hull if is_hull else assets.mesh_asset
+        make = meshes.mesh_hull if is_hull else meshes.mesh_asset
         return self.shared(("mesh", dataid), partial(make, self._model, index))
 
     def named(self, name: str) -> Mesh | None:
@@ -82,7 +82,7 @@ class ItemRecorder:
       is_full: true if there were more than `MOST`.
     """
 
-    def __init__(self, model: mujoco.MjModel, shapes: Shapes, surfaces: Surfaces) -> None:
+    def __init__(self, model: mujoco.MjModel, shapes: Shapes, surfaces: MaterialCache) -> None:
         self._model, self._shapes, self._surfaces = model, shapes, surfaces
         self._items: dict[object, _Item] = {}
         self.has_labels = self.is_full = False

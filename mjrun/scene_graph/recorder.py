@@ -12,10 +12,10 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, option
 from mjrun.model.names import enum_members, object_names
-from mjrun.scene_graph.assets import unique_rows
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.items import ItemRecorder, Shapes, flex_ends
-from mjrun.scene_graph.surfaces import Surfaces, TextureMapping
+from mjrun.scene_graph.materials import MaterialCache, TextureMapping
+from mjrun.scene_graph.meshes import unique_rows
 from mjrun.scene_graph.walk import SKIN, UNSCALED, ModelWalk, is_attached, matrix_quaternion, toward
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -86,7 +86,7 @@ class _Recorder:
 
     def __init__(self, model: mujoco.MjModel, count: int, request: SceneRequest) -> None:
         self._model, self._request, self._count = model, request, count
-        self._shapes, self._surfaces = Shapes(model, request.detail), Surfaces(model)
+        self._shapes, self._surfaces = Shapes(model, request.detail), MaterialCache(model)
         self._items = ItemRecorder(model, self._shapes, self._surfaces)
         self._options = _without_contacts(request.options)
         self._scene = mujoco.MjvScene(model, 2 * (model.ngeom + model.nsite) + 1000 + request.room)

@@ -16,7 +16,7 @@ Rgba = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class TriangleSurface:
     """Triangles.
 
     Attributes:
@@ -60,11 +60,11 @@ class SoftShapes:
         """Returns whether a model has such objects, visible or not."""
         return model.nflex + model.nskin + model.ntendon > 0
 
-    def at(self, data: mujoco.MjData) -> list[Surface | Segments]:
+    def at(self, data: mujoco.MjData) -> list[TriangleSurface | Segments]:
         """Returns the shapes of an instant, whose positions are computed."""
         scene = self._scene
         mujoco.mjv_updateScene(self._model, data, self._options, None, self._camera, ALL, scene)
-        shapes = list[Surface | Segments]()
+        shapes = list[TriangleSurface | Segments]()
         tendons: dict[int, list[mujoco.MjvGeom]] = {}
         for geom in scene.geoms[: scene.ngeom]:
             if geom.type == FLEX:
@@ -75,7 +75,7 @@ class SoftShapes:
                 tendons.setdefault(int(geom.objid), []).append(geom)
         return [*shapes, *map(_tendon, tendons.values())]
 
-    def _flex(self, data: mujoco.MjData, flex: int, rgba: Rgba) -> Surface | Segments:
+    def _flex(self, data: mujoco.MjData, flex: int, rgba: Rgba) -> TriangleSurface | Segments:
         model = self._model
         start = model.flex_vertadr[flex]
         points = data.flexvert_xpos[start : start + model.flex_vertnum[flex]].copy()
@@ -87,13 +87,13 @@ class SoftShapes:
             first, count, vertices = model.flex_elemdataadr[flex], model.flex_elemnum[flex], model.flex_elem
         else:
             first, count, vertices = model.flex_shelldataadr[flex], model.flex_shellnum[flex], model.flex_shell
-        return Surface(points, vertices[first : first + 3 * count].reshape(-1, 3), rgba)
+        return TriangleSurface(points, vertices[first : first + 3 * count].reshape(-1, 3), rgba)
 
-    def _skin(self, skin: int, rgba: Rgba) -> Surface:
+    def _skin(self, skin: int, rgba: Rgba) -> TriangleSurface:
         model = self._model
         start, first = model.skin_vertadr[skin], model.skin_faceadr[skin]
         points = self._scene.skinvert.reshape(-1, 3)[start : start + model.skin_vertnum[skin]].copy()
-        return Surface(points, model.skin_face[first : first + model.skin_facenum[skin]], rgba)
+        return TriangleSurface(points, model.skin_face[first : first + model.skin_facenum[skin]], rgba)
 
 
 def _tendon(geoms: Sequence[mujoco.MjvGeom]) -> Segments:

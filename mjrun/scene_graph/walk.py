@@ -9,11 +9,11 @@ import numpy as np
 
 from mjrun.errors import clean
 from mjrun.model.names import names, object_names
-from mjrun.scene_graph import assets, shapes
+from mjrun.scene_graph import meshes, shapes
 from mjrun.scene_graph.graph import CameraLens, Fact, Mesh, Node, Quaternion, Skin, Vector
 from mjrun.scene_graph.items import TYPES, Shapes
 from mjrun.scene_graph.lights import light_of
-from mjrun.scene_graph.surfaces import Surfaces, TextureMapping, texture_pixels
+from mjrun.scene_graph.materials import MaterialCache, TextureMapping, texture_pixels
 
 GEOM, SITE = int(mujoco.mjtObj.mjOBJ_GEOM), int(mujoco.mjtObj.mjOBJ_SITE)
 FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
@@ -36,7 +36,7 @@ class ModelWalk:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, shapes: Shapes, surfaces: Surfaces, reach: float
+        self, model: mujoco.MjModel, data: mujoco.MjData, shapes: Shapes, surfaces: MaterialCache, reach: float
     ) -> None:
         self.nodes = list[Node]()
         self._model, self._data, self._reach = model, data, reach
@@ -199,7 +199,7 @@ class ModelWalk:
                 mesh, scale = shared.shared(key, partial(shapes.plane, x, y, self._reach)), UNSCALED
             case "hfield":
                 key = ("hfield", int(geom.dataid))
-                mesh = shared.shared(key, partial(assets.height_field, self._model, int(geom.dataid)))
+                mesh = shared.shared(key, partial(meshes.height_field, self._model, int(geom.dataid)))
                 scale = UNSCALED
             case "mesh" | "sdf":
                 mesh, scale, key = shared.asset(int(geom.dataid)), UNSCALED, ("mesh", int(geom.dataid))
@@ -216,7 +216,7 @@ class ModelWalk:
 
     def _add_skin(self, geom: mujoco.MjvGeom) -> None:
         """Adds a skin, whose vertices follow the nodes of its bodies."""
-        mesh, bodies, binds, joints, weights = assets.skin_asset(self._model, int(geom.objid))
+        mesh, bodies, binds, joints, weights = meshes.skin_asset(self._model, int(geom.objid))
         mapping = self._surfaces.mapping(geom, UNSCALED, is_asset=True, has_uv=True) if mesh.uv is not None else None
         if mapping and mapping.kind == "uv":
             mesh = mapping.applied(mesh, 0)

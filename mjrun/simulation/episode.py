@@ -205,10 +205,10 @@ class TaskEpisode(Episode):
 
     @cached_property
     def _models(self) -> "EpisodeModels":
-        from mjrun.model.variants import ModelVariants
+        from mjrun.model.variants import VariantLoader
         from mjrun.task.episode_start import EpisodeModels
 
-        return EpisodeModels(self._task.model_source, self._task.reset.vary, ModelVariants())
+        return EpisodeModels(self._task.model_source, self._task.reset.vary, VariantLoader())
 
     def model(self) -> mujoco.MjModel:
         with self._task.located():

@@ -39,7 +39,7 @@ from mjrun.timeline import EXACT, Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.physics.kinematic_motion import KinematicMotion
-    from mjrun.simulation.demonstration import Demonstration
+    from mjrun.simulation.demonstrated_episode import DemonstratedEpisode
     from mjrun.simulation.episode import Episode
 
 DURATION = Fraction(5)  # [s] without an option for it
@@ -334,7 +334,7 @@ class Simulation(SimulationOptions):
         return self._recording
 
     @cached_property
-    def demonstration(self) -> "Demonstration | None":
+    def demonstration(self) -> "DemonstratedEpisode | None":
         """States and actions of the demonstration that is replayed; None if it replays none.
 
         Raises:
@@ -342,8 +342,8 @@ class Simulation(SimulationOptions):
         """
         if self.replay is None:
             return None
+        from mjrun.simulation.demonstrated_episode import read_demonstration
         from mjrun.simulation.demonstrated_motion import names_demonstration
-        from mjrun.simulation.demonstration import read_demonstration
 
         path = self._stored(self.replay)
         return read_demonstration(path, self.replay_rate) if names_demonstration(path) else None

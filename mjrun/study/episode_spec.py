@@ -12,7 +12,7 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.simulation.manifest import plain
 
 if TYPE_CHECKING:
-    from mjrun.study.point_episodes import PointEpisodes
+    from mjrun.study.point_episodes import EpisodeFileMaker
 
 NEARLY = 0.01  # relative difference of a rate that a dataset may round
 FOLDER = "episodes"  # of the episodes that have not joined the dataset
@@ -50,11 +50,11 @@ class EpisodeSpec:
         """Everything that determines the files, whatever renders them."""
         return plain(replace(self, view=replace(self.view, gl=None, require_gpu=False), painters=1))
 
-    def maker(self) -> "PointEpisodes":
+    def maker(self) -> "EpisodeFileMaker":
         """Returns what makes the files."""
-        from mjrun.study.point_episodes import PointEpisodes  # which imports the renderer
+        from mjrun.study.point_episodes import EpisodeFileMaker  # which imports the renderer
 
-        return PointEpisodes(self)
+        return EpisodeFileMaker(self)
 
 
 def camera_keys(cameras: Sequence[object]) -> tuple[str, ...]:

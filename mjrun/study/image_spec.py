@@ -12,7 +12,7 @@ from mjrun.options.rendering import RIGS
 from mjrun.simulation.manifest import plain
 
 if TYPE_CHECKING:
-    from mjrun.study.point_images import PointImages
+    from mjrun.study.point_images import PointImageMaker
 
 VECTORS = ("lookat", "offset", "from", "at")  # settings of rigs that are points x/y/z
 RATIO = (5**0.5 - 1) / 2  # whose multiples are spread evenly between 0 and 1
@@ -42,11 +42,11 @@ class ImageSpec:
         """Everything that determines the images, whatever renders them."""
         return plain(replace(self, options=replace(self.options, gl=None, require_gpu=False)))
 
-    def maker(self) -> "PointImages":
+    def maker(self) -> "PointImageMaker":
         """Returns what makes the files."""
-        from mjrun.study.point_images import PointImages  # which imports the renderer
+        from mjrun.study.point_images import PointImageMaker  # which imports the renderer
 
-        return PointImages(self)
+        return PointImageMaker(self)
 
     @property
     def per_point(self) -> int:

@@ -19,7 +19,7 @@ from mjrun.formats.video_writer import VideoWriter
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.table_column import Column
-from mjrun.outputs.episode_images import EpisodeImages
+from mjrun.outputs.episode_images import EpisodeImageRenderer
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.recorded_states import StateBuffer
@@ -27,7 +27,7 @@ from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
 from mjrun.simulation import episode as played
-from mjrun.simulation.demonstration import Demonstration
+from mjrun.simulation.demonstrated_episode import DemonstratedEpisode
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.episode_spec import FOLDER, NEARLY, EpisodeSpec
 from mjrun.task.task import TIMED_OUT, UNSTABLE
@@ -38,12 +38,12 @@ SAMPLED = 100  # pixels across an image at most whose colours are counted
 VALUES = 256  # of a colour
 
 
-class PointEpisodes:
+class EpisodeFileMaker:
     """A maker of the files of episodes, in the process that simulates them."""
 
     def __init__(self, spec: EpisodeSpec) -> None:
         self._spec = spec
-        self._images: EpisodeImages | None = None
+        self._images: EpisodeImageRenderer | None = None
         self._episode: played.Episode | None = None  # the last one, which the next shares its world with
 
     def make(
@@ -99,7 +99,7 @@ class PointEpisodes:
             return {}, {}
         if self._images is None:
             os.environ.setdefault("LP_NUM_THREADS", "1")  # of llvmpipe: the other cores have processes, too
-            self._images = EpisodeImages(spec.view, spec.painters)
+            self._images = EpisodeImageRenderer(spec.view, spec.painters)
         colors = {name: np.zeros((3, VALUES), np.int64) for name in spec.cameras}
         size, fps, count = spec.view.size, Fraction(spec.fps), len(rollout.states)
         distance = max(1, min(size) // SAMPLED)
@@ -280,7 +280,7 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
     )
 
 
-def _require_alike(demonstration: Demonstration, sampler: ProbeSampler, spec: EpisodeSpec) -> None:
+def _require_alike(demonstration: DemonstratedEpisode, sampler: ProbeSampler, spec: EpisodeSpec) -> None:
     """Raises UsageError if a demonstration does not fit a dataset, which begins with another one."""
     source, fps = clean(demonstration.source), Fraction(spec.fps)
     observed = sampler.names[1:]  # after the time

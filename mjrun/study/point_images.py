@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, listing
 from mjrun.formats.image_encoding import ImageData, png
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 from mjrun.options.dataset import CAMERA
 from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectView, labelled_objects
 from mjrun.physics.observe import Tap, observe
@@ -18,12 +18,12 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.image_spec import ImageSpec, camera_argument, part_of, record_path
 
 
-class PointImages:
+class PointImageMaker:
     """A maker of the images of points, in the process that simulates them."""
 
     def __init__(self, spec: ImageSpec) -> None:
         self._spec = spec
-        self._variants = ModelVariants()
+        self._variants = VariantLoader()
         os.environ.setdefault("LP_NUM_THREADS", "1")  # of llvmpipe: the other cores have processes, too
         self._renderer = LabelledRenderer(spec.options, outlines=spec.layout == "bop")
 

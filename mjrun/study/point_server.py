@@ -22,7 +22,7 @@ FORKS = 8  # most copies of this process: more take longer than a study of few p
 _waiting = deque[tuple[Path, Worker]]()  # workers without a study, and the folder of their relative paths
 
 
-class PointServer:
+class PointSimulationServer:
     """A server that simulates points of one study."""
 
     def __init__(self) -> None:
@@ -70,4 +70,4 @@ def new_worker() -> Worker:
 
 
 def _started(*, is_fork: bool = False) -> Worker:
-    return Worker("mjrun.study.point_server:PointServer", is_fork=is_fork)
+    return Worker("mjrun.study.point_server:PointSimulationServer", is_fork=is_fork)

@@ -23,7 +23,7 @@ from mjrun.experiment.results_table import (
     parse_metrics,
 )
 from mjrun.model.setting_units import setting_unit
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.probe.metric import Metric
 from mjrun.simulation.simulation import Simulation
@@ -137,7 +137,7 @@ class PreparedStudy(PreparedPoints):
         names = self.points.names
         deciding = [i for i, name in enumerate(names) if name.rpartition(".")[2].rpartition(":")[2] in LENGTH]
         varying = replace(self.spec, names=tuple(names[i] for i in deciding))
-        variants, columns = ModelVariants(), [self.points.column(i) for i in deciding]
+        variants, columns = VariantLoader(), [self.points.column(i) for i in deciding]
 
         def count(key: tuple[str, ...]) -> int:
             try:

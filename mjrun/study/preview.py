@@ -53,12 +53,12 @@ class StudyPreview:
     wall: float | None
     disk: int
     names: Sequence[str]
-    sample: Sequence["PointValues"]
+    sample: Sequence["PreviewPoint"]
     message: str = ""
 
 
 @dataclass(frozen=True)
-class PointValues:
+class PreviewPoint:
     """A point in a preview.
 
     Attributes:
@@ -106,7 +106,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
         wall=wall,
         disk=prepared.files.size() + parts * part + table_bytes(design, len(prepared.spec.metrics)),
         names=design.names,
-        sample=[PointValues(index, design.values(index)) for index in ends],
+        sample=[PreviewPoint(index, design.values(index)) for index in ends],
         message=result.message if result and point_wall is None else "",
     )
 

@@ -18,13 +18,13 @@ from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
 from mjrun.model.copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.variants import BYTES, ModelVariant, ModelVariants, SharedCompilation
+from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader
 from mjrun.outputs.trace_rows import ProbeSampler, feed_rows
 from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
 from mjrun.physics.engine import Engine, joined
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.stepper import SLEEP
-from mjrun.physics.warp_device import WarpDevice, WarpFields
+from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
@@ -34,8 +34,8 @@ from mjrun.study.spec import PointResult, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
-    from mjrun.study.point_episodes import PointEpisodes
-    from mjrun.study.point_images import PointImages
+    from mjrun.study.point_episodes import EpisodeFileMaker
+    from mjrun.study.point_images import PointImageMaker
 
 STARTS = [each.name for each in fields(InitialState)]  # options of simulations that their initial states depend on
 NOT_IN_STARTS = frozenset(COPIED.values())  # arrays of models that their initial states do not depend on
@@ -55,12 +55,12 @@ class PointSimulator:
 
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec
-        self._variants = ModelVariants(self._prepare)
+        self._variants = VariantLoader(self._prepare)
         self._compiled = WeakKeyDictionary[SharedCompilation, _CompiledModel]()
         self._metrics = dict[tuple[object, ...], list[Metric]]()  # by the structure of the model
-        self._files: PointImages | PointEpisodes | None = None
+        self._files: PointImageMaker | EpisodeFileMaker | None = None
         self._engine: Engine
-        self._world_fields: WarpFields | None = None
+        self._world_fields: PerWorldFields | None = None
         if spec.engine == "c":
             self._engine = CEngine(threads=1)
             self._most, self._most_bytes = SIDE_BY_SIDE, BYTES
@@ -68,7 +68,7 @@ class PointSimulator:
             device = WarpDevice()
             self._engine = WarpEngine(device)
             self._most, self._most_bytes = WORLDS, WORLD_BYTES
-            self._world_fields = WarpFields(device)
+            self._world_fields = PerWorldFields(device)
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
         """Yields the results of points in the order in which they end."""
@@ -239,7 +239,7 @@ class _CompiledModel:
     Attributes:
       structure: key of models whose simulations can run side by side; see `structure`.
       metrics: metrics in the names of this model.
-      world_group: see `WarpFields.group`; empty until it is needed.
+      world_group: see `PerWorldFields.group`; empty until it is needed.
     """
 
     def __init__(

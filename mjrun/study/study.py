@@ -25,7 +25,7 @@ from mjrun.experiment.results_table import (
     raise_failures,
 )
 from mjrun.experiment.sample_designs import SAMPLES
-from mjrun.experiment.sensitivity import Sensitivity
+from mjrun.experiment.sensitivity import MetricSensitivity
 from mjrun.experiment.statistics import CONFIDENCE
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
@@ -184,7 +184,7 @@ class Study(StudyOptions, ExecutionOptions):
         others = dict[tuple[str, ...], ResultsTable]()
         if means.design.points:
             others[repeats.FILES] = means.table(prepared.units)
-        indices = list[Sensitivity]()
+        indices = list[MetricSensitivity]()
         if self.sampler in SAMPLES:
             seed = self.simulation.seed
             indices = sensitivity.sensitivities(self.sampler, points.names, values, self.confidence, seed)
@@ -281,7 +281,7 @@ class StudyResult:
     names: Sequence[str]
     kept: KeptFiles = field(default_factory=KeptFiles)
     repeats: Sequence[RepeatSummary] = ()
-    sensitivities: Sequence[Sensitivity] = ()
+    sensitivities: Sequence[MetricSensitivity] = ()
     confidence: float = CONFIDENCE
     schema: str = SCHEMA
 

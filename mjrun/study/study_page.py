@@ -18,7 +18,7 @@ from mjrun.experiment.results_page import (
 from mjrun.model.table_column import with_unit
 from mjrun.options.page import PageOptions
 from mjrun.options.sweep import MANIFEST
-from mjrun.plotting.html_page import VIDEOS, Page, PageFacts
+from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def write_study_page(
     write_results_page(options.html, page)
 
 
-def _metrics(result: "StudyResult") -> list[PageFacts]:
+def _metrics(result: "StudyResult") -> list[PageFactTable]:
     rows = [
         (
             clean(with_unit(name, each.unit)),
@@ -77,10 +77,10 @@ def _metrics(result: "StudyResult") -> list[PageFacts]:
         for name, each in result.metrics.items()
     ]
     heads = ("Metric", "Points", *QUANTILES, "Mean", "Std")
-    return [PageFacts("Metrics", "Metrics over all points", heads, rows, range(1, len(heads)))] if rows else []
+    return [PageFactTable("Metrics", "Metrics over all points", heads, rows, range(1, len(heads)))] if rows else []
 
 
-def _repeats(result: "StudyResult") -> list[PageFacts]:
+def _repeats(result: "StudyResult") -> list[PageFactTable]:
     if not result.repeats:
         return []
     names, level = list(result.repeats[0].values), f"{100 * result.confidence:g} % interval"
@@ -95,10 +95,10 @@ def _repeats(result: "StudyResult") -> list[PageFacts]:
     means = [head for name, each in result.metrics.items() for head in (clean(with_unit(name, each.unit)), level)]
     heads = (*names, "Points", *means)
     caption = "Means over points that differ in their seed only"
-    return [PageFacts("Repeats", caption, heads, rows, range(len(names), len(heads)))]
+    return [PageFactTable("Repeats", caption, heads, rows, range(len(names), len(heads)))]
 
 
-def _sensitivities(result: "StudyResult") -> list[PageFacts]:
+def _sensitivities(result: "StudyResult") -> list[PageFactTable]:
     if not result.sensitivities:
         return []
     level, names = f"{100 * result.confidence:g} % interval", list(result.sensitivities[0].indices)
@@ -112,10 +112,10 @@ def _sensitivities(result: "StudyResult") -> list[PageFacts]:
     ]
     heads = ("Metric", "Parameter", *(head for name in names for head in (name, level)))
     caption = f"Sensitivity of metrics to parameters, from {result.sensitivities[0].samples:,} samples"
-    return [PageFacts("Sensitivity", caption, heads, rows, range(2, len(heads)))]
+    return [PageFactTable("Sensitivity", caption, heads, rows, range(2, len(heads)))]
 
 
-def _failures(result: "StudyResult") -> list[PageFacts]:
+def _failures(result: "StudyResult") -> list[PageFactTable]:
     rows = [
         (
             each.status,
@@ -126,4 +126,4 @@ def _failures(result: "StudyResult") -> list[PageFacts]:
         for each in result.failures
     ]
     heads = ("Status", "Points", "Reason", "The first of them")
-    return [PageFacts("Failures", "Points that failed, by reason", heads, rows, (1,))] if rows else []
+    return [PageFactTable("Failures", "Points that failed, by reason", heads, rows, (1,))] if rows else []

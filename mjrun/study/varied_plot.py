@@ -10,7 +10,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, SimulationError, UsageError, flag, option
 from mjrun.experiment.design import Design
 from mjrun.formats.study_reader import point_names
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 from mjrun.options.option import options
 from mjrun.options.sweep import VariationOptions
 from mjrun.outputs import output
@@ -93,8 +93,8 @@ class VariedPlot(VariationOptions, Plot):
             return output.Context(simulation, model, simulation.timeline(model), base.reporter)
 
     @cached_property
-    def _variants(self) -> ModelVariants:
-        return ModelVariants()
+    def _variants(self) -> VariantLoader:
+        return VariantLoader()
 
     @cached_property
     def _design(self) -> Design:
@@ -132,7 +132,7 @@ class VariedPlotOutput(PlotOutput):
         points: Sequence[DrawnPoint],
         figure: FigurePlan,
         stack: ExitStack,
-        rendering: output.SharedRendering,
+        rendering: output.PassRenderers,
     ) -> None:
         table = job.probe_sampler(job.context(points[0], context))
         super().__init__(job, context, table, (), figure, stack, rendering)

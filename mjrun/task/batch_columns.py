@@ -18,7 +18,7 @@ from mjrun.model.table_column import Column
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
-from mjrun.task.data_batch import DataBatch
+from mjrun.task.mjdata_batch import MjDataBatch
 
 NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
 # Derived fields that are complete before the last stage; all others need the last.
@@ -207,14 +207,14 @@ class _DataColumns:
 class BatchColumns:
     """Columns of the worlds of a batch, as of its last call.
 
-    A `DataBatch` examines the MjData of each world right after its step.
+    A `MjDataBatch` examines the MjData of each world right after its step.
 
     Attributes:
       count: the number of columns.
     """
 
     def __init__(
-        self, batch: Batch | DataBatch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]
+        self, batch: Batch | MjDataBatch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]
     ) -> None:
         self._batch, self._model_of = batch, model_of
         self.count = plan.count
@@ -237,7 +237,7 @@ class BatchColumns:
                 case _ProbePiece(probe=InstantProbe() as probe):
                     examined.measured.append((place, probe))
         self._examined = None
-        if isinstance(batch, DataBatch):
+        if isinstance(batch, MjDataBatch):
             values = np.zeros((batch.nsim, plan.count))
             batch.examine = lambda world, model, data: examined.read(model, data, values[world])
             self._copied += [(place, values[:, place]) for place in examined.places]

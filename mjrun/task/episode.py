@@ -61,7 +61,7 @@ class Endings(tuple[Ending, ...]):
 
 
 @dataclass(frozen=True)
-class EpisodeNames:
+class EpisodeColumnNames:
     """The names of the numbers of an episode.
 
     Attributes:
@@ -113,7 +113,7 @@ class EpisodeStepper(Stepper, Protocol):
       periods: completed control periods, up to the end of the episode.
     """
 
-    names: EpisodeNames
+    names: EpisodeColumnNames
     control_steps: int
 
     @property
@@ -144,7 +144,7 @@ class ReplayedEpisode(ReplayStepper):
         self, model: mujoco.MjModel, states: RecordedStates, instants: Sequence[ControlInstant], of: EpisodeStepper
     ) -> None:
         super().__init__(model, states)
-        self.names: EpisodeNames = of.names
+        self.names: EpisodeColumnNames = of.names
         self.control_steps, self.periods = of.control_steps, of.periods
         self._instants = instants
 

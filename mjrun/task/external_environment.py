@@ -17,7 +17,7 @@ from mjrun.model.names import control_names
 from mjrun.model.sources.gym import GymSource, control_steps, make_environment, mujoco_environment
 from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.probe.fields import extents, field_probe
-from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, EpisodeOver, ask
+from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeColumnNames, EpisodeOver, ask
 from mjrun.task.task import TIMED_OUT
 from mjrun.timeline import rational
 
@@ -150,9 +150,9 @@ class ExternalEnvironment:
         moving = np.concatenate([self.data.qpos, self.data.qvel])
         return any(self.data.warning[kind].number for kind in BAD) or not (abs(moving) <= mujoco.mjMAXVAL).all()
 
-    def names(self, first: EnvironmentStep) -> EpisodeNames:
+    def names(self, first: EnvironmentStep) -> EpisodeColumnNames:
         """Returns the names of all numbers of an episode; those of rewards are known after the `first` step only."""
-        return EpisodeNames(self.observation_names, self.action_names, [*first.reward_terms])
+        return EpisodeColumnNames(self.observation_names, self.action_names, [*first.reward_terms])
 
     def close(self) -> None:
         """Closes the environment."""

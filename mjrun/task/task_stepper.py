@@ -7,7 +7,7 @@ from mjrun.model import state
 from mjrun.options.task import LAGGED
 from mjrun.physics.control import ControlSources
 from mjrun.physics.stepper import SLEEP, STATE, PhysicsStepper
-from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, ask
+from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeColumnNames, ask
 from mjrun.task.expressions import RUNNING
 from mjrun.task.single_world import SingleWorld
 from mjrun.timeline import rational
@@ -38,7 +38,7 @@ class TaskStepper(PhysicsStepper):
     def __init__(self, world: SingleWorld, actor: Actor, seed: int, policy: str = "") -> None:
         self._world, self._actor, self._policy = world, actor, policy
         self.control_steps, self.step = world.control_steps, 0
-        self.names = EpisodeNames(world.observation_names, world.action_names, world.reward_names)
+        self.names = EpisodeColumnNames(world.observation_names, world.action_names, world.reward_names)
         self.periods = 0
         self._ending: Ending | None = None
 

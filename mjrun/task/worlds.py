@@ -17,7 +17,7 @@ from mjrun.errors import ModelError, UsageError, clean
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 from mjrun.options.task import CURRENT, LAGGED
 from mjrun.physics.c_engine import AUTORESET, ENERGY
 from mjrun.physics.stepper import BAD, RK4, SLEEP
@@ -36,10 +36,10 @@ from mjrun.task.batch_columns import (
     can_sense,
 )
 from mjrun.task.command_signals import CommandSignals
-from mjrun.task.data_batch import DataBatch
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
+from mjrun.task.mjdata_batch import MjDataBatch
 from mjrun.task.observation_plan import ObservationPlan, ObservedNumber
 from mjrun.task.observation_vector import ObservationVector
 from mjrun.task.task import Task
@@ -328,7 +328,7 @@ class TaskWorlds:
         self._are_steps_alike = not (self._torques.is_needed or self.disturbances)  # of a control period
         self._all = np.arange(count)
 
-    def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch | DataBatch:
+    def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch | MjDataBatch:
         """Creates the worlds, on models that compute all measured quantities."""
 
         def prepare(model: mujoco.MjModel) -> None:
@@ -337,8 +337,8 @@ class TaskWorlds:
 
         task, source = self.task, self.task.model_source
         sensing: Source = SourceWithSensors(source, plan.sensed) if plan.sensed else source
-        self._models = EpisodeModels(sensing, task.reset.vary, ModelVariants(prepare))
-        self._own = EpisodeModels(source, task.reset.vary, ModelVariants(prepare)) if plan.sensed else self._models
+        self._models = EpisodeModels(sensing, task.reset.vary, VariantLoader(prepare))
+        self._own = EpisodeModels(source, task.reset.vary, VariantLoader(prepare)) if plan.sensed else self._models
         first = self._models.variant(0)
         self._first = first.model
         self._each = [first] * self.count
@@ -346,7 +346,7 @@ class TaskWorlds:
         sleeps = bool(model.opt.enableflags & SLEEP)
         self._has_datas = sleeps or (plan.needs_data and (model.nplugin > 0 or not self._models.is_one))
         if plan.needs_data and not sleeps:
-            return DataBatch(self._first, self.count, threads or available_cores(), self._has_datas)
+            return MjDataBatch(self._first, self.count, threads or available_cores(), self._has_datas)
         return Batch(self._first, self.count, threads if self.count > 1 else 1, self._has_datas)
 
     def _load(self, seed: int, world: int) -> None:

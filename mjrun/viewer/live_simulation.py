@@ -18,7 +18,7 @@ from mjrun.reporter import Reporter
 from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import Ending, EpisodeStepper
-from mjrun.viewer.window import Edit, Pull, Refuse
+from mjrun.viewer.window import Edit, Pull, UnsupportedAction
 
 
 class SessionRecording:
@@ -185,7 +185,7 @@ class LiveSimulation:
             values[action.changed] = action.state[action.changed]
             self._stepper.edit(values, state.STATE)
 
-    def refuse(self, action: Refuse) -> None:
+    def refuse(self, action: UnsupportedAction) -> None:
         """Reports an unsupported action, once."""
         if action.what not in self._reported:
             self._reported.add(action.what)
@@ -215,10 +215,10 @@ class LiveSimulation:
 
 # Fields of MjData that are set from outside and affect the state.
 INPUTS = {"ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat", "userdata"}
-REPLAY = Refuse("a replay shows recorded states: bodies cannot be pulled or edited")
-ENVIRONMENT = Refuse("an environment steps itself: bodies cannot be pulled or edited")
-EPISODE = Refuse("an episode of a policy starts as its task defines, not at a keyframe")
-RECORDED = Refuse(
+REPLAY = UnsupportedAction("a replay shows recorded states: bodies cannot be pulled or edited")
+ENVIRONMENT = UnsupportedAction("an environment steps itself: bodies cannot be pulled or edited")
+EPISODE = UnsupportedAction("an episode of a policy starts as its task defines, not at a keyframe")
+RECORDED = UnsupportedAction(
     "positions and velocities cannot be edited during a recording, which holds only physics: "
     "pull bodies or set controls instead"
 )

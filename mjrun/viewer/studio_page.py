@@ -27,7 +27,17 @@ with contextlib.redirect_stdout(sys.stderr):  # its server logs there from now o
     from mujoco.studio.web import web_server
 
 from mjrun.confinement.confinement import confinement
-from mjrun.viewer.window import PHYSICS_SETTINGS, Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+from mjrun.viewer.window import (
+    PHYSICS_SETTINGS,
+    Action,
+    Pull,
+    Reset,
+    SetPaused,
+    SetSpeed,
+    Status,
+    TakeStep,
+    UnsupportedAction,
+)
 
 sim: Any = importlib.import_module("mujoco.studio.sim")  # both are written in C++
 ux: Any = importlib.import_module("mujoco.studio.ux")
@@ -57,9 +67,11 @@ FRAMES_BEFORE_A_PAGE = 30
 START = 30.0  # [s] for the server to start
 FIRST = messages.Priority.CRITICAL + 10  # before Studio's handlers
 
-DROPPED = Refuse("models dropped on the page are not loaded: open a separate view for them")
-NOISE = Refuse("noise cannot be set while a simulation runs: start it with the options for noise on controls")
-KEYFRAME = Refuse("keyframes cannot be saved from the page")
+DROPPED = UnsupportedAction("models dropped on the page are not loaded: open a separate view for them")
+NOISE = UnsupportedAction(
+    "noise cannot be set while a simulation runs: start it with the options for noise on controls"
+)
+KEYFRAME = UnsupportedAction("keyframes cannot be saved from the page")
 
 
 class StudioMessages(plugin.SimPlugin):
@@ -169,7 +181,7 @@ class StudioApp(app.App):
         dear_imgui.GetIO().WantSaveIniSettings = False
 
 
-class LocalViewer(web_viewer.WebViewer):
+class LoopbackViewer(web_viewer.WebViewer):
     """Studio's web viewer on the loopback address instead of all, and without files dropped on its page."""
 
     # Studio sets it to all addresses in its constructor, without an option.
@@ -228,7 +240,7 @@ class StudioPage:
         config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
 
         def serve(endpoint: Any) -> None:
-            viewer = LocalViewer(config, endpoint, plugins=[page])
+            viewer = LoopbackViewer(config, endpoint, plugins=[page])
             started.set()
             viewer_protocol.run_viewer_loop(viewer)
 

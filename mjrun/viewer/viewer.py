@@ -24,7 +24,18 @@ from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import rational
 from mjrun.viewer import window as windows
 from mjrun.viewer.live_simulation import LiveSimulation, SessionRecording
-from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
+from mjrun.viewer.window import (
+    Action,
+    Edit,
+    Pull,
+    Reset,
+    SetPaused,
+    SetSpeed,
+    Status,
+    TakeStep,
+    UnsupportedAction,
+    Window,
+)
 
 SCHEMA = "mjrun-view-1"
 FRAME = 1 / 60  # [s] of wall time between images
@@ -252,7 +263,7 @@ class _Session:
                 live.pull(action)
             case Edit():
                 live.edit(action)
-            case Refuse():
+            case UnsupportedAction():
                 live.refuse(action)
 
     def _pause(self, paused: bool) -> None:

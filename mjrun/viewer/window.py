@@ -88,16 +88,16 @@ class Edit:
 
 
 @dataclass(frozen=True)
-class Refuse:
+class UnsupportedAction:
     """An action that a view does not support; `what` is the sentence about it."""
 
     what: str
 
 
-PHYSICS_SETTINGS = Refuse(
+PHYSICS_SETTINGS = UnsupportedAction(
     f"physics settings cannot change while a simulation runs: start it with {option('set')}, as in opt.gravity=0,0,-1"
 )
-Action = SetPaused | TakeStep | SetSpeed | Reset | Pull | Edit | Refuse
+Action = SetPaused | TakeStep | SetSpeed | Reset | Pull | Edit | UnsupportedAction
 
 
 @dataclass(frozen=True)

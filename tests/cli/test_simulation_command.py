@@ -15,7 +15,7 @@ from mjrun.cli.simulation_command import (
     reported_failures,
     with_camera_scripts,
 )
-from mjrun.errors import CommandFailure, FileError, PartlyDoneError, UsageError
+from mjrun.errors import FailureReport, FileError, PartlyDoneError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
 from mjrun.options.simulation import SimulationOptions
@@ -67,7 +67,7 @@ def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: 
     console = Console(as_json=True)
     with pytest.raises(PartlyDoneError), reported_failures(console, lambda _: Report("", None)):
         raise error
-    console.report_failure(CommandFailure.of(error))
+    console.report_failure(FailureReport.of(error))
     console.finish()
     told = json.loads(capsys.readouterr().out)["error"]
     assert (told["exit_code"], told["made"], told["failures"][0]["output"]) == (8, ["t.csv"], "c.csv")

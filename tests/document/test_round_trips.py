@@ -12,7 +12,7 @@ from mjrun.document.json_schema import printed
 from mjrun.document.output_folder import OutputFolder
 from mjrun.document.run import OUTPUTS
 from mjrun.document.run_writer import plain_value
-from mjrun.document.value_forms import DocumentReader
+from mjrun.document.value_forms import DocumentContext
 from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.evaluation import EvaluationOptions, Thresholds, VideoCount
@@ -49,7 +49,7 @@ EVERY_OPTION = [
 ]
 NAMES = {"visual flag": flags(), "segmentation": [*groupings()], "frame": frames(), "label": labels()}
 FILES = st.sampled_from(["a.csv", "b/c.npz", "é x.yml.png"])
-HERE = DocumentReader(Path(), OutputFolder(Path()))
+HERE = DocumentContext(Path(), OutputFolder(Path()))
 
 
 def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:

@@ -11,7 +11,7 @@ from mjrun.model.copied_fields import CopiedFields
 from mjrun.model.derived_numbers import DerivedNumbers
 from mjrun.model.element_numbers import ElementNumbers
 from mjrun.model.override import Override, apply
-from mjrun.model.partial_compilation import PartialCompiler
+from mjrun.model.partial_compilation import BodyCompiler
 from mjrun.model.recompilation import Recompiler
 from mjrun.model.sources import parse_source
 from tests.model.model_files import content
@@ -79,7 +79,7 @@ def test_a_part_has_the_numbers_of_its_bodies() -> None:
     spec, model = compiled()
     recompiler = Recompiler(spec, model)
     override = Override("geom/palm.size[0]", "0.07")
-    changed = PartialCompiler(recompiler.spec, model, recompiler.is_number).changed([override])
+    changed = BodyCompiler(recompiler.spec, model, recompiler.is_number).changed([override])
     expected = compiled(override)[1]
     assert changed
     assert {"geom_size", "body_mass", "body_inertia"} <= changed.keys()
@@ -91,7 +91,7 @@ def test_a_part_has_the_numbers_of_its_bodies() -> None:
 def test_a_part_is_not_compiled_for_what_is_not_in_it(path: str) -> None:
     spec, model = compiled()
     recompiler = Recompiler(spec, model)
-    compiler = PartialCompiler(recompiler.spec, model, recompiler.is_number)
+    compiler = BodyCompiler(recompiler.spec, model, recompiler.is_number)
     assert compiler.changed([Override(path, "0.5")]) is None
 
 

@@ -11,7 +11,7 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.model.override import Override
 from mjrun.model.servos import sentence, servos
 from mjrun.model.sources import load, parse_source
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import VariantLoader
 from mjrun.options.option import options_of
 from mjrun.simulation.simulation import Simulation
 
@@ -140,7 +140,7 @@ def test_other_overrides_do_not_change_the_gains_and_may_replace_them(arm: str) 
 
 
 def test_variants_of_a_study_are_compiled_as_each_alone(arm: str) -> None:
-    variants = ModelVariants()
+    variants = VariantLoader()
     for mass in ("1", "2", "5"):
         source = Simulation(arm, position_control="auto", set={"geom/1.mass": mass}).source
         expected = source.load()

@@ -15,7 +15,7 @@ from mjrun.model import variants
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.file import FileSource
-from mjrun.model.variants import ModelVariant, ModelVariants, SharedCompilation
+from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from tests.model.model_files import content
 
 MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .001"/></default>
@@ -72,7 +72,7 @@ def test_a_variant_is_the_compiled_model(
 ) -> None:
     path = source(tmp_path_factory.getbasetemp(), extra)
     varied = parse_source(path, [Override(*override) for override in overrides])
-    shared = ModelVariants()
+    shared = VariantLoader()
     shared.load(parse_source(path))
     try:
         expected = content(varied.load())
@@ -93,7 +93,7 @@ def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: 
             super().__init__(spec, model)
 
     monkeypatch.setattr(variants, "SharedCompilation", Counted)
-    shared, path = ModelVariants(), source(tmp_path)
+    shared, path = VariantLoader(), source(tmp_path)
     for value in ("0.1", "0.2", "0.3"):
         for name in PATHS:
             shared.load(parse_source(path, [Override(name, value)]))
@@ -104,7 +104,7 @@ def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize("budget", [2**40, 0])
 def test_forgotten_compilations_are_freed_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: int) -> None:
     monkeypatch.setattr(variants, "BYTES", budget)
-    shared, path = ModelVariants(), source(tmp_path)
+    shared, path = VariantLoader(), source(tmp_path)
     compilations: list[ReferenceType[SharedCompilation]] = []
     gc.disable()  # it would run now and then, after many objects that take little memory
     try:
@@ -126,7 +126,7 @@ def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: py
     path.write_text(MODEL.replace("EXTRA", "").replace("<worldbody>", f"{texture}<worldbody>"))
     size = mujoco.mj_sizeModel(parse_source(str(path)).load())
     monkeypatch.setattr(variants, "BYTES", 10 * size)
-    shared, loaded = ModelVariants(), list[ModelVariant]()
+    shared, loaded = VariantLoader(), list[ModelVariant]()
     for index in range(12):
         overrides = [Override("opt.iterations", str(index % 3 + 1)), Override("geom/floor.friction[0]", str(index + 1))]
         loaded.append(shared.load(parse_source(str(path), overrides)))
@@ -139,7 +139,7 @@ def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: py
 
 
 def test_an_unknown_name_is_reported_as_by_a_compilation(tmp_path: Path) -> None:
-    shared = ModelVariants()
+    shared = VariantLoader()
     with pytest.raises(UnknownNameError) as caught:
         shared.load(parse_source(source(tmp_path), [Override("geom/tup.friction", "1")]))
     assert "tip" in str(caught.value)
@@ -148,7 +148,7 @@ def test_an_unknown_name_is_reported_as_by_a_compilation(tmp_path: Path) -> None
 def test_compiled_models_are_shared_as_they_are(tmp_path: Path) -> None:
     path = tmp_path / "model.mjb"
     mujoco.mj_saveModel(parse_source(source(tmp_path)).load(), str(path))
-    shared = ModelVariants()
+    shared = VariantLoader()
     assert shared.load(parse_source(str(path))).model is shared.load(parse_source(str(path))).model
     with pytest.raises(MjrunError):
         shared.load(parse_source(str(path), [Override("opt.timestep", "1")]))
@@ -215,7 +215,7 @@ def test_numbers_that_vary_give_the_compiled_model(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "arm.xml"
     path.write_text(ARM)
-    shared = ModelVariants()
+    shared = VariantLoader()
     for numbers in points:
         overrides = [Override(name, _value(name, numbers)) for name in sorted(paths)]
         varied = parse_source(str(path), overrides)
@@ -259,7 +259,7 @@ def test_numbers_of_real_models_give_the_compiled_model(name: str, path: str) ->
     model = MODELS / name
     if not model.exists():
         pytest.skip("the models are not here")
-    shared = ModelVariants()
+    shared = VariantLoader()
     for number in ("0.01", "0.9", "1.1", "1.2345678", "0.7", "0.01"):
         varied = parse_source(str(model), [Override(path, number)])
         try:
@@ -274,7 +274,7 @@ def test_numbers_of_real_models_give_the_compiled_model(name: str, path: str) ->
 def test_models_that_are_overwritten_by_others_keep_no_number(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
-    shared = ModelVariants()
+    shared = VariantLoader()
     # The pad passes the upper arm, so that their bounding volumes change places.
     for number in ("0.3", "0.25", "0.35", "0.1", "1.3"):
         for name in ("geom/box.size[0]", "geom/pad.pos[0]", "site/goal.pos[0]", "body/hand.pos[0]", "geom/pad.size[0]"):
@@ -295,7 +295,7 @@ def test_numbers_that_vary_are_not_compiled_from_the_source(tmp_path: Path, monk
         return compile_source(self)
 
     monkeypatch.setattr(FileSource, "compile", counted)
-    shared = ModelVariants()
+    shared = VariantLoader()
     for index in range(10):
         for name in ("site/wrist.pos[0]", "geom/thumb.mass", "joint/elbow.range[1]"):
             shared.load(parse_source(str(path), [Override(name, str(0.1 + index / 100))]))

@@ -12,7 +12,7 @@ import pytest
 import mjrun
 from mjrun.model import state
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.episode_images import EpisodeImages
+from mjrun.outputs.episode_images import EpisodeImageRenderer
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.visual import visual_of
 from mjrun.timeline import Timeline
@@ -26,7 +26,7 @@ OPTIONS = ViewOptions(size=(64, 48), camera=["free:distance=2", "track:box"], qu
 HEIGHTS = [0.0, 0.2, 0.5]
 
 
-def images(renderer: EpisodeImages, path: Path, heights: list[float]) -> list[np.ndarray]:
+def images(renderer: EpisodeImageRenderer, path: Path, heights: list[float]) -> list[np.ndarray]:
     source = mjrun.Simulation(path).source
     model = source.load()
     with closing(StateBuffer(model)) as states:
@@ -50,17 +50,17 @@ def models(tmp_path: Path) -> list[Path]:
 
 
 def test_images_are_those_of_a_new_renderer_whatever_was_rendered_before(models: list[Path]) -> None:
-    with closing(EpisodeImages(OPTIONS, 1)) as renderer:
+    with closing(EpisodeImageRenderer(OPTIONS, 1)) as renderer:
         one_after_the_other = [images(renderer, path, HEIGHTS) for path in (models[0], models[1], models[0])]
     for path, found in zip((models[0], models[1], models[0]), one_after_the_other, strict=True):
-        with closing(EpisodeImages(OPTIONS, 1)) as renderer:
+        with closing(EpisodeImageRenderer(OPTIONS, 1)) as renderer:
             np.testing.assert_array_equal(found, images(renderer, path, HEIGHTS))
     assert not np.array_equal(one_after_the_other[0], one_after_the_other[1])
 
 
 def test_images_are_those_of_a_single_render(models: list[Path]) -> None:
     plain = replace(OPTIONS, stage=("none",))
-    with closing(EpisodeImages(plain, 1)) as renderer:
+    with closing(EpisodeImageRenderer(plain, 1)) as renderer:
         found = images(renderer, models[0], [0.2])
     model = mjrun.load(models[0])
     data = mujoco.MjData(model)
@@ -74,6 +74,6 @@ def test_images_are_those_of_a_single_render(models: list[Path]) -> None:
 def test_several_processes_render_the_same_images(models: list[Path]) -> None:
     rendered = []
     for painters in (1, 2):
-        with closing(EpisodeImages(OPTIONS, painters)) as renderer:
+        with closing(EpisodeImageRenderer(OPTIONS, painters)) as renderer:
             rendered.append([images(renderer, path, HEIGHTS) for path in models])
     np.testing.assert_array_equal(*rendered)

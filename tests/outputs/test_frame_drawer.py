@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import BadValueError, spelled
 from mjrun.outputs import frame_drawer as video_rendering
 from mjrun.outputs.frame_drawer import estimated_cost, jobs_for, start_early
-from mjrun.outputs.output import SharedRendering
+from mjrun.outputs.output import PassRenderers
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import workers
 from mjrun.rendering.backend import Backend
@@ -205,6 +205,6 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     monkeypatch.setattr(video_rendering, "available_cores", lambda: 2)
     monkeypatch.setattr(video_rendering, "lacks_gpu", lambda: lacks_gpu)
     counts: list[int] = []
-    monkeypatch.setattr(SharedRendering, "workers", lambda self, count: counts.append(count))
-    start_early(asked, (640, 480), 1, frames, SharedRendering())
+    monkeypatch.setattr(PassRenderers, "workers", lambda self, count: counts.append(count))
+    start_early(asked, (640, 480), 1, frames, PassRenderers())
     assert counts == started

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
-from mjrun.physics.warp_device import UNUSED, WarpDevice, WarpFields
+from mjrun.physics.warp_device import UNUSED, PerWorldFields, WarpDevice
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def changed(name: str | None = None) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_worlds_share_a_group_where_only_their_own_numbers_differ(device: WarpDevice, name: str) -> None:
-    fields = WarpFields(device)
+    fields = PerWorldFields(device)
     assert (fields.group(changed(name)) == fields.group(changed())) == (name in SHARED)
 
 
@@ -95,7 +95,7 @@ def test_worlds_share_a_group_where_only_their_own_numbers_differ(device: WarpDe
 def test_a_group_is_on_the_device_what_each_of_its_models_is_alone(device: WarpDevice, name: str) -> None:
     models = [changed(), changed(name)]
     with device.active():
-        together = WarpFields(device).put_models(models[0], models)
+        together = PerWorldFields(device).put_models(models[0], models)
         alone = [device.library.put_model(model) for model in models]
     for owner in ("", "opt"):
         group, *others = [getattr(each, owner) if owner else each for each in (together, *alone)]

@@ -100,7 +100,7 @@ def test_a_worker_that_ends_before_it_connects_is_reported(bootstrap: Path, tmp_
         "from mjrun import worker\n"
         "worker.serve_by_address = None\n"
         "worker.python_call = lambda *_: [__import__('sys').executable, '-S', '-c', 'raise SystemExit(3)']\n"
-        "one = worker.Worker('mjrun.study.point_server:PointServer')\n"
+        "one = worker.Worker('mjrun.study.point_server:PointSimulationServer')\n"
         "try:\n    one.ask('anything')\n"
         "except worker.WorkerEndedError as error:\n    print(error)\n"
         "finally:\n    one.close()\n"
@@ -114,7 +114,7 @@ def test_a_worker_that_ends_before_it_connects_is_reported(bootstrap: Path, tmp_
 def test_a_worker_ends_when_its_parent_is_killed(bootstrap: Path, tmp_path: Path) -> None:
     code = (
         "import os\nfrom mjrun import worker\n"
-        "one = worker.Worker('mjrun.study.point_server:PointServer')\n"
+        "one = worker.Worker('mjrun.study.point_server:PointSimulationServer')\n"
         "print(one.process.pid, flush=True)\nos.kill(os.getpid(), 9)\n"
     )
     environment = without_posix(bootstrap)

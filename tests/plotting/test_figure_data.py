@@ -8,7 +8,7 @@ import pytest
 from mjrun.errors import BadValueError
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Points
-from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel, Scale, scale
+from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel, ParameterAxis, scale
 from mjrun.plotting.study.figure_data import (
     GraphPanel,
     ParallelPanel,
@@ -60,11 +60,11 @@ def test_marks_are_within_the_range() -> None:
 def test_x_is_from_the_first_to_the_last_sample() -> None:
     drawing = Drawing("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [ReferenceLine("m", 99, vertical=True)])
     wide = replace(drawing, x_margin=0.1).x
-    assert drawing.x == Scale("t", 0, 3)
+    assert drawing.x == ParameterAxis("t", 0, 3)
     assert (wide.low, wide.high) == pytest.approx((-0.3, 3.3))
-    assert Drawing("", "t", False, [panel(1)], []).x == Scale("t", -0.5, 0.5)
-    assert Drawing("", "t", True, [panel()], []).x == Scale("t", 0.1, 1, True)
-    assert Drawing("", "t", False, [panel()], []).x == Scale("t", 0, 1)
+    assert Drawing("", "t", False, [panel(1)], []).x == ParameterAxis("t", -0.5, 0.5)
+    assert Drawing("", "t", True, [panel()], []).x == ParameterAxis("t", 0.1, 1, True)
+    assert Drawing("", "t", False, [panel()], []).x == ParameterAxis("t", 0, 1)
 
 
 def test_counts_are_whole_and_nothing_else_is() -> None:
@@ -121,10 +121,10 @@ def test_the_axis_of_a_metric_has_a_margin_and_colours_have_none() -> None:
     values = np.array([1.0, 2, np.nan])
     axis, colours = (scale("z", values, edge=edge) for edge in (MARGIN, 0.0))
     assert axis.low < 1 < 2 < axis.high
-    assert colours == Scale("z", 1, 2)
+    assert colours == ParameterAxis("z", 1, 2)
 
 
-GRAPH = GraphPanel(Scale("x", 0, 1), Scale("z", 0, 1), [], [])
+GRAPH = GraphPanel(ParameterAxis("x", 0, 1), ParameterAxis("z", 0, 1), [], [])
 
 
 def test_panels_have_the_columns_that_suit_or_those_asked_for() -> None:

@@ -15,8 +15,8 @@ from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
-from mjrun.plotting.matplotlib_figure import Canvas, settings
-from mjrun.plotting.panel_grid import FigureContents, panel_grid
+from mjrun.plotting.matplotlib_figure import FigureLayout, settings
+from mjrun.plotting.panel_grid import FigureCounts, panel_grid
 from mjrun.plotting.theme import THEMES
 
 TIME = np.linspace(0, 2, 50)
@@ -40,10 +40,10 @@ def figure(
 ) -> Figure:
     """A figure that is drawn; its artists know where they are."""
     most = max(len(each.curves) for each in panels)
-    grid = panel_grid(FigureContents(len(panels), most, bool(title)), size, columns)
+    grid = panel_grid(FigureCounts(len(panels), most, bool(title)), size, columns)
     with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
-        canvas = Canvas(grid, THEMES[style])
+        canvas = FigureLayout(grid, THEMES[style])
         paint(Drawing(title, "time [s]", log_x, panels, marks), grid, canvas)
         canvas.pixels()
         return canvas.figure

@@ -14,10 +14,10 @@ from mjrun.errors import BadValueError, FileError, MissingExtraError
 from mjrun.plotting.envelope import Points
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.figure_writer import FigureWriter, encoded, require_matplotlib, svg_text
-from mjrun.plotting.panel_grid import FigureContents, panel_grid
+from mjrun.plotting.panel_grid import FigureCounts, panel_grid
 
 SIZE = (480, 320)
-GRID = panel_grid(FigureContents(2, 2, True), SIZE, None)
+GRID = panel_grid(FigureCounts(2, 2, True), SIZE, None)
 TIME = np.linspace(0, 1, 30)
 CURVES = [DrawnCurve(name, Points(TIME, TIME**i), i) for i, name in enumerate(["α_1", "位置 <&>"])]
 DRAWING = Drawing("Title & more", "time [s]", False, [DrawnPanel(f"p{i} [m]", CURVES, False, ()) for i in range(2)], ())

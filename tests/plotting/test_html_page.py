@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import BadValueError, FileError
-from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageFile, PageTable, html_page, inline_svg, page_file
+from mjrun.plotting.html_page import (
+    Page,
+    PageFactTable,
+    PageFigure,
+    PageFile,
+    PageTable,
+    html_page,
+    inline_svg,
+    page_file,
+)
 from mjrun.plotting.manifest_html import FileManifest, flat, manifest_articles
 from mjrun.plotting.page_writer import PageWriter, included, recorded_verdicts
 from mjrun.plotting.table_statistics import ColumnStatistics
@@ -41,7 +50,7 @@ PAGE = Page(
     ],
     [PageTable(EVIL, 12345, [ColumnStatistics(EVIL, "m/s²", -1.0, 2.5, 0.1, float("nan"), 1)])],
     [FileManifest("m.json", {"command": EVIL, "options": {EVIL: [EVIL]}})],
-    [PageFacts("What was found", EVIL, ["Name", EVIL], [(EVIL, "1.25"), ("b", EVIL)], [1])],
+    [PageFactTable("What was found", EVIL, ["Name", EVIL], [(EVIL, "1.25"), ("b", EVIL)], [1])],
 )
 VOID = {"meta", "img", "br"}
 

@@ -8,13 +8,13 @@ import pytest
 
 from mjrun.errors import BadValueError
 from mjrun.options.plot import STYLES
-from mjrun.plotting.matplotlib_figure import Canvas, settings
-from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
+from mjrun.plotting.matplotlib_figure import FigureLayout, settings
+from mjrun.plotting.panel_grid import FigureCounts, PanelGrid, panel_grid
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 
 LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
-CANVAS = Canvas(GRID, LIGHT)
+CANVAS = FigureLayout(GRID, LIGHT)
 
 
 @pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 300, "一" * 40])
@@ -38,7 +38,7 @@ def test_bold_text_is_wider_and_larger_text_too() -> None:
 
 def test_letters_without_a_shape_are_left_to_who_shows_them_if_asked() -> None:
     assert CANVAS.shown("位\n") == "\\u4f4d\\n"
-    assert Canvas(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
+    assert FigureLayout(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
 
 
 def test_settings_are_ours_and_the_user_s_come_back() -> None:
@@ -164,31 +164,31 @@ def test_other_colours_stay() -> None:
 
 @pytest.mark.parametrize("panels", [1, 2, 4, 5, 6, 16, 48])
 def test_a_figure_grows_with_its_panels(panels: int) -> None:
-    grid = panel_grid(FigureContents(panels, 3, False), None, None)
+    grid = panel_grid(FigureCounts(panels, 3, False), None, None)
     assert grid.rows * grid.columns >= panels > (grid.rows - 1) * grid.columns
     assert grid.size[1] / grid.rows >= 12 * grid.em
     assert 10 < grid.em < 20
 
 
 def test_a_larger_legend_makes_higher_panels_up_to_a_bound() -> None:
-    heights = [panel_grid(FigureContents(8, names, False), None, None).size[1] for names in (2, 12, 300)]
+    heights = [panel_grid(FigureCounts(8, names, False), None, None).size[1] for names in (2, 12, 300)]
     assert heights[0] < heights[1] <= heights[2] < 3000
 
 
 def test_what_is_asked_for_is_kept() -> None:
-    grid = panel_grid(FigureContents(6, 3, True), (640, 480), 3)
+    grid = panel_grid(FigureCounts(6, 3, True), (640, 480), 3)
     assert (grid.size, grid.columns, grid.rows) == ((640, 480), 3, 2)
-    assert panel_grid(FigureContents(2, 3, True), None, 8).columns == 2
+    assert panel_grid(FigureCounts(2, 3, True), None, 8).columns == 2
 
 
 def test_panels_without_room_are_refused() -> None:
     with pytest.raises(BadValueError, match=r"size: '640x200' is not at least 140x320 for 5 panels"):
-        panel_grid(FigureContents(5, 1, False), (640, 200), None)
+        panel_grid(FigureCounts(5, 1, False), (640, 200), None)
     with pytest.raises(BadValueError, match=r"at least 420x96 for 3 panels"):
-        panel_grid(FigureContents(3, 1, False), (300, 300), 3)
+        panel_grid(FigureCounts(3, 1, False), (300, 300), 3)
 
 
 @pytest.mark.parametrize("size", [(100_000, 1000), (20_000, 20_000)])
 def test_more_pixels_than_memory_may_hold_are_refused(size: tuple[int, int]) -> None:
     with pytest.raises(BadValueError, match=r"is not at most 65535 a side and 100 megapixels"):
-        panel_grid(FigureContents(1, 1, False), size, None)
+        panel_grid(FigureCounts(1, 1, False), size, None)

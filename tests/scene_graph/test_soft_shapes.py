@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.scene_graph.soft_shapes import Segments, SoftShapes, Surface
+from mjrun.scene_graph.soft_shapes import Segments, SoftShapes, TriangleSurface
 
 
-def shapes(xml: str, steps: int = 0, **options: int) -> tuple[mujoco.MjData, list[Surface | Segments]]:
+def shapes(xml: str, steps: int = 0, **options: int) -> tuple[mujoco.MjData, list[TriangleSurface | Segments]]:
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     data, option = mujoco.MjData(model), mujoco.MjvOption()
     for name, value in options.items():
@@ -27,18 +27,18 @@ JELLY = CLOTH.replace('dim="2" count="3 4 1"', 'dim="3" count="3 3 4"')
 
 def test_a_cloth_has_the_area_of_its_grid_and_its_colour() -> None:
     data, (cloth,) = shapes(CLOTH)
-    assert isinstance(cloth, Surface)
+    assert isinstance(cloth, TriangleSurface)
     a, b, c = cloth.points[cloth.faces].transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(0.2 * 0.3)
     assert cloth.rgba == pytest.approx((0.1, 0.2, 0.3, 1))
     later, (fallen,) = shapes(CLOTH, 50)
-    assert isinstance(fallen, Surface)
+    assert isinstance(fallen, TriangleSurface)
     assert fallen.points.tolist() == later.flexvert_xpos.tolist() != data.flexvert_xpos.tolist()
 
 
 def test_a_solid_has_a_closed_surface_around_its_volume() -> None:
     _, (jelly,) = shapes(JELLY)
-    assert isinstance(jelly, Surface)
+    assert isinstance(jelly, TriangleSurface)
     sides = Counter(tuple(face[[i, (i + 1) % 3]].tolist()) for face in jelly.faces for i in range(3))
     assert all(sides[second, first] == count == 1 for (first, second), count in sides.items())
     a, b, c = jelly.points[jelly.faces].transpose(1, 0, 2)
@@ -58,7 +58,7 @@ def test_a_skin_follows_its_bone() -> None:
     <deformable><skin name="s" rgba="1 0 0 1" vertex="0 0 0 .1 0 0 0 .1 0" face="0 1 2"><bone body="b" bindpos="0 0 0"
       bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/></skin></deformable>"""
     data, (skin,) = shapes(xml, 50)
-    assert isinstance(skin, Surface)
+    assert isinstance(skin, TriangleSurface)
     local = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
     expected = data.body("b").xpos + local @ data.body("b").xmat.reshape(3, 3).T
     assert skin.points == pytest.approx(expected, abs=1e-6)

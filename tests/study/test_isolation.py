@@ -15,7 +15,7 @@ import pytest
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_server
 from mjrun.study.isolation import IsolatedSimulator, end_process, run_chunk
-from mjrun.study.point_server import PointServer, new_worker, start_early
+from mjrun.study.point_server import PointSimulationServer, new_worker, start_early
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import PointChunk, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
 
@@ -93,7 +93,7 @@ def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> N
 
 def test_each_point_has_a_result_and_each_chunk_its_versions(ball: Simulation) -> None:
     study = ShippedStudy.of(StudySpec(ball, ("seed",), METRICS))
-    server = PointServer()
+    server = PointSimulationServer()
     server.open(study.spec, study.snapshot.root)
     for chunk in ([StudyPoint(4, ("1",)), StudyPoint(2, ("2",))], [], [StudyPoint(9, ("3",))]):
         *parts, worker_versions = server.simulate(chunk)

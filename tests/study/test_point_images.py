@@ -9,7 +9,7 @@ from PIL import Image
 import mjrun
 from mjrun.options.dataset import LabelOptions
 from mjrun.study.image_spec import ImageSpec, record_path
-from mjrun.study.point_images import PointImages
+from mjrun.study.point_images import PointImageMaker
 
 MODEL = '<mujoco><worldbody><body name="ball"><joint type="slide"/><geom size=".1"/></body></worldbody></mujoco>'
 
@@ -19,7 +19,7 @@ def test_files_of_bop_are_masks_of_each_object_and_the_record_comes_last(tmp_pat
     model.write_text(MODEL)
     options = LabelOptions(size=(32, 24), camera="free:distance=.5")
     split = mjrun.Dataset(mjrun.Simulation("m.xml"), "set", split="test=1").split
-    images = PointImages(ImageSpec(options, split, ("ball",), "bop"))
+    images = PointImageMaker(ImageSpec(options, split, ("ball",), "bop"))
     simulation = mjrun.Simulation(model)
     _, files = images.make(7, {"seed": "1"}, simulation)
     folder = "test/000000"

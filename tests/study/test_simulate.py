@@ -13,7 +13,7 @@ import pytest
 
 from mjrun.errors import UnstableError
 from mjrun.model.source import Source
-from mjrun.model.variants import ModelVariant, ModelVariants
+from mjrun.model.variants import ModelVariant, VariantLoader
 from mjrun.outputs.recording import Recording
 from mjrun.physics.c_engine import CEngine
 from mjrun.physics.engine import RolloutBlock
@@ -114,13 +114,13 @@ def test_the_time_of_a_point_includes_that_of_its_compilation(
 ) -> None:
     now = 0.0
 
-    def load(self: ModelVariants, source: Source) -> ModelVariant:
+    def load(self: VariantLoader, source: Source) -> ModelVariant:
         nonlocal now
         now += 5.0
         return real(self, source)
 
-    real = ModelVariants.load
-    monkeypatch.setattr(ModelVariants, "load", load)
+    real = VariantLoader.load
+    monkeypatch.setattr(VariantLoader, "load", load)
     monkeypatch.setattr(simulate.time, "perf_counter", lambda: now)
     points = [("0.1", noise), ("0.12", noise), ("-1", noise)]
     results = simulated(spec_of(tmp_path, ("geom/ball.size[0]", "ctrl_noise")), points)

@@ -11,7 +11,7 @@ from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select, selected_columns
 from mjrun.task.batch_columns import ALL, SENSED, BatchColumns, MeasurementPlan, SourceWithSensors, can_sense
-from mjrun.task.data_batch import DataBatch
+from mjrun.task.mjdata_batch import MjDataBatch
 
 SOURCE = parse_source("scene:dominos")
 MODEL = SOURCE.load()
@@ -50,7 +50,7 @@ def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     plain = SOURCE.load()
     plain.opt.enableflags = model.opt.enableflags
-    batch = DataBatch(model, 3, 2, persistent=False) if plan.needs_data else Batch(model, 3, 2)
+    batch = MjDataBatch(model, 3, 2, persistent=False) if plan.needs_data else Batch(model, 3, 2)
     measurement = BatchColumns(batch, plan, lambda world: model)
     batch.bind("qvel")[:] = np.random.default_rng(0).normal(size=(3, MODEL.nv))
     batch.forward()

@@ -7,7 +7,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model import state
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import ModelVariant, ModelVariants, SharedCompilation
+from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from mjrun.physics.random_distribution import draw_numbers
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.random_streams import MODEL as MODEL_STREAM
@@ -72,18 +72,18 @@ def test_unknown_columns_are_told_where_they_stand() -> None:
 def test_models_vary_by_seed_alone() -> None:
     source = parse_source("scene:pendulum")
     vary = (("opt.gravity[2]", "uniform(-9, -1)"), ("opt.cone", "choice(elliptic, pyramidal)"))
-    models = EpisodeModels(source, vary, ModelVariants())
+    models = EpisodeModels(source, vary, VariantLoader())
     assert not models.is_one
     generator = stream(5, MODEL_STREAM)
     model = models.model(5)
     assert model.opt.gravity[2] == generator.uniform(-9, -1)
     assert model.opt.cone == (1, 0)[int(generator.integers(2))]
-    assert EpisodeModels(source, vary, ModelVariants()).model(5).opt.gravity[2] == model.opt.gravity[2]
+    assert EpisodeModels(source, vary, VariantLoader()).model(5).opt.gravity[2] == model.opt.gravity[2]
 
 
 def test_a_start_is_that_of_its_model_when_models_are_written_over() -> None:
     vary = (("opt.gravity[2]", "uniform(-9, -1)"),)
-    models = EpisodeModels(parse_source("scene:pendulum"), vary, ModelVariants())
+    models = EpisodeModels(parse_source("scene:pendulum"), vary, VariantLoader())
     first = models.variant(1)
     starts = EpisodeStarts(Reset(), first.model)
     gravity, start = first.model.opt.gravity[2], starts.state(first, 1).copy()
@@ -101,5 +101,5 @@ def test_a_start_is_that_of_its_model_when_models_are_written_over() -> None:
 )
 def test_what_cannot_vary_is_told_where_it_stands(path: str, message: str) -> None:
     with pytest.raises(UsageError, match=message) as caught:
-        EpisodeModels(parse_source("scene:pendulum"), ((path, "uniform(1, 2)"),), ModelVariants()).model(0)
+        EpisodeModels(parse_source("scene:pendulum"), ((path, "uniform(1, 2)"),), VariantLoader()).model(0)
     assert caught.value.path == ("reset", "vary", path)

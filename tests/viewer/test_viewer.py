@@ -15,7 +15,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
 from mjrun.viewer.viewer import WATCHED, Pace, Viewer
-from mjrun.viewer.window import Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+from mjrun.viewer.window import Action, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
 from tests.reporters import RecordingReporter
 
 
@@ -137,7 +137,12 @@ def test_where_it_was_said_how_long_an_instability_ends_it(window: Opened, explo
 
 
 def test_what_a_view_does_not_do_is_reported_once(window: Opened, swing: Path) -> None:
-    window([Refuse("not this"), Refuse("not this")], [Refuse("not this")], [Refuse("nor that")], None)
+    window(
+        [UnsupportedAction("not this"), UnsupportedAction("not this")],
+        [UnsupportedAction("not this")],
+        [UnsupportedAction("nor that")],
+        None,
+    )
     reporter = RecordingReporter()
     Viewer(Simulation(str(swing)), paused=True).run(reporter)
     assert reporter.texts == ["not this", "nor that"]

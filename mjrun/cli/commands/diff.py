@@ -7,7 +7,7 @@ import click
 from mjrun.cli.click_command import MODEL, CommandLine, ModelArgument, SectionedCommand, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
-from mjrun.errors import CommandFailure, GoldenDifferenceError
+from mjrun.errors import FailureReport, GoldenDifferenceError
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.diff import DiffOptions
@@ -66,7 +66,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     except GoldenDifferenceError as difference:
         (result,) = difference.results
         console.code = difference.exit_code
-        console.report_failure(CommandFailure.of(difference))
+        console.report_failure(FailureReport.of(difference))
     assert isinstance(result, TraceResult)
     assert result.golden
     console.answer(diff_report(result.golden, every=console.verbosity > 0), form)

@@ -115,9 +115,9 @@ def _report(results: "Sequence[EvaluationResult]") -> Report:
 
 def evaluation_report(result: "EvaluationResult") -> str:
     """Formats returns, success rates, endings, terms of the reward, metrics, videos and the comparison of policies."""
-    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.terminal_layout import TerminalLayout
 
-    page, level = PageLayout(), f"{100 * result.confidence:g} %"
+    page, level = TerminalLayout(), f"{100 * result.confidence:g} %"
     rows = _number_rows(result)
     page.table("numbers of an episode", _number_columns(rows, level), len(rows))
     if cautions := _cautions(result):

@@ -91,9 +91,9 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
 
 def fit_report(result: "FitResult") -> str:
     """Formats the parameters with their intervals, the prediction errors of the signals, and the files written."""
-    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.terminal_layout import TerminalLayout
 
-    page = PageLayout()
+    page = TerminalLayout()
     if result.partial:
         page.note("partial: the fit was interrupted, and these are the best parameters so far")
     page.table("parameters", _parameters(result), len(result.parameters), SHOWN)
@@ -118,9 +118,9 @@ def fit_report(result: "FitResult") -> str:
 
 def excitation_report(result: "ExcitationResult") -> str:
     """Formats the expected intervals, the range of motion of the model, and the files written."""
-    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.terminal_layout import TerminalLayout
 
-    page = PageLayout()
+    page = TerminalLayout()
     parameters, motion = result.parameters, result.motion
     columns = [
         Column("parameter", [clean(each.path) for each in parameters]),

@@ -36,7 +36,7 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
     reports={
         "info": "mjrun.model.info:InfoResult",
         "info-task": "mjrun.task.description:TaskDescription",
-        "info-demos": "mjrun.hdf5.contents:DemonstrationList",
+        "info-demos": "mjrun.hdf5.demonstration_summary:DemonstrationList",
     },
 )
 def info(console: Console, command_line: CommandLine) -> None:
@@ -154,10 +154,10 @@ def _show_table(
     entries: "Mapping[str, Mapping[str, str]]",
     headings: "Sequence[str]",
 ) -> None:
-    from mjrun.cli.page_layout import PageLayout
     from mjrun.cli.table_cells import Column
+    from mjrun.cli.terminal_layout import TerminalLayout
 
-    page = PageLayout()
+    page = TerminalLayout()
     cells = [[clean(facts[heading]) for facts in entries.values()] for heading in headings]
     columns = [Column("name", [clean(name) for name in entries], whole=True)]
     for heading, texts in zip(headings, cells, strict=True):
@@ -170,9 +170,9 @@ def _show_table(
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
     """Formats the sections as text; without names, long sections are cut and details only listed."""
-    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.terminal_layout import TerminalLayout
 
-    page, command_line = PageLayout(), f"mjrun info {clean(shlex.quote(model))}"
+    page, command_line = TerminalLayout(), f"mjrun info {clean(shlex.quote(model))}"
     details: list[str] = []
     for name in result.sections:
         section = SECTIONS[name]

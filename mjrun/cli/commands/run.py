@@ -49,8 +49,8 @@ def run(console: Console, command_line: CommandLine) -> None:
     console.guard_stdout()
     import_mujoco()
     from mjrun.document.run import read_run
-    from mjrun.outputs.last_run import LastRun
     from mjrun.outputs.perform import perform, preview
+    from mjrun.outputs.up_to_date_check import UpToDateCheck
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
@@ -61,7 +61,7 @@ def run(console: Console, command_line: CommandLine) -> None:
             console.answer(Report("", plan, lambda: "\n".join(_plan_lines(plan))))
             return
 
-        with LastRun(requests.jobs, options, requests.documents, requests.page.html) as last:
+        with UpToDateCheck(requests.jobs, options, requests.documents, requests.page.html) as last:
             if earlier := last.up_to_date():
                 console.answer(unchanged(earlier), form)
                 return

@@ -91,8 +91,8 @@ def _is_for_reading(command_line: CommandLine) -> bool:
 
 def _summarize(console: Console, command_line: CommandLine) -> None:
     """Prints the range of each column instead of the rows."""
-    from mjrun.cli.page_layout import PageLayout
     from mjrun.cli.table_cells import numbers, texts
+    from mjrun.cli.terminal_layout import TerminalLayout
     from mjrun.outputs.trace import Trace
     from mjrun.plotting.table_statistics import ColumnCounter
 
@@ -109,7 +109,7 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
     result = make(console, command_line, job)
     ((counter, units),) = measured
     rows = counter.statistics(units)
-    page = PageLayout()
+    page = TerminalLayout()
     shown = [
         texts("column", [row.name for row in rows]),
         texts("unit", [row.unit for row in rows]),

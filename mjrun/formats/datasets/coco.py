@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from mjrun.formats.datasets import Dataset, Files, Record
-from mjrun.formats.datasets.masks import mask_of, polygons
+from mjrun.formats.datasets.mask_encodings import mask_of, polygons
 from mjrun.formats.segmentation_labels import INFO, ascii_json, json_document
 
 

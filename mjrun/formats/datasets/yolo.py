@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 from mjrun.errors import UsageError, option
 from mjrun.formats.datasets import Dataset, Files, Record
 from mjrun.formats.datasets.coco import keypoints
-from mjrun.formats.datasets.masks import mask_of, polygons
+from mjrun.formats.datasets.mask_encodings import mask_of, polygons
 from mjrun.formats.segmentation_labels import ascii_json
 
 

@@ -22,7 +22,7 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.calibration_writer import centered_matrix
 from mjrun.formats.mcap.writer import Schema
 from mjrun.model.rendered_image import CameraCalibration
-from mjrun.scene_graph.soft_shapes import Segments, Surface
+from mjrun.scene_graph.soft_shapes import Segments, TriangleSurface
 
 TRANSFORMS, JOINTS, SCENE = Schema.of(FrameTransforms), Schema.of(JointStates), Schema.of(SceneUpdate)
 CALIBRATION, VIDEO, IMAGE = Schema.of(CalibrationMessage), Schema.of(CompressedVideo), Schema.of(CompressedImage)
@@ -134,13 +134,13 @@ def arrows(time: int, frame: str, name: str, starts: np.ndarray, vectors: np.nda
     return message.SerializeToString()
 
 
-def shapes(time: int, frame: str, name: str, parts: Sequence[Surface | Segments]) -> bytes:
+def shapes(time: int, frame: str, name: str, parts: Sequence[TriangleSurface | Segments]) -> bytes:
     """Serializes surfaces and segments that replace those of the same `name` from before."""
     message = SceneUpdate()
     entity = message.entities.add(frame_id=frame, id=name)
     _set_time(entity.timestamp, time)
     for part in parts:
-        if isinstance(part, Surface):
+        if isinstance(part, TriangleSurface):
             written = entity.triangles.add(indices=part.faces.ravel().tolist())
             points = part.points
         else:

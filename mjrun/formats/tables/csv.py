@@ -27,7 +27,7 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
-from mjrun.formats.csv_metadata import units_beside
+from mjrun.formats.csv_sidecar import units_beside
 from mjrun.formats.number_text import LinePieces
 from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, TableContents, select, shown
 from mjrun.formats.table_writer import RowWriter

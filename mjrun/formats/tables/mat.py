@@ -104,7 +104,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
         shapes = [mat.header(index).shape for index in {index: None for index, _ in columns.values()}]
         require_expandable(path, 8 * sum(map(math.prod, shapes)))
 
-    def opened(name: str, index: int) -> tables.ArrayReader:
+    def opened(name: str, index: int) -> tables.FileArray:
         return _MatrixReader(path, name, mat, index, cells)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)

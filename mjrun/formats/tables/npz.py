@@ -58,7 +58,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     with decoding(path):
         units, manifest = _units(archive), parse_manifest(_text(archive, MANIFEST))
 
-    def opened(name: str, info: zipfile.ZipInfo) -> tables.ArrayReader:
+    def opened(name: str, info: zipfile.ZipInfo) -> tables.FileArray:
         return _MemberReader(path, name, archive.open(info), cells)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)

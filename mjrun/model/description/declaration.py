@@ -20,7 +20,7 @@ T = TypeVar("T", bound="ModelObject")
 
 
 @dataclass(frozen=True)
-class Fact:
+class AttributeDeclaration:
     """The origin of an attribute, and its column in tables.
 
     Attributes:
@@ -54,7 +54,7 @@ class ModelObject:
     name: str
 
     @classmethod
-    def facts(cls) -> dict[str, Fact]:
+    def facts(cls) -> dict[str, AttributeDeclaration]:
         """Returns the declaration of each attribute, by name."""
         declared = {field.name: field.metadata.get("fact") for field in dataclasses.fields(cls)}
         return {name: fact for name, fact in declared.items() if fact}
@@ -95,7 +95,9 @@ def of_field(
     def own_unit(model: mujoco.MjModel, index: int) -> str:
         return field_unit(model, name, getattr(model, at)[index] if at else index)
 
-    return _attribute(Fact(read, heading, own_unit if unit is None else lambda model, index: unit, usual, is_detail))
+    return _attribute(
+        AttributeDeclaration(read, heading, own_unit if unit is None else lambda model, index: unit, usual, is_detail)
+    )
 
 
 def within_limits(limited: str, limits: str, *, is_detail: bool = False) -> Any:
@@ -107,7 +109,7 @@ def within_limits(limited: str, limits: str, *, is_detail: bool = False) -> Any:
     def unit(model: mujoco.MjModel, index: int) -> str:
         return field_unit(model, limits, index)
 
-    return _attribute(Fact(read, unit=unit, is_detail=is_detail, is_range=True))
+    return _attribute(AttributeDeclaration(read, unit=unit, is_detail=is_detail, is_range=True))
 
 
 def computed(
@@ -121,7 +123,7 @@ def computed(
     def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
         return [compute(model, i) for i in range(getattr(model, COUNTS[kind]))]
 
-    return _attribute(Fact(read, unit=lambda model, index: unit, is_detail=is_detail))
+    return _attribute(AttributeDeclaration(read, unit=lambda model, index: unit, is_detail=is_detail))
 
 
 def referred_kind(field: str) -> Any:
@@ -132,10 +134,10 @@ def referred_kind(field: str) -> Any:
         assert kinds is not None, field
         return [enum_name(mujoco.mjtObj, row[0]) for row in as_rows(kinds)]
 
-    return _attribute(Fact(read))
+    return _attribute(AttributeDeclaration(read))
 
 
-def _attribute(fact: Fact) -> Any:
+def _attribute(fact: AttributeDeclaration) -> Any:
     return dataclasses.field(metadata={"fact": fact})
 
 

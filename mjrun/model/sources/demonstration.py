@@ -13,11 +13,11 @@ import mujoco
 from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, clean, counted, option
-from mjrun.hdf5.contents import DemonstrationOrigin
-from mjrun.model.asset_places import PlacedModel, installed_packages, packages_in, placed
+from mjrun.hdf5.demonstration_summary import DemonstrationOrigin
 from mjrun.model.compilation import compile_model
 from mjrun.model.demonstrations import errors_of_models, model_text, open_demonstrations
 from mjrun.model.override import ASSETS
+from mjrun.model.relocated_assets import PlacedModel, installed_packages, packages_in, placed
 from mjrun.model.source import Source
 from mjrun.model.sources.file import parse_checked
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import Scale, scale
-from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
+from mjrun.plotting.figure_data import ParameterAxis, scale
+from mjrun.plotting.panel_grid import FigureCounts, PanelGrid, panel_grid
 
 CELLS = 8  # maximum number of cells in a row that are all labelled
 EDGE = 0.04  # margin at the ends of an axis, as a share of its range
@@ -62,8 +62,8 @@ class GraphPanel:
       axis_label: the label beside the y axis, in addition to that above the panel.
     """
 
-    x: Scale
-    y: Scale
+    x: ParameterAxis
+    y: ParameterAxis
     series: Sequence[Series]
     failures: Sequence[FailedPoints]
     marks: Sequence[ReferenceLine] = ()
@@ -93,11 +93,11 @@ class HeatPanel:
     """
 
     label: str
-    columns: Scale
-    rows: Scale
+    columns: ParameterAxis
+    rows: ParameterAxis
     values: np.ndarray
     failed: np.ndarray
-    colours: Scale
+    colours: ParameterAxis
 
     curves = 0
 
@@ -112,7 +112,7 @@ class ParallelPanel:
       failed: mask of the points without the metric.
     """
 
-    scales: Sequence[Scale]
+    scales: Sequence[ParameterAxis]
     values: np.ndarray
     failed: np.ndarray
 
@@ -161,16 +161,16 @@ class StudyDrawing:
     legend_title: str = ""
 
 
-def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> Scale:
+def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> ParameterAxis:
     """Returns the axis of cells with ascending values: numeric if many and evenly spaced, otherwise of texts."""
     count = len(levels)
     if count > CELLS and is_geometric(levels):
         half = float((levels[-1] / levels[0]) ** (0.5 / (count - 1)))
-        return Scale(name, float(levels[0]) / half, float(levels[-1]) * half, True)
+        return ParameterAxis(name, float(levels[0]) / half, float(levels[-1]) * half, True)
     steps = np.diff(levels)
     if count > CELLS and steps.max() - steps.min() < 1e-6 * steps.mean():
         half = float(steps.mean()) / 2
-        return Scale(name, float(levels[0]) - half, float(levels[-1]) + half)
+        return ParameterAxis(name, float(levels[0]) - half, float(levels[-1]) + half)
     return scale(name, levels, categories=labels, edge=0.0)
 
 
@@ -221,5 +221,5 @@ def study_grid(
     side = 1 if in_page else side
     names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)
     above = min(side, panels) if drawing.above else 0
-    contents = FigureContents(panels + above, names, bool(drawing.title))
+    contents = FigureCounts(panels + above, names, bool(drawing.title))
     return panel_grid(contents, size, min(side, panels), font_size, in_page=in_page)

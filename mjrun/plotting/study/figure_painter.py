@@ -16,8 +16,8 @@ from matplotlib.text import Annotation
 
 from mjrun.plotting.axis_ticks import number_ticks, set_scale
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import Scale
-from mjrun.plotting.matplotlib_figure import SMALL, TITLE, Canvas, rgb
+from mjrun.plotting.figure_data import ParameterAxis
+from mjrun.plotting.matplotlib_figure import SMALL, TITLE, FigureLayout, rgb
 from mjrun.plotting.panel_grid import POINT, PanelGrid
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, ParallelPanel, RankPanel, Series, StudyDrawing
 from mjrun.plotting.tick_labels import value_labels
@@ -41,7 +41,7 @@ DIGITS = "{:.4g}"  # of these values
 VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an image
 
 
-def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
+def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) -> None:
     """Draws the figure of a study on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
     panels, side = drawing.panels, grid.columns
     rows = -(-len(panels) // side)
@@ -84,7 +84,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
         plate_labels(canvas, host)
 
 
-def _key(drawing: StudyDrawing, canvas: Canvas) -> dict[str, Artist]:
+def _key(drawing: StudyDrawing, canvas: FigureLayout) -> dict[str, Artist]:
     graphs = [panel for panel in drawing.panels if isinstance(panel, GraphPanel)]
     maps = [panel for panel in drawing.panels if isinstance(panel, HeatPanel)]
     ranked = next((panel for panel in drawing.panels if isinstance(panel, RankPanel)), None)
@@ -95,7 +95,7 @@ def _key(drawing: StudyDrawing, canvas: Canvas) -> dict[str, Artist]:
     }
 
 
-def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str, legend_title: str) -> None:
+def _add_key(canvas: FigureLayout, key: Mapping[str, Artist], title: str, legend_title: str) -> None:
     """Adds a key above all panels, with the title above it: in one line if it fits, otherwise in columns.
 
     The title of the key comes first in it.
@@ -117,13 +117,13 @@ def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str, legend_title
     )
 
 
-def _rank_key(canvas: Canvas, panel: RankPanel) -> dict[str, Artist]:
+def _rank_key(canvas: FigureLayout, panel: RankPanel) -> dict[str, Artist]:
     """Returns samples of the two measures of a relation, by name."""
     bar = Patch(facecolor=rgb(canvas.theme.colour(0)), linewidth=0)
     return dict(zip(panel.names, (bar, _dot(canvas)), strict=True))
 
 
-def _dot(canvas: Canvas) -> Line2D:
+def _dot(canvas: FigureLayout) -> Line2D:
     """Returns a ring, which marks a share of mutual information."""
     ring = Line2D([], [], linestyle="none", marker="o", zorder=3, markersize=0.45 * canvas.em * POINT)
     ring.set(markerfacecolor=rgb(canvas.theme.ground), markeredgecolor=rgb(canvas.theme.ink))
@@ -131,7 +131,7 @@ def _dot(canvas: Canvas) -> Line2D:
     return ring
 
 
-def _draw_rank_bars(canvas: Canvas, panel: RankPanel, axes: Axes, *, named: bool) -> None:
+def _draw_rank_bars(canvas: FigureLayout, panel: RankPanel, axes: Axes, *, named: bool) -> None:
     """Draws rank correlations as bars, each with its number on the other side of zero, which is always free.
 
     Indices of sensitivity are bars to the right, apart from errors of estimates.
@@ -178,7 +178,7 @@ def _is_lowest(drawing: StudyDrawing, index: int, side: int) -> bool:
     return type(mine) is not type(other)
 
 
-def _graph_key(canvas: Canvas, panels: Sequence[GraphPanel]) -> dict[str, Artist]:
+def _graph_key(canvas: FigureLayout, panels: Sequence[GraphPanel]) -> dict[str, Artist]:
     """Returns samples of the lines, bands and marks of panels by name, once for all of them."""
     theme, first = canvas.theme, panels[0]
     key: dict[str, Artist] = {}
@@ -204,7 +204,7 @@ def _graph_key(canvas: Canvas, panels: Sequence[GraphPanel]) -> dict[str, Artist
     return key
 
 
-def _draw_graph(canvas: Canvas, panel: GraphPanel, axes: Axes) -> None:
+def _draw_graph(canvas: FigureLayout, panel: GraphPanel, axes: Axes) -> None:
     """Draws a panel."""
     theme = canvas.theme
     set_scale(canvas, axes, "x", panel.x)
@@ -231,7 +231,7 @@ def _draw_graph(canvas: Canvas, panel: GraphPanel, axes: Axes) -> None:
         )
 
 
-def _mark(canvas: Canvas, axes: Axes, mark: ReferenceLine) -> None:
+def _mark(canvas: FigureLayout, axes: Axes, mark: ReferenceLine) -> None:
     """Draws a line at a value of either axis, with its label at the end of the line."""
     low, high = axes.get_xlim() if mark.vertical else axes.get_ylim()
     if not low <= mark.value <= high:
@@ -255,7 +255,7 @@ def _mark(canvas: Canvas, axes: Axes, mark: ReferenceLine) -> None:
     )
 
 
-def _series(canvas: Canvas, axes: Axes, series: Series) -> None:
+def _series(canvas: FigureLayout, axes: Axes, series: Series) -> None:
     colour = rgb(canvas.theme.colour(series.colour))
     if series.joined:
         for band, opacity in zip(series.bands, OPACITIES, strict=False):
@@ -281,7 +281,7 @@ def _series(canvas: Canvas, axes: Axes, series: Series) -> None:
         )
 
 
-def _line(canvas: Canvas, series: Series) -> Line2D:
+def _line(canvas: FigureLayout, series: Series) -> Line2D:
     """Returns a line in the style of a series."""
     line = Line2D([], [], color=rgb(canvas.theme.colour(series.colour)), alpha=series.opacity)
     if pattern := canvas.theme.pattern(series.colour):
@@ -289,12 +289,12 @@ def _line(canvas: Canvas, series: Series) -> Line2D:
     return line
 
 
-def _failure_colour(canvas: Canvas, panel: GraphPanel, index: int) -> tuple[float, float, float]:
+def _failure_colour(canvas: FigureLayout, panel: GraphPanel, index: int) -> tuple[float, float, float]:
     """Returns the colour of a status, which differs from those of the series."""
     return rgb(canvas.theme.colour(len(panel.series) + index))
 
 
-def draw_heat_map(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
+def draw_heat_map(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
     """Draws a panel, with its colour bar to the right of it."""
     height, width = panel.values.shape
     across, up = _edges(panel.columns, width), _edges(panel.rows, height)
@@ -308,7 +308,7 @@ def draw_heat_map(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
     _colour_bar(canvas, axes, panel.colours, GAP)
 
 
-def _write_values(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
+def _write_values(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
     """Writes the values into the cells of a heat map, if all of them have room."""
     rows, columns = panel.values.shape
     size, box = 0.85 * SMALL * canvas.em, axes.get_window_extent()
@@ -327,14 +327,14 @@ def _write_values(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
         axes.text(*place, label, ha="center", va="center", fontsize=size * POINT, color=colour)
 
 
-def _middles(scale: Scale, count: int) -> np.ndarray:
+def _middles(scale: ParameterAxis, count: int) -> np.ndarray:
     """Returns the middles of `count` cells."""
     edges = _edges(scale, count)
     middles: np.ndarray = np.sqrt(edges[1:] * edges[:-1]) if scale.log else (edges[1:] + edges[:-1]) / 2
     return middles
 
 
-def heat_key(canvas: Canvas, panels: Sequence[HeatPanel]) -> dict[str, Artist]:
+def heat_key(canvas: FigureLayout, panels: Sequence[HeatPanel]) -> dict[str, Artist]:
     """Returns samples of the kinds of cells without a colour that occur, by name."""
     key: dict[str, Artist] = {}
     if any(panel.failed.any() for panel in panels):
@@ -344,7 +344,7 @@ def heat_key(canvas: Canvas, panels: Sequence[HeatPanel]) -> dict[str, Artist]:
     return key
 
 
-def draw_parallel(canvas: Canvas, panel: ParallelPanel, host: Axes) -> None:
+def draw_parallel(canvas: FigureLayout, panel: ParallelPanel, host: Axes) -> None:
     """Draws a line for each point; the axis of the metric is the colour bar."""
     theme, em = canvas.theme, canvas.em
     *scales, metric = panel.scales
@@ -377,7 +377,7 @@ def draw_parallel(canvas: Canvas, panel: ParallelPanel, host: Axes) -> None:
         _name(host, canvas.fitted(name, span, em), index, em)
 
 
-def plate_labels(canvas: Canvas, host: Axes) -> None:
+def plate_labels(canvas: FigureLayout, host: Axes) -> None:
     """Adds backgrounds to the labels of parallel axes, whose positions are known, so that lines do not hide them."""
     plate = {"facecolor": rgb(canvas.theme.ground), "edgecolor": "none", "alpha": 0.8, "pad": 0.1 * SMALL * canvas.em}
     for axes in canvas.figure.axes:
@@ -392,7 +392,7 @@ def _name(axes: Axes, name: str, x: float, em: float) -> Annotation:
     return axes.annotate(name, (x, 1), xycoords=("data", "axes fraction"), va="bottom", fontsize=em * POINT, **place)
 
 
-def _colour_bar(canvas: Canvas, axes: Axes, colours: Scale, gap: float) -> Axes:
+def _colour_bar(canvas: FigureLayout, axes: Axes, colours: ParameterAxis, gap: float) -> Axes:
     """Draws a colour bar to the right of axes, after a gap [em]."""
     box = axes.get_window_extent()
     pad, aspect = gap * canvas.em / box.width, box.height / (BAR * canvas.em)
@@ -402,16 +402,18 @@ def _colour_bar(canvas: Canvas, axes: Axes, colours: Scale, gap: float) -> Axes:
     return bar.ax
 
 
-def _colours(scale: Scale) -> ScalarMappable:
+def _colours(scale: ParameterAxis) -> ScalarMappable:
     """Returns the mapping of values to colours."""
     return ScalarMappable(_norm(scale), COLOUR_MAP)
 
 
-def _norm(scale: Scale) -> Normalize:
+def _norm(scale: ParameterAxis) -> Normalize:
     return (LogNorm if scale.log else Normalize)(scale.low, scale.high)
 
 
-def _empty_cell(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float], *, failed: bool) -> Rectangle:
+def _empty_cell(
+    canvas: FigureLayout, corner: tuple[float, float], size: tuple[float, float], *, failed: bool
+) -> Rectangle:
     """Returns a cell without a value, hatched if its points failed."""
     theme = canvas.theme
     cell = Rectangle(corner, *size, facecolor=rgb(theme.grid), edgecolor="none", linewidth=0)
@@ -420,7 +422,7 @@ def _empty_cell(canvas: Canvas, corner: tuple[float, float], size: tuple[float, 
     return cell
 
 
-def _edges(scale: Scale, count: int) -> np.ndarray:
+def _edges(scale: ParameterAxis, count: int) -> np.ndarray:
     """Returns the edges of `count` cells."""
     return (np.geomspace if scale.log else np.linspace)(scale.low, scale.high, count + 1)
 

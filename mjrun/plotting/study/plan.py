@@ -21,7 +21,7 @@ from mjrun.plotting.curve_syntax import (
     parse_ylabel,
     parse_ylim,
 )
-from mjrun.plotting.figure_data import MARGIN, Scale, scale
+from mjrun.plotting.figure_data import MARGIN, ParameterAxis, scale
 from mjrun.plotting.study.figure_data import (
     FailedPoints,
     GraphPanel,
@@ -214,7 +214,7 @@ class StudyFigurePlan:
         panels = [self._graph(x, axis, metric, lines) for metric in self._shown(self._metrics)]
         return self._drawn(panels)
 
-    def _axis(self, x: Parameter) -> Scale:
+    def _axis(self, x: Parameter) -> ParameterAxis:
         """Returns the axis of a parameter, with the range and the label that are requested."""
         axis, options = x.scale(True if self._log_x else None), self._options
         if options.xlim and not axis.categories:
@@ -223,7 +223,7 @@ class StudyFigurePlan:
         return replace(axis, name=options.xlabel) if options.xlabel else axis
 
     def _panel(
-        self, x: Scale, metric: MetricValues, drawn: np.ndarray, series: Sequence[Series], failures: np.ndarray
+        self, x: ParameterAxis, metric: MetricValues, drawn: np.ndarray, series: Sequence[Series], failures: np.ndarray
     ) -> GraphPanel:
         """Returns a panel of a metric, with its marks.
 
@@ -239,7 +239,7 @@ class StudyFigurePlan:
             y = replace(y, low=limit[0], high=limit[1], log=y.log and limit[0] > 0)
         return GraphPanel(x, y, series, self._failures(failures), marks, self._ylabels.get(index, ""))
 
-    def _graph(self, x: Parameter, axis: Scale, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
+    def _graph(self, x: Parameter, axis: ParameterAxis, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
         groups = [("", np.ones(len(x.values), bool))]
         if lines is not None:
             groups = [

@@ -9,7 +9,7 @@ from mjrun.formats.study_reader import StudyResults, point_names, point_values
 from mjrun.formats.table_reader import Table, open_table, read_table
 from mjrun.model.table_column import with_unit
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
-from mjrun.plotting.figure_data import MARGIN, Scale, scale
+from mjrun.plotting.figure_data import MARGIN, ParameterAxis, scale
 from mjrun.plotting.study.figure_data import GraphPanel, Series
 
 TIME = "time"
@@ -78,7 +78,7 @@ class Trajectories:
         return _Curve(curve.name, unit, [curve.expression.values(table.columns) for table in tables.values()])
 
     def _panel(
-        self, curve: "_Curve", times: Scale, tables: Mapping[int, Table], labels: Sequence[str], largest: float
+        self, curve: "_Curve", times: ParameterAxis, tables: Mapping[int, Table], labels: Sequence[str], largest: float
     ) -> GraphPanel:
         colours = range(len(tables)) if any(labels) else [0] * len(tables)
         opacity = 1.0 if len(tables) <= NAMED else FAINT

@@ -11,8 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from mjrun.plotting.axis_ticks import WHOLE
-from mjrun.plotting.figure_data import Scale
-from mjrun.plotting.matplotlib_figure import Canvas, settings
+from mjrun.plotting.figure_data import ParameterAxis
+from mjrun.plotting.matplotlib_figure import FigureLayout, settings
 from mjrun.plotting.study.figure_data import (
     Band,
     FailedPoints,
@@ -32,15 +32,19 @@ from tests.plotting.test_figure_painter import require_room, words
 X, Y = np.array([0.0, 1, 2]), np.array([1.0, 3, 2])
 BANDS = [Band(Y - 1, Y + 1), Band(Y - 0.5, Y + 0.5)]
 FAILURES = [FailedPoints("unstable", np.array([2.0, 2.0])), FailedPoints("crashed", np.array([1.0]))]
-MASS, Z = Scale("mass", -0.1, 2.1), Scale("z", 0, 4)
+MASS, Z = ParameterAxis("mass", -0.1, 2.1), ParameterAxis("z", 0, 4)
 GRAPH = GraphPanel(MASS, Z, [Series("", X, Y, BANDS)], FAILURES)
-OTHER = GraphPanel(Scale("w", 0, 3), Z, [Series("", X, Y)], [])
+OTHER = GraphPanel(ParameterAxis("w", 0, 3), Z, [Series("", X, Y)], [])
 VALUES = np.array([[1.0, 2, np.nan], [4, 5, np.nan]])
 FAILED = np.array([[False, False, True], [False, False, False]])
-CATEGORIES = Scale("mass", -0.5, 2.5, categories=("1", "2", "3"))
-HEAT = HeatPanel("z", CATEGORIES, Scale("friction", 0, 2), VALUES, FAILED, Scale("z", 1, 5))
+CATEGORIES = ParameterAxis("mass", -0.5, 2.5, categories=("1", "2", "3"))
+HEAT = HeatPanel("z", CATEGORIES, ParameterAxis("friction", 0, 2), VALUES, FAILED, ParameterAxis("z", 1, 5))
 RANK = RankPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]), np.array([0.9, 0.6, np.nan]))
-SCALES = [Scale("mass", 0, 2), Scale("model", -0.5, 1.5, categories=("a", "b")), Scale("z", 0.1, 10, log=True)]
+SCALES = [
+    ParameterAxis("mass", 0, 2),
+    ParameterAxis("model", -0.5, 1.5, categories=("a", "b")),
+    ParameterAxis("z", 0.1, 10, log=True),
+]
 POINTS = np.array([[1.0, 1, np.nan], [0.5, 0, 1.0]])
 ABOVE = ParallelPanel(SCALES, POINTS, np.isnan(POINTS[:, 2]))
 
@@ -59,7 +63,7 @@ def figure(
     grid = study_grid(drawing, size)
     with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
-        canvas = Canvas(grid, THEMES[style])
+        canvas = FigureLayout(grid, THEMES[style])
         paint_study(drawing, grid, canvas)
         return canvas.figure, canvas.pixels()
 
@@ -101,7 +105,7 @@ def test_a_curve_its_bands_and_failures_are_where_they_should_be() -> None:
 
 
 def test_categories_are_dots_with_lines() -> None:
-    axis = Scale("model", -0.5, 2.5, categories=("a", "b", "c"))
+    axis = ParameterAxis("model", -0.5, 2.5, categories=("a", "b", "c"))
     (axes,) = figure(StudyDrawing("", [GraphPanel(axis, Z, [Series("", X, Y, BANDS, joined=False)], [])]))[0].axes
     assert len(axes.collections) == 2
     assert [label.get_text() for label in axes.get_xticklabels()] == ["a", "b", "c"]
@@ -110,7 +114,7 @@ def test_categories_are_dots_with_lines() -> None:
 @pytest.mark.parametrize(("count", "shown"), [(WHOLE, WHOLE), (40, 10)])
 def test_many_categories_have_some_of_their_names_and_few_have_shorter_ones(count: int, shown: int) -> None:
     names = [f"a_model_with_a_name_{i}.xml" for i in range(count)]
-    axis = Scale("model", -0.5, count - 0.5, categories=names)
+    axis = ParameterAxis("model", -0.5, count - 0.5, categories=names)
     (axes,) = figure(StudyDrawing("", [GraphPanel(axis, Z, [Series("", X, Y, joined=False)], [])]), (1280, 480))[0].axes
     labels = [label.get_text() for label in axes.get_xticklabels()]
     assert 1 < len(labels) <= shown
@@ -147,8 +151,8 @@ def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
 
 def test_a_logarithmic_grid_is_drawn_in_equal_cells() -> None:
     values = np.array([[1.0, 10]])
-    scales = Scale("x", 1, 100, log=True), Scale("y", 0, 1)
-    made = figure(StudyDrawing("", [HeatPanel("z", *scales, values, values < 0, Scale("z", 1, 10, log=True))]))
+    scales = ParameterAxis("x", 1, 100, log=True), ParameterAxis("y", 0, 1)
+    made = figure(StudyDrawing("", [HeatPanel("z", *scales, values, values < 0, ParameterAxis("z", 1, 10, log=True))]))
     axes = made[0].axes[0]
     left, middle, right = (pixel(made, axes, x, 0.5) for x in (1.1, 9.5, 10.5))
     assert (left == middle).all()
@@ -195,15 +199,15 @@ def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metr
     ],
 )
 def test_names_without_room_lose_what_all_of_them_share(names: tuple[str, ...], shown: set[str]) -> None:
-    scales = [*(Scale(name, 0, 1) for name in names), SCALES[-1]]
+    scales = [*(ParameterAxis(name, 0, 1) for name in names), SCALES[-1]]
     above = ParallelPanel(scales, np.full((1, len(scales)), 0.5), np.array([False]))
     assert shown <= set(words(figure(StudyDrawing("", [RANK], 1, above), (320, 400))[0]))
 
 
 def test_values_are_written_into_cells_that_have_room() -> None:
     def written(values: np.ndarray, size: tuple[int, int]) -> dict[tuple[float, float], str]:
-        scales = Scale("x", 0, values.shape[1]), Scale("y", 0, values.shape[0])
-        panel = HeatPanel("z", *scales, values, np.isnan(values), Scale("z", 1, 9))
+        scales = ParameterAxis("x", 0, values.shape[1]), ParameterAxis("y", 0, values.shape[0])
+        panel = HeatPanel("z", *scales, values, np.isnan(values), ParameterAxis("z", 1, 9))
         axes = figure(StudyDrawing("", [panel]), size)[0].axes[0]
         return {text.get_position(): text.get_text() for text in axes.texts}
 

@@ -12,8 +12,8 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.model.names import object_names
-from mjrun.scene_graph.assets import unique_rows
 from mjrun.scene_graph.graph import Material, Mesh, Texture, Vector
+from mjrun.scene_graph.meshes import unique_rows
 
 RGB, RGBA = int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)
 FLAT = int(mujoco.mjtTexture.mjTEXTURE_2D)
@@ -58,7 +58,7 @@ class TextureMapping:
         return replace(mesh, uv=(uv + self.offset).astype(np.float32))
 
 
-class Surfaces:
+class MaterialCache:
     """The materials of a model, each made once."""
 
     def __init__(self, model: mujoco.MjModel) -> None:

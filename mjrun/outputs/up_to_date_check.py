@@ -59,7 +59,7 @@ class EarlierReport:
         return f"{', '.join(first)} and {last}: up to date" if first else f"{last}: up to date"
 
 
-class LastRun:
+class UpToDateCheck:
     """A run, compared with the last one that made the same outputs; a context manager.
 
     Args:

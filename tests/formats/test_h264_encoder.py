@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import EncoderError
-from mjrun.formats.video_stream import H264Stream
+from mjrun.formats.h264_encoder import H264Encoder
 
 IDR, SEQUENCE_PARAMETERS, PICTURE_PARAMETERS = 5, 7, 8
 
@@ -25,7 +25,7 @@ def frames(count: int, width: int = 64, height: int = 48) -> np.ndarray:
 
 
 def encoded(video: np.ndarray, fps: Fraction = Fraction(10)) -> list[bytes]:
-    with H264Stream((video.shape[2], video.shape[1]), fps) as stream:
+    with H264Encoder((video.shape[2], video.shape[1]), fps) as stream:
         units = [unit for frame in video for unit in stream.write(frame)]
         return [*units, *stream.end()]
 
@@ -69,24 +69,24 @@ def test_each_delta_frame_decodes_at_once_as_none_waits_for_a_later_one() -> Non
 
 def test_odd_sides_are_padded() -> None:
     video = frames(3, 33, 17)
-    with H264Stream((33, 17), Fraction(30)) as stream:
+    with H264Encoder((33, 17), Fraction(30)) as stream:
         assert stream.encoded_size == (34, 18)
     assert decoded(b"".join(encoded(video)), 34, 18).shape == (3, 18, 34, 3)
 
 
 def test_a_stream_without_frames_and_one_of_a_single_frame_end() -> None:
-    with H264Stream((64, 48), Fraction(1, 7)) as stream:
+    with H264Encoder((64, 48), Fraction(1, 7)) as stream:
         assert stream.end() == []
     assert len(encoded(frames(1), Fraction(1, 7))) == 1
 
 
 def test_an_encoder_that_dies_is_reported() -> None:
-    with H264Stream((64, 48), Fraction(30)) as stream:
+    with H264Encoder((64, 48), Fraction(30)) as stream:
         stream._child.kill()
         with pytest.raises(EncoderError, match=r"the H.264 encoder stopped after \d+ frames"):
             [stream.write(frame) for frame in frames(300)]
 
 
 def test_a_frame_of_another_size_is_refused(tmp_path: Path) -> None:
-    with H264Stream((64, 48), Fraction(30)) as stream, pytest.raises(ValueError, match=r"\(48, 64, 3\)"):
+    with H264Encoder((64, 48), Fraction(30)) as stream, pytest.raises(ValueError, match=r"\(48, 64, 3\)"):
         stream.write(np.zeros((48, 63, 3), np.uint8))

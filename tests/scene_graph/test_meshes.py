@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from mjrun.scene_graph.assets import height_field, mesh_asset, mesh_hull, skin_asset, smooth_normals
+from mjrun.scene_graph.meshes import height_field, mesh_asset, mesh_hull, skin_asset, smooth_normals
 
 TETRAHEDRON = """
 <mujoco>

@@ -29,7 +29,7 @@ class DemonstrationOrigin:
 
 
 @dataclass(frozen=True)
-class Episode:
+class DemonstrationSummary:
     """A demonstration in a file, as `mjrun info` lists it.
 
     Attributes:
@@ -65,4 +65,4 @@ class DemonstrationList:
     origin: DemonstrationOrigin
     cameras: Sequence[str]
     subsets: Mapping[str, int]
-    demonstrations: Sequence[Episode]
+    demonstrations: Sequence[DemonstrationSummary]

@@ -18,7 +18,7 @@ NONE = int(mujoco.mjtStage.mjSTAGE_NONE)
 Examine = Callable[[int, mujoco.MjModel, mujoco.MjData], None]
 
 
-class DataBatch:
+class MjDataBatch:
     """`nsim` simulations of a model, with the arrays and calls of `mujoco.batch.Batch` and the same results.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch, SimulationError
 
-from mjrun.task.data_batch import DataBatch
+from mjrun.task.mjdata_batch import MjDataBatch
 
 BALLS = """<mujoco><size memory="MEMORY"/><option integrator="INTEGRATOR"/><worldbody><geom type="plane" size="5 5 1"/>
 <replicate count="4" offset=".15 0 .05"><body pos="0 0 .3"><freejoint/><geom size=".1"/></body></replicate>
@@ -34,7 +34,7 @@ def started(batch: Any) -> Any:
     return batch
 
 
-def assert_equal(ours: DataBatch, theirs: Batch) -> None:
+def assert_equal(ours: MjDataBatch, theirs: Batch) -> None:
     np.testing.assert_array_equal(ours.state, theirs.state)
     np.testing.assert_array_equal(ours.warning[..., 1] > 0, theirs.warning[..., 1] > 0)
     for field in FIELDS:
@@ -45,7 +45,7 @@ def assert_equal(ours: DataBatch, theirs: Batch) -> None:
 @pytest.mark.parametrize(("threads", "persistent"), [(1, False), (3, False), (2, True)])
 def test_simulations_are_those_of_mujocos_batch(integrator: str, threads: int, persistent: bool) -> None:
     models = [model_of(integrator, mass=1 + world * persistent) for world in range(COUNT)]
-    ours = started(DataBatch(models[0], COUNT, threads, persistent))
+    ours = started(MjDataBatch(models[0], COUNT, threads, persistent))
     theirs = started(Batch(models[0], COUNT, 1, persistent=True))
     if persistent:
         ours.set_models(models)
@@ -80,7 +80,7 @@ def test_simulations_are_those_of_mujocos_batch(integrator: str, threads: int, p
 
 def test_an_error_leaves_the_state_of_its_simulation() -> None:
     small = model_of(memory="5K")  # enough for balls in the air
-    batches = started(DataBatch(small, COUNT, 2, persistent=False)), started(Batch(small, COUNT, 2, persistent=True))
+    batches = started(MjDataBatch(small, COUNT, 2, persistent=False)), started(Batch(small, COUNT, 2, persistent=True))
     for batch in batches:
         batch.bind("qvel")[3] = 0
         batch.bind("qpos")[2, 2:28:7] = 0.05  # which touch the floor and each other

@@ -18,7 +18,7 @@ DENOMINATOR = 1000  # of a rate [Hz]
 
 
 @dataclass(frozen=True)
-class Demonstration:
+class DemonstratedEpisode:
     """A recorded episode of T rows: action t was taken in state t.
 
     Attributes:
@@ -71,7 +71,7 @@ class Demonstration:
         return [nearest(rational(time) / timestep) for time in self.times.tolist()]
 
 
-def read_demonstration(text: str | Path, rate: Fraction | None = None) -> Demonstration:
+def read_demonstration(text: str | Path, rate: Fraction | None = None) -> DemonstratedEpisode:
     """Reads the demonstration that `text` names.
 
     Args:
@@ -91,7 +91,7 @@ def read_demonstration(text: str | Path, rate: Fraction | None = None) -> Demons
         if values is not None and (values.shape[:1] != times.shape or not np.isfinite(values).all()):
             reason = f"its {what} have the shape {values.shape}, and its states {times.shape}"
             raise FileError(source, reason if values.shape[:1] != times.shape else f"its {what} are not all finite")
-    return Demonstration(
+    return DemonstratedEpisode(
         source=source,
         task=clean(origin.instruction or origin.task or name),
         robot=clean(", ".join(origin.robots)),

@@ -6,8 +6,8 @@ import pytest
 
 from mjrun.scene_graph import shapes
 from mjrun.scene_graph.graph import Mesh, Node
+from mjrun.scene_graph.materials import PADDING, MaterialCache, TextureMapping, atlas, cube_mapped
 from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
-from mjrun.scene_graph.surfaces import PADDING, Surfaces, TextureMapping, atlas, cube_mapped
 
 MODEL = """
 <mujoco>
@@ -124,7 +124,7 @@ def test_cutting_keeps_the_surface_and_puts_each_triangle_on_one_face() -> None:
 
 def test_a_texture_is_made_once() -> None:
     model = mujoco.MjModel.from_xml_string(MODEL)
-    surfaces = Surfaces(model)
+    surfaces = MaterialCache(model)
     assert surfaces.texture(0) is surfaces.texture(0)
     assert surfaces.texture(0).pixels.shape == (4, 4, 3)
     assert TextureMapping(0, "planar", (1.0, 1.0)).applied(shapes.box(), 0).uv is not None

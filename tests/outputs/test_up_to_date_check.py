@@ -13,8 +13,8 @@ from mjrun.document.value_forms import read_camera
 from mjrun.errors import UsageError
 from mjrun.formats.user_cache import VARIABLE
 from mjrun.options.output import RerunOptions
-from mjrun.outputs.last_run import LastRun, dependencies
 from mjrun.outputs.trace import Trace
+from mjrun.outputs.up_to_date_check import UpToDateCheck, dependencies
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.check.models import MESH
@@ -169,7 +169,7 @@ def test_a_file_that_changes_during_the_run_leaves_no_record() -> None:
     job = Trace(Simulation("model.xml", steps=1), "a.csv", probe=["qpos"])
 
     def up_to_date(*, edited: bool) -> bool:
-        with LastRun([job], RerunOptions(if_changed=True)) as last:
+        with UpToDateCheck([job], RerunOptions(if_changed=True)) as last:
             if last.up_to_date():
                 return True
             job.run()
@@ -201,7 +201,7 @@ def test_cameras_and_ghosts_depend_on_their_files() -> None:
 )
 def test_impossible_requests_are_refused(options: dict, output: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        LastRun([Trace(Simulation("model.xml"), output, probe=["qpos"])], RerunOptions(**options))
+        UpToDateCheck([Trace(Simulation("model.xml"), output, probe=["qpos"])], RerunOptions(**options))
 
 
 def test_make_knows_what_the_outputs_depend_on(run: Callable[..., tuple[str, str]]) -> None:

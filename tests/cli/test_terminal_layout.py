@@ -7,19 +7,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.table_cells import Column
+from mjrun.cli.terminal_layout import TerminalLayout
 
 WORDS = st.text("ab字_", min_size=1, max_size=60)
 
 
-def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> PageLayout:
+def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> TerminalLayout:
     """A page for a terminal of this width; for a pipe if None."""
     if width is None:
         monkeypatch.delenv("COLUMNS", raising=False)
     else:
         monkeypatch.setenv("COLUMNS", str(width))
-    return PageLayout()
+    return TerminalLayout()
 
 
 @given(

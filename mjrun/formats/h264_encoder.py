@@ -15,7 +15,7 @@ from mjrun.formats.codecs import RGB24, encoding
 DELIMITER = b"\0\0\0\1\x09"  # a NAL unit of type 9 begins each access unit; ITU-T H.264, 7.4.1.2.3
 
 
-class H264Stream:
+class H264Encoder:
     """A running encoder, which returns the access unit of each frame some frames later.
 
     An access unit is in the format of Annex B. A keyframe, at least one per second of video, contains the parameter
