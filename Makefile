@@ -38,7 +38,7 @@ LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting test
   tests/physics/test_random_distribution.py tests/physics/test_warp_engine.py tests/experiment/test_design.py \
   tests/study/test_executors.py tests/fitting/test_gauss_newton.py tests/fitting/test_limited_chirps.py tests/fitting/test_solution.py \
   tests/experiment/test_statistics.py tests/evaluation/test_table.py tests/cli/test_click_command.py \
-  tests/cli/test_console.py tests/cli/test_page_layout.py tests/cli/commands/test_schema.py tests/outputs/mcap
+  tests/cli/test_console.py tests/cli/test_terminal_layout.py tests/cli/commands/test_schema.py tests/outputs/mcap
 
 test-lowest: setup ## run the tests of what libraries do, with the lowest version of each that mjrun accepts: .venv-lowest
 	.venv/bin/python scripts/lowest_versions.py > .venv/lowest.txt

@@ -20,7 +20,7 @@ TRACE = ("trace", "scene:pendulum", "--steps", "20", "-o", "trace.csv")
 SWEEP = ("sweep", "scene:pendulum", "--vary", "opt.timestep=0.001,0.002,0.004", "--duration", "0.02", "--jobs", "2")
 
 # Where POSIX may be used: in its own module, in the monitor that forks, and in what confines a process on Linux.
-HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/connector.py")
+HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/loopback_connector.py")
 
 
 @pytest.fixture(scope="module")
