@@ -43,7 +43,6 @@ from mjrun.study.executors import WARP, check_engine
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-eval-1"
-MISSING = "missing"  # status of episodes that are not played yet
 
 
 @options
@@ -84,30 +83,28 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         folder = Path(self.output)
         _require_ours(folder)
         check_engine(self.engine)
-        is_new = not is_file(folder / MANIFEST)
-        if is_new:  # the manifest, without which an interrupted evaluation could not continue
-            with manifest_writer(folder / MANIFEST, {"command": self.command, "schema": SCHEMA}) as output:
-                output.publish()
+        is_new = self._begin(folder)
 
         seeds = range(self.seed, self.seed + self.episodes)
         groups, simulated = play_all(prepared, self, seeds, folder, reporter)
         failed = _failures(groups, varies=bool(prepared.points.names))
-        missing = sum(episode.status == MISSING for group in groups for episode in group.episodes)
+        missing = sum(episode.status == "missing" for group in groups for episode in group.episodes)
         if len(failed) + missing == len(groups) * self.episodes:
             if is_new and not missing:
                 _remove(folder)
             raise _error_of_all(groups, failed, missing)
+
         count = len(prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
         outcome = summaries(prepared.points, prepared.player, prepared.metrics, policies, self.confidence)
         _warn_of_returns(outcome.policies, reporter)
 
-        is_compared = outcome.comparison is not None
         rewards, metrics, units = prepared.player.rewards, prepared.metrics, prepared.units
+        is_compared = outcome.comparison is not None
         table = episode_table(groups, prepared.points, rewards, metrics, units, compared=is_compared)
-        own = self.episodes * count
         verdicts = list[Verdict]()
         if not missing:
+            own = self.episodes * count
             verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
         facts: dict[str, object] = {
             "command": self.command,
@@ -119,8 +116,10 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             if outcome.points:
                 points, meanings = point_table(prepared.points, outcome.points, units)
                 writers += points.open(stack, folder, {**facts, "metrics": meanings})
+
             videos, failures = maker.make(policies[0], folder, reporter)
             paths = [video.path for video in videos]
+            files = [*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)]
             result = EvaluationResult(
                 path=self.output,
                 task=self.task.text,
@@ -136,22 +135,30 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
                 assertions=verdicts,
                 failures=failure_groups(groups),
                 simulated=simulated,
-                files=[*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)],
+                files=files,
                 steps=sum(episode.steps for group in groups for episode in group.episodes),
                 wall=time.perf_counter() - start,
             )
-            manifest = manifest_writer(folder / MANIFEST, {**facts, **dataclasses.asdict(result)})
-            writers.append(stack.enter_context(manifest))
+            facts |= dataclasses.asdict(result)
+            writers.append(stack.enter_context(manifest_writer(folder / MANIFEST, facts)))
             _publish(writers, folder, paths)
+
         remove_old_videos(folder, [Path(path).name for path in paths])
         forget_code(groups, prepared, folder)
         if self.html is not None:
             from mjrun.evaluation.evaluation_page import write_evaluation_page
 
-            write_evaluation_page(self, result, prepared.points, {**facts, **dataclasses.asdict(result)})
-
+            write_evaluation_page(self, result, prepared.points, facts)
         raise_failures(result, verdicts, _error(failed, missing, failures, result, len(groups)))
         return result
+
+    def _begin(self, folder: Path) -> bool:
+        """Returns whether the evaluation is new; if so, writes a manifest, without which it could not be continued."""
+        if is_file(folder / MANIFEST):
+            return False
+        with manifest_writer(folder / MANIFEST, {"command": self.command, "schema": SCHEMA}) as output:
+            output.publish()
+        return True
 
 
 @dataclass(frozen=True)
@@ -253,7 +260,7 @@ def _failures(groups: Sequence[PlayedEpisodes], *, varies: bool) -> dict[str, st
         + (f" of {group.policy}" if several else ""): episode.message.partition("\n")[0]
         for group in groups
         for episode in group.episodes
-        if episode.status not in ("ok", MISSING)
+        if episode.status not in ("ok", "missing")
     }
 
 

@@ -40,8 +40,8 @@ class EpisodeSummary:
     Attributes:
       policy: name of the policy.
       episodes: number of episodes that did not fail; all other numbers are of these.
-      failed: number of episodes without numbers: a crash, a time limit, an action that is not finite, or not played
-        yet.
+      failed: number of episodes that failed: a crash, a time limit, an action that is not finite.
+      missing: number of episodes that are not played yet.
       returns: sums of all rewards.
       lengths: simulated times [s].
       success: share of episodes that ended as a success; None if no termination of the task is a success.
@@ -53,6 +53,7 @@ class EpisodeSummary:
     policy: str
     episodes: int
     failed: int
+    missing: int
     returns: NumberSummary
     lengths: NumberSummary
     success: Share | None
@@ -183,7 +184,7 @@ def summary_of(
       rewards, metrics: names of terms of the reward and of metrics.
       can_succeed: whether a termination of the task is a success.
     """
-    requested = len(episodes)
+    requested, missing = len(episodes), sum(episode.status == "missing" for episode in episodes)
     episodes = [episode for episode in episodes if episode.status == "ok"]
     seeds = [episode.seed for episode in episodes]
 
@@ -203,7 +204,8 @@ def summary_of(
     return EpisodeSummary(
         policy=policy,
         episodes=len(episodes),
-        failed=requested - len(episodes),
+        failed=requested - len(episodes) - missing,
+        missing=missing,
         returns=summary([episode.total for episode in episodes]),
         lengths=summary([episode.length for episode in episodes]),
         success=share_of(succeeded) if can_succeed else None,

@@ -65,8 +65,12 @@ class TaskVecEnv(VecEnv):
         """Does nothing: the worlds hold no files or processes."""
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """Returns an attribute of the worlds, such as `task`, for each of `indices`."""
-        return [getattr(self._worlds, attr_name, None) for _ in self._get_indices(indices)]
+        """Returns an attribute of the worlds, such as `task`, for each of `indices`.
+
+        Raises:
+          AttributeError: they have no such attribute.
+        """
+        return [getattr(self._worlds, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Refuses to change a world.

@@ -125,6 +125,8 @@ def test_an_evaluation_that_ends_at_its_limit_is_continued_to_the_same_bytes(tmp
     (result,) = caught.value.results
     assert (caught.value.exit_code, result.assertions) == (8, [])
     assert 0 < result.simulated < 9
+    summary = result.policies[0]
+    assert (summary.episodes + summary.failed, summary.missing) == (result.simulated, 9 - result.simulated)
     with pytest.raises(FailedEpisodesError, match="of 9 episodes failed; the table has the others") as caught:
         evaluation(tmp_path, **options).run()  # type: ignore[arg-type]
     assert [verdict.passed for verdict in caught.value.results[0].assertions] == [True]
