@@ -1378,6 +1378,8 @@ class Simulation(_Simulation):
       duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
         view]
       steps: Number of steps, instead of a duration.
+      until: End the simulation at the first step at which this condition on its columns holds, if that
+        is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.
@@ -1448,6 +1450,7 @@ class Simulation(_Simulation):
         seed: int = ...,
         duration: float | str | Fraction | None = ...,
         steps: int | None = ...,
+        until: str | None = ...,
         snapshot: InputSnapshot | None = ...,
     ) -> None: ...
 
@@ -2129,6 +2132,7 @@ def fit(
     seed: int = ...,
     duration: float | str | Fraction | None = ...,
     steps: int | None = ...,
+    until: str | None = ...,
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
@@ -2208,6 +2212,8 @@ def fit(
       duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
         view]
       steps: Number of steps, instead of a duration.
+      until: End the simulation at the first step at which this condition on its columns holds, if that
+        is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.
@@ -2303,6 +2309,7 @@ def frames(
     seed: int = ...,
     duration: float | str | Fraction | None = ...,
     steps: int | None = ...,
+    until: str | None = ...,
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
@@ -2400,6 +2407,8 @@ def frames(
       duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
         view]
       steps: Number of steps, instead of a duration.
+      until: End the simulation at the first step at which this condition on its columns holds, if that
+        is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.
@@ -2511,6 +2520,7 @@ def sweep(
     seed: int = ...,
     duration: float | str | Fraction | None = ...,
     steps: int | None = ...,
+    until: str | None = ...,
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
@@ -2602,6 +2612,8 @@ def sweep(
       duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
         view]
       steps: Number of steps, instead of a duration.
+      until: End the simulation at the first step at which this condition on its columns holds, if that
+        is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.
@@ -2717,6 +2729,7 @@ def trace(
     seed: int = ...,
     duration: float | str | Fraction | None = ...,
     steps: int | None = ...,
+    until: str | None = ...,
     policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
     normalize: str | PathLike[str] | None = ...,
     trust: bool = ...,
@@ -2788,6 +2801,8 @@ def trace(
       duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
         view]
       steps: Number of steps, instead of a duration.
+      until: End the simulation at the first step at which this condition on its columns holds, if that
+        is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
         .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
         policy.py:act or package.module:Policy; random; or zero.

@@ -34,7 +34,7 @@ from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
 from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.simulation.simulation import Simulation, require_simulation
+from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 
 ENOUGH = 4  # least measured numbers per unknown
 TOLERANCE = 1e-3  # relative difference of costs due to rounding
@@ -56,6 +56,7 @@ class Fit(FitOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_simulation(self.simulation)
+        require_whole(self.simulation, "a fit: the measurements set its length")
 
     def run(self, reporter: Reporter | None = None, partial: Partial | None = None) -> FitResult:
         """Fits the parameters and writes the output files.

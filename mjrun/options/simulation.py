@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction
+from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction, Text
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
@@ -156,4 +156,10 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
     )
     steps: int | None = option(
         converter=Optional(Integer(1)), default=None, help="Number of steps, instead of a duration."
+    )
+    until: str | None = option(
+        converter=Optional(Text("EXPR")),
+        default=None,
+        help="End the simulation at the first step at which this condition on its columns holds, if that is before its "
+        "duration: qpos/root/z < 0.3, contact(ball, floor).",
     )

@@ -15,6 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.atomic_output import OutputWriter, publish_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.output import Context, Job, OutputResult, PassRenderers, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.physics.observe import AnyTap, Tap, observe
@@ -319,7 +320,7 @@ def _plan(
 
 def _context(simulation: Simulation, reporter: Reporter) -> Context:
     model = simulation.load()
-    return Context(simulation, model, simulation.timeline(model), reporter)
+    return Context(simulation, model, final_timeline(simulation, model), reporter)
 
 
 def _check(job: Job[OutputResult], rendering: PassRenderers) -> None:

@@ -18,7 +18,7 @@ from mjrun.options.trace import PROBES
 from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace import row_steps
-from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, feed_rows
+from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
@@ -148,7 +148,8 @@ class PlotOutput(output.Output[PlotResult]):
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Steps physics in C, block by block."""
-        feed_rows(self._table, stepper, self._steps, partial(self.feed, 0, self._table.names))
+        for block in self._table.blocks(stepper, self._steps):
+            self.feed(0, self._table.names, block().values)
         stepper.advance(until)
 
     def finish(self) -> Sequence[FigureWriter]:

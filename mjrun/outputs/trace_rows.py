@@ -17,7 +17,6 @@ from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
@@ -110,16 +109,16 @@ class ProbeSampler:
         """The fields of MjData that the probes read from recorded fields, not from an MjData."""
         return self._fields
 
-    def tables(self, block: RolloutBlock, count: int, chosen: slice = slice(None)) -> np.ndarray:
-        """Computes the first `count` rows of the `chosen` simulations of a block from fields alone.
+    def tables(self, block: RolloutBlock, chosen: slice = slice(None)) -> np.ndarray:
+        """Computes the rows of the `chosen` simulations of a block from fields alone.
 
         Returns:
-          The rows `(n, count, ncolumns)`; those after a failure are invalid.
+          The rows `(n, rows, ncolumns)`; those after a failure are invalid.
         """
-        fields = {name: values[chosen, :count] for name, values in block.fields.items()}
+        fields = {name: values[chosen] for name, values in block.fields.items()}
         initial = {name: values[chosen] for name, values in block.initial.items()}
-        tables = np.empty((len(block.counts[chosen]), count, len(self.columns)))
-        tables[..., 0] = seconds(block.steps[:count], self._timeline.timestep)
+        tables = np.empty((len(block.counts[chosen]), len(block.steps), len(self.columns)))
+        tables[..., 0] = seconds(block.steps, self._timeline.timestep)
         start = 1
         with np.errstate(all="ignore"):  # of rows after a failure
             for probe in self.probes:
@@ -138,9 +137,13 @@ class ProbeSampler:
         parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, FieldProbe)]
         return self._timed(steps, parts)
 
-    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
-        """Yields blocks of the rows at the steps `rows`, as functions that the caller calls to compute them."""
-        if self._copies_contacts or not all(isinstance(probe, FieldProbe) for probe in self.probes):
+    def blocks(self, stepper: Stepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
+        """Yields blocks of the rows at the steps `rows`, as functions that the caller calls to compute them.
+
+        Raises:
+          SimulationError: a step fails; the rows before it have been yielded.
+        """
+        if self._copies_contacts or not self.reads_fields_only or not isinstance(stepper, PhysicsStepper):
             yield from self._by_instants(stepper, rows)
             return
         initial = self._initial(stepper)
@@ -152,7 +155,7 @@ class ProbeSampler:
                     self.rows(steps, {name: values[0, index] for name, values in fields.items()}, initial)
                 )
 
-    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
+    def _by_instants(self, stepper: Stepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Yields the same blocks, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
             steps, readings = rows[start : start + ROWS], list[InstantReading]()
@@ -251,25 +254,6 @@ class RowBuffer:
         if self._rows:
             self._write(self._table.stack(self._steps[self._written :][: len(self._rows)], self._rows))
             self._written, self._rows = self._written + len(self._rows), []
-
-
-def feed_rows(
-    table: ProbeSampler, stepper: Stepper, steps: Sequence[int], feed: Callable[[np.ndarray], object]
-) -> None:
-    """Moves `stepper` to the last of `steps`, and feeds the rows at `steps`, block by block `(n, ncolumns)`.
-
-    Raises:
-      SimulationError: a step fails; the rows before it have been fed.
-    """
-    if isinstance(stepper, PhysicsStepper):
-        for part in table.blocks(stepper, steps):
-            feed(part().values)
-        return
-    buffer = RowBuffer(table, steps, lambda block: feed(block.values))
-    try:
-        observe(stepper, [Tap(steps, table.read, buffer.add)], steps[-1])
-    finally:
-        buffer.flush()
 
 
 def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str:

@@ -18,7 +18,7 @@ from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources
 from mjrun.physics.divided_step import is_bounded
-from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
+from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper
 from mjrun.timeline import rational
 
@@ -46,18 +46,22 @@ class CEngine:
         steps: int,
         record: Sequence[str],
         every: int = 1,
+        running: np.ndarray | None = None,
     ) -> Iterator[RolloutBlock]:
         """Implements `Engine.rollout`.
 
         Raises:
           UsageError: the models have different sizes.
         """
-        run = _Run(models_of(models, len(starts)), np.array(starts, float), controls, record, self._threads)
-        size = min(block_steps(run.models[0], record, len(starts)), max(steps, 1))
+        run = _Run(models_of(models, len(starts)), np.array(starts, float), controls, record, self._threads, running)
+        longest = block_steps(run.models[0], record, len(starts))
+        size = min(longest if running is None else SHORT_BLOCK_STEPS, longest, max(steps, 1))
         for first in range(0, steps, size):
             block = run.block(first, min(size, steps - first), every, size)
             if len(block.steps):
                 yield block
+            if not run.running.any():
+                break
         yield run.last(steps)
 
 
@@ -236,10 +240,11 @@ class _Run:
         controls: np.ndarray | None,
         record: Sequence[str],
         threads: int,
+        running: np.ndarray | None,
     ) -> None:
         self.models = with_flags(models, disable=AUTORESET)
         self._states, self._controls, self._record, self._threads = starts, controls, record, threads
-        self._stable = np.ones(len(models), bool)
+        self.running = np.ones(len(models), bool) if running is None else running
         self._failures: dict[int, SimulationError] = {}  # since the last block
         self._initial: Fields = {}
         self._batch: RecordingBatch | None = None
@@ -257,7 +262,7 @@ class _Run:
         recorded = batch.run(self._states, count, controls, rows, self._ids())
         self._states = recorded.states
         counts = np.where(recorded.completed, len(steps), 0)
-        for index in np.flatnonzero(self._stable & ~recorded.completed).tolist():
+        for index in np.flatnonzero(self.running & ~recorded.completed).tolist():
             stepper = self._sleepers.get(index) or self._stepper(index, first)
             try:
                 for row, step in enumerate(steps.tolist()):
@@ -282,9 +287,9 @@ class _Run:
             return self.last(step)
         fields = {name: _spread(values, ids, len(self.models)) for name, values in fields.items()}
         for index, stepper in self._sleepers.items():
-            if self._stable[index]:
+            if self.running[index]:
                 _put(fields, index, 0, stepper.instant())
-        return self._block(np.array([step]), fields, self._stable.astype(int))
+        return self._block(np.array([step]), fields, self.running.astype(int))
 
     def _recording(self, size: int) -> RecordingBatch:
         """Returns the batch, which takes at most `size` steps per call if it does not exist yet."""
@@ -293,7 +298,7 @@ class _Run:
 
     def _ids(self) -> np.ndarray:
         """Returns the simulations that continue in C."""
-        return np.array([index for index in np.flatnonzero(self._stable) if index not in self._sleepers], int)
+        return np.array([index for index in np.flatnonzero(self.running) if index not in self._sleepers], int)
 
     def _stepper(self, index: int, step: int) -> PhysicsStepper:
         """Returns a stepper for simulation number `index`, from `step`."""
@@ -309,7 +314,7 @@ class _Run:
 
     def _fail(self, index: int, error: SimulationError) -> None:
         self._failures[index] = error
-        self._stable[index] = False
+        self.running[index] = False
 
     def _block(self, steps: np.ndarray, fields: dict[str, np.ndarray], counts: np.ndarray) -> RolloutBlock:
         self._initial = self._initial or {name: values[:, :1].copy() for name, values in fields.items()}

@@ -12,6 +12,7 @@ from mjrun.errors import SimulationError
 from mjrun.model import state
 
 BLOCK_STEPS = 4096  # the most steps in a block
+SHORT_BLOCK_STEPS = 256  # the most steps between two instants at which the caller may end simulations
 BLOCK_BYTES = 64 * 2**20  # memory for the rows of a block, unless a single row needs more
 
 Fields = Mapping[str, np.ndarray]
@@ -50,6 +51,7 @@ class Engine(Protocol):
         steps: int,
         record: Sequence[str],
         every: int = 1,
+        running: np.ndarray | None = None,
     ) -> Iterator[RolloutBlock]:
         """Takes `steps` steps from each start, and yields the rows at steps 0, every, 2·every, … and at the last.
 
@@ -63,6 +65,8 @@ class Engine(Protocol):
           steps: the number of steps.
           record: names of MjData fields that are arrays, `ncon` and `nefc`.
           every: steps from one row to the next.
+          running: `(n,)` bool, all true: the engine clears those of failed simulations. The caller may clear others
+            between blocks, which are then short; these simulations end there.
 
         Raises:
           UsageError: the engine cannot simulate these models.

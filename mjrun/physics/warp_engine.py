@@ -18,7 +18,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, option, quoted
 from mjrun.model import state
-from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
+from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 
 CHEAPER = "the omitted ones make a step cheaper than a complete one"
@@ -275,6 +275,7 @@ class WarpEngine:
         steps: int,
         record: Sequence[str],
         every: int = 1,
+        running: np.ndarray | None = None,
     ) -> Iterator[RolloutBlock]:
         """Implements `Engine.rollout` for models of one `PerWorldFields.group`; instability is detected at rows only.
 
@@ -286,11 +287,14 @@ class WarpEngine:
         model = models_of(models, len(starts))[0]
         worlds = WarpWorlds(self._device, models, starts)
         worlds.require(record)
-        walk = _Walk(worlds, model, controls, record)
+        walk = _Walk(worlds, model, controls, record, running)
         rows = [*range(0, steps, every), steps]
-        size = max(1, block_steps(model, record, len(starts)) // every)
+        longest = block_steps(model, record, len(starts))
+        size = max(1, (longest if running is None else min(longest, SHORT_BLOCK_STEPS)) // every)
         for first in range(0, len(rows), size):
             yield walk.block(rows[first : first + size])
+            if not walk.running.any():
+                break
         for text in worlds.overflows():
             warnings.warn(text, MjrunWarning, stacklevel=2)
 
@@ -299,11 +303,16 @@ class _Walk:
     """The worlds of a rollout, from row to row."""
 
     def __init__(
-        self, worlds: WarpWorlds, model: mujoco.MjModel, controls: np.ndarray | None, record: Sequence[str]
+        self,
+        worlds: WarpWorlds,
+        model: mujoco.MjModel,
+        controls: np.ndarray | None,
+        record: Sequence[str],
+        running: np.ndarray | None,
     ) -> None:
         self._worlds, self._controls, self._record = worlds, controls, record
         self._timestep, self._width = float(model.opt.timestep), worlds.count * model.nu
-        self._step, self._stable = 0, np.ones(worlds.count, bool)
+        self._step, self.running = 0, np.ones(worlds.count, bool) if running is None else running
         self._initial: Fields = {}
 
     def block(self, rows: Sequence[int]) -> RolloutBlock:
@@ -321,7 +330,7 @@ class _Walk:
                         self._worlds.step()
                 self._step = row
                 failures |= self._unstable(before, row)
-                counts += self._stable
+                counts += self.running
                 self._worlds.forward()
                 for name in self._record:
                     values[name].append(self._worlds.read(name))
@@ -338,8 +347,8 @@ class _Walk:
 
     def _unstable(self, before: int, row: int) -> dict[int, SimulationError]:
         """Returns the errors of the worlds that became unstable between two rows."""
-        bad = self._stable & self._worlds.unstable()
-        self._stable &= ~bad
+        bad = self.running & self._worlds.unstable()
+        self.running &= ~bad
         place = f"after step {before}, time {before * self._timestep:.9g} s, and not later than step {row}"
         advice = f"a smaller {option('timestep')} may prevent it; mujoco_warp computes in single precision"
         message = f"the simulation became unstable {place}\n{advice}"

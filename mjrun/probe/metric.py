@@ -75,17 +75,18 @@ class MetricBatch:
         """Adds the next rows `(n, rows, columns)`.
 
         Args:
-          counts: number of valid rows of each table, `(n,)`; one with fewer than others has no values.
+          counts: number of valid rows of each table, `(n,)`.
         """
         for evaluation, table, count in zip(self._alone, tables, counts, strict=False):
             evaluation.feed(table[:count])
         shape = tables.shape[:2]
+        is_valid = np.arange(shape[1]) < counts[:, None]
         columns = dict(zip(self._table, np.ascontiguousarray(tables.reshape(-1, tables.shape[2]).T), strict=True))
         with np.errstate(all="ignore"):
             for call, aggregate in self._joint.items():
                 values = np.broadcast_to(evaluate(call.operand, columns, {}), math.prod(shape)).reshape(shape)
                 holds = np.True_ if call.condition is None else evaluate_truth(call.condition, columns, {})
-                aggregate.add(values, np.broadcast_to(holds, math.prod(shape)).reshape(shape))
+                aggregate.add(values, np.broadcast_to(holds, math.prod(shape)).reshape(shape) & is_valid, counts)
 
     def values(self, index: int) -> tuple[float, ...]:
         """Returns the metrics of the table `index`, after the last rows."""
@@ -102,14 +103,18 @@ class _JointAggregate:
     """An aggregate of n tables that selects or counts rows."""
 
     def __init__(self, call: AggregateCall, count: int) -> None:
-        self._name, self._rows = call.name, 0
+        self._name, self._rows = call.name, np.zeros(count, int)
         self._holds = np.zeros(count, int)  # rows on which the condition holds
         self._values = np.empty(count)
 
-    def add(self, values: np.ndarray, holds: np.ndarray) -> None:
-        """Adds the operand's values on the next rows `(n, rows)`, and whether the condition holds there."""
+    def add(self, values: np.ndarray, holds: np.ndarray, counts: np.ndarray) -> None:
+        """Adds the operand's values on the next rows `(n, rows)`, and whether the condition holds there.
+
+        Args:
+          counts: number of valid rows of each table, `(n,)`.
+        """
         is_first, new_holds = self._holds == 0, np.count_nonzero(holds, axis=1)
-        self._rows += values.shape[1]
+        self._rows += counts
         self._holds += new_holds
         if self._name in OF_CONDITIONS:
             return
@@ -129,7 +134,7 @@ class _JointAggregate:
         """Returns the value of the table `index`."""
         holds = int(self._holds[index])
         if self._name in OF_CONDITIONS:
-            return holds / self._rows if self._name == "share" else float(holds)
+            return holds / int(self._rows[index]) if self._name == "share" else float(holds)
         return float(self._values[index]) if holds else math.nan
 
     def _rows_of(self, values: np.ndarray, holds: np.ndarray) -> np.ndarray:

@@ -469,6 +469,12 @@ def require_simulation(value: object) -> None:
         raise UsageError(f"simulation: {quoted(str(value))} is not a simulation; write {clean(example)}")
 
 
+def require_whole(simulation: Simulation, product: str) -> None:
+    """Raises UsageError if a condition ends `simulation`, which `product` does not support: "a view"."""
+    if simulation.until is not None:
+        raise UsageError(f"{option('until')} does not apply to {product}", ("until",))
+
+
 def require_countable(steps: int, name: str) -> None:
     """Raises UsageError if the option `name` requests more steps than floats can distinguish."""
     if steps > EXACT:

@@ -32,7 +32,7 @@ from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
 from mjrun.rendering.drawn_model import stage_parts, stage_remark
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.simulation.simulation import Simulation, require_simulation
+from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.image_spec import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.prepared import PreparedStudy
@@ -59,6 +59,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_simulation(self.simulation)
+        require_whole(self.simulation, "images at given times")
         if "bop" in self.format and len(self.format) > 1:
             others = listing([name for name in self.format if name != "bop"])
             raise UsageError(f"{option('format')}: bop has other folders than {others}; write a dataset for each")

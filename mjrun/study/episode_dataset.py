@@ -44,7 +44,7 @@ from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import AUTO, GL, BackendDetection
 from mjrun.rendering.drawn_model import drawn_model
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.simulation.simulation import Simulation, require_simulation
+from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.episode_spec import FOLDER, NEARLY, EpisodeSpec, camera_keys
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.point_episodes import observed_columns
@@ -81,6 +81,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_simulation(self.simulation)
+        if self.simulation.policy is not None or self._file or self.simulation.demonstration is not None:
+            require_whole(self.simulation, "an episode, which its task or its demonstration ends")
         if self.engine == WARP:
             raise UsageError(
                 f"{option('engine')} warp plays no policies and renders nothing; {option('engine')} local does"

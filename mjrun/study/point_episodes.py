@@ -19,6 +19,7 @@ from mjrun.formats.video_writer import VideoWriter
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.table_column import Column
+from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.episode_images import EpisodeImageRenderer
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.observe import Tap, observe
@@ -207,7 +208,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
       UsageError: it has no length.
     """
     model = simulation.load()
-    timeline = simulation.timeline(model)
+    timeline = final_timeline(simulation, model)
     rows = timeline.frames(fps)
     if not rows:
         raise UsageError(f"{clean(simulation.source.text)}: an episode of 0 s has no rows")

@@ -25,6 +25,7 @@ from mjrun.experiment.results_table import (
 from mjrun.model.setting_units import setting_unit
 from mjrun.model.variants import VariantLoader
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
+from mjrun.outputs.end_condition import EndCondition
 from mjrun.probe.metric import Metric
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
@@ -41,6 +42,7 @@ from mjrun.study.spec import (
     require_values,
     simulation_at,
     versions,
+    with_end,
 )
 
 IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # options of simulations
@@ -84,8 +86,9 @@ class PreparedStudy(PreparedPoints):
             snapshot = base.snapshot.with_files(varied_files(spec.base, self.points))
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
-            metrics = self._check(options)
-            self.columns, self.units = metric_columns(metrics), self._units(options.metric, metrics)
+            written = with_end(options.metric, base) if self.spec.metrics else ()
+            metrics = self._check(options, written)
+            self.columns, self.units = metric_columns(metrics), self._units(written, metrics)
             folder, names = Path(options.output), [name for name, _ in spec.metrics]
             super().__init__(self.spec, self.points, self.shipped, folder, names)
 
@@ -162,11 +165,12 @@ class PreparedStudy(PreparedPoints):
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
         return executors.ChunkSizes(options.chunk, ahead, first=self._first_size)
 
-    def _check(self, options: StudyOptions) -> Sequence[Metric]:
+    def _check(self, options: StudyOptions, written: Sequence[tuple[str, str]]) -> Sequence[Metric]:
         """Raises errors that concern all points before the first is simulated; returns the metrics."""
         episode = self.first.episode
-        check_metric_names(options.metric, (*self.points.names, *STATUSES, *TABLE_COLUMNS))
-        metrics = parse_metrics(options.metric, self.model, episode.columns if episode else None)
+        EndCondition.of(self.first, self.model)  # whose errors name the option
+        check_metric_names(written, (*self.points.names, *STATUSES, *TABLE_COLUMNS))
+        metrics = parse_metrics(written, self.model, episode.columns if episode else None)
         numbers = [*self.points.names, *(name for name, _ in self.spec.metrics)]
         Requirements(options.require, numbers, STATUSES, with_flags)
         if isinstance(self.spec.product, EpisodeSpec):  # whose simulation would take as long as the whole point

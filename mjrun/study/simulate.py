@@ -19,7 +19,8 @@ from mjrun.model import state
 from mjrun.model.copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader
-from mjrun.outputs.trace_rows import ProbeSampler, feed_rows
+from mjrun.outputs.end_condition import EndCondition
+from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
 from mjrun.physics.engine import Engine, joined
 from mjrun.physics.initial_state import InitialState
@@ -28,7 +29,7 @@ from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
-from mjrun.probe.metric import Metric, MetricBatch, MetricEvaluation
+from mjrun.probe.metric import Metric, MetricBatch
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
@@ -49,6 +50,8 @@ NOT_IN_WARP = (
 ENOUGH = 512  # rows that are measured at once
 SIDE_BY_SIDE = 64  # most simulations in a batch: more only take memory
 
+_Expressions = tuple[Sequence[Metric], EndCondition | None]  # of one structure of models
+
 
 class PointSimulator:
     """A simulator of points of one study."""
@@ -57,7 +60,7 @@ class PointSimulator:
         self._spec = spec
         self._variants = VariantLoader(self._prepare)
         self._compiled = WeakKeyDictionary[SharedCompilation, _CompiledModel]()
-        self._metrics = dict[tuple[object, ...], list[Metric]]()  # by the structure of the model
+        self._parsed = dict[tuple[object, ...], _Expressions]()  # by the structure of the model
         self._files: PointImageMaker | EpisodeFileMaker | None = None
         self._engine: Engine
         self._world_fields: PerWorldFields | None = None
@@ -114,14 +117,14 @@ class PointSimulator:
             variant = self._variants.load(simulation.source)
             compiled = self._compiled.get(variant.compilation)
             if compiled is None:
-                compiled = self._compiled[variant.compilation] = self._measured(variant.compilation.model)
+                compiled = self._compiled[variant.compilation] = self._measured(variant.compilation.model, simulation)
         else:  # which has a separate model and additional columns
             if self._spec.engine == "warp":
                 raise UsageError(NOT_IN_WARP)
             model = episode.model()
             variant, compiled = (
                 ModelVariant(model, SharedCompilation(None, model)),
-                self._measured(model, episode.columns),
+                self._measured(model, simulation),
             )
 
         ready = _ReadyPoint(point, simulation, variant, compiled)
@@ -138,27 +141,34 @@ class PointSimulator:
     def _prepare(self, model: mujoco.MjModel) -> None:
         """Sets the flags that simulations need, so that the model does not have to be copied for them."""
         model.opt.disableflags |= AUTORESET
-        if any("energy" in text for _, text in self._spec.metrics):
+        if any("energy" in text for text in (*dict(self._spec.metrics).values(), self._spec.base.until or "")):
             model.opt.enableflags |= ENERGY
 
-    def _measured(self, model: mujoco.MjModel, episode: EpisodeColumns | None = None) -> "_CompiledModel":
-        """Parses the metrics in the names of `model` and of an episode, unless models of one structure share them."""
+    def _measured(self, model: mujoco.MjModel, simulation: Simulation) -> "_CompiledModel":
+        """Parses expressions in the names of `model` and of an episode, unless models of one structure share them."""
+        episode = simulation.episode.columns if simulation.episode else None
         key = (*structure(model), *(episode.names if episode else ()))
-        if key not in self._metrics:
-            self._metrics[key] = parse_metrics(self._spec.metrics, model, episode)
-        return _CompiledModel(model, key, self._metrics[key], episode)
+        if key not in self._parsed:
+            end = EndCondition.of(simulation, model)
+            self._parsed[key] = parse_metrics(self._spec.metrics, model, episode), end
+        return _CompiledModel(model, key, *self._parsed[key], episode)
 
     def _alone(self, ready: "_ReadyPoint") -> PointResult:
         start = time.perf_counter()
         try:
             stepper = ready.simulation.stepper(ready.variant.model)
-            rows = ready.timeline.rows(every=self._spec.every)
-            metrics = MetricEvaluation(ready.compiled.metrics, ready.sampler.names)
-            feed_rows(ready.sampler, stepper, rows, metrics.feed)
+            measured = _MeasuredRows(ready, self._spec.every, 1)
+            steps = ready.timeline.rows(every=measured.read_every)
+            for block in ready.sampler.blocks(stepper, steps):
+                table = block().values
+                measured.feed(np.array(steps[: len(table)]), table[None], np.array([len(table)]))
+                steps = steps[len(table) :]
+                if not measured.running[0]:
+                    break
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)
-        return ready.result(metrics.values(), time.perf_counter() - start)
+        return ready.result(measured.values(0), int(measured.steps[0]), time.perf_counter() - start)
 
     def _with_files(self, point: StudyPoint) -> PointResult:
         """Simulates a point of a dataset, and makes its files."""
@@ -193,9 +203,9 @@ class PointSimulator:
         if not started:
             return
 
-        metrics = MetricBatch(batch[0].compiled.metrics, batch[0].sampler.names, len(started))
+        measured = _MeasuredRows(started[0], self._spec.every, len(started))
         try:
-            failures = self._roll_out(started, np.array(starts), metrics)
+            failures = self._roll_out(started, np.array(starts), measured)
         except Exception as error:  # of all points, such as a model that the engine refuses
             yield from (self._failed(ready.point, error, 0, ready.wall) for ready in started)
             return
@@ -205,27 +215,26 @@ class PointSimulator:
             if failure := failures.get(index):
                 yield self._failed(ready.point, failure, failure.step, ready.wall + wall)
             else:
-                yield ready.result(metrics.values(index), wall)
+                yield ready.result(measured.values(index), int(measured.steps[index]), wall)
         for ready in batch:
             self._variants.reuse(ready.variant)
 
     def _roll_out(
-        self, points: Sequence["_ReadyPoint"], starts: np.ndarray, metrics: MetricBatch
+        self, points: Sequence["_ReadyPoint"], starts: np.ndarray, measured: "_MeasuredRows"
     ) -> dict[int, SimulationError]:
         """Measures the rows of every simulation; returns the errors of those that failed, by index."""
         first = points[0]
         models = [ready.variant.model for ready in points]
-        steps, every = first.timeline.steps, self._spec.every
+        steps, running = first.timeline.steps, measured.running if first.compiled.end else None
         failures = dict[int, SimulationError]()
-        for block in joined(self._engine.rollout(models, starts, None, steps, first.sampler.fields, every), ENOUGH):
-            failures |= block.failures
-            wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step may not be an N-th one
-            tables = first.sampler.tables(block, wanted)
+        blocks = self._engine.rollout(models, starts, None, steps, first.sampler.fields, measured.read_every, running)
+        for block in blocks if first.compiled.end else joined(blocks, ENOUGH):
+            tables = first.sampler.tables(block)
             for index, ready in enumerate(points):
                 if ready.sampler is not first.sampler:
-                    tables[index] = ready.sampler.tables(block, wanted, slice(index, index + 1))[0]
-            if wanted:
-                metrics.feed(tables, np.minimum(block.counts, wanted))
+                    tables[index] = ready.sampler.tables(block, slice(index, index + 1))[0]
+            measured.feed(block.steps, tables, block.counts)
+            failures |= {index: error for index, error in block.failures.items() if not measured.has_ended[index]}
         return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
@@ -239,6 +248,7 @@ class _CompiledModel:
     Attributes:
       structure: key of models whose simulations can run side by side; see `structure`.
       metrics: metrics in the names of this model.
+      end: the condition that ends simulations, in the names of this model.
       world_group: see `PerWorldFields.group`; empty until it is needed.
     """
 
@@ -247,9 +257,10 @@ class _CompiledModel:
         model: mujoco.MjModel,
         structure: tuple[object, ...],
         metrics: Sequence[Metric],
+        end: EndCondition | None,
         episode: EpisodeColumns | None,
     ) -> None:
-        self.structure, self.metrics, self._episode = structure, metrics, episode
+        self.structure, self.metrics, self.end, self._episode = structure, metrics, end, episode
         self.world_group = ""
         self._model = model
         self._timeline: Timeline | None = None
@@ -265,7 +276,8 @@ class _CompiledModel:
         return self._new_sampler(variant, timeline) if self._reads_model else self._sampler
 
     def _new_sampler(self, model: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
-        return ProbeSampler(model, metric_columns(self.metrics), timeline, self._episode)
+        names = dict.fromkeys([*metric_columns(self.metrics), *(self.end.columns if self.end else ())])
+        return ProbeSampler(model, [*names], timeline, self._episode)
 
 
 class _ReadyPoint:
@@ -298,9 +310,9 @@ class _ReadyPoint:
         model = variant.compiled if shares_start else variant.model
         return (id(model), *(id(values[name]) for name in STARTS))
 
-    def result(self, metrics: tuple[float, ...], wall: float) -> PointResult:
+    def result(self, metrics: tuple[float, ...], steps: int, wall: float) -> PointResult:
         """Returns the result of a simulation that has reached its end, `wall` seconds after it was ready."""
-        return PointResult(self.point.index, "ok", metrics, self.timeline.steps, wall=self.wall + wall)
+        return PointResult(self.point.index, "ok", metrics, steps, wall=self.wall + wall)
 
     def _can_share(self) -> bool:
         simulation = self.simulation
@@ -309,6 +321,52 @@ class _ReadyPoint:
             return False
         model = self.sampler.model
         return not model.opt.enableflags & SLEEP and self.sampler.reads_fields_only
+
+
+class _MeasuredRows:
+    """The metrics of simulations of one kind, row by row, each up to its end.
+
+    Args:
+      first: the first of the points.
+      every: steps between rows that metrics read; the end is such a row, too.
+      count: number of simulations.
+
+    Attributes:
+      read_every: steps between rows to feed: a condition is evaluated at each step.
+      running: `(n,)` bool; the engine clears those of failed simulations.
+      has_ended: `(n,)` bool, true where the condition holds.
+      steps: the last step of each simulation, `(n,)`.
+    """
+
+    def __init__(self, first: _ReadyPoint, every: int, count: int) -> None:
+        self._end, self._names = first.compiled.end, first.sampler.names
+        self._every, self._last = every, first.timeline.steps
+        self._metrics = MetricBatch(first.compiled.metrics, self._names, count)
+        self.read_every = 1 if self._end else every
+        self.running, self.has_ended = np.ones(count, bool), np.zeros(count, bool)
+        self.steps = np.full(count, first.timeline.steps)
+
+    def feed(self, steps: np.ndarray, tables: np.ndarray, counts: np.ndarray) -> None:
+        """Adds the next rows `(n, rows, columns)` at `steps` `(rows,)`; `counts` `(n,)` of them are valid."""
+        if self._end is None:
+            self._metrics.feed(tables, counts)
+            return
+        ends = self._end.counts(self._names, tables, np.where(self.has_ended, 0, counts))
+        counts = np.where(self.has_ended, 0, np.where(ends, ends, counts))
+        is_new, last_row = ends > 0, np.maximum(ends - 1, 0)
+        self.steps = np.where(is_new, steps[last_row], self.steps)
+        self.has_ended |= is_new
+        self.running &= ~is_new
+        is_row = (steps % self._every == 0) | (steps == self._last)
+        if is_row.any():
+            self._metrics.feed(tables[:, is_row], np.concatenate([[0], np.cumsum(is_row)])[counts])
+        if not is_row.all():
+            ends_between = is_new & ~is_row[last_row]
+            self._metrics.feed(tables[np.arange(len(tables)), last_row][:, None], ends_between.astype(int))
+
+    def values(self, index: int) -> tuple[float, ...]:
+        """Returns the metrics of a simulation, after its last rows."""
+        return self._metrics.values(index)
 
 
 def _model_sizes(points: Sequence[_ReadyPoint]) -> dict[int, int]:

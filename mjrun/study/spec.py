@@ -52,6 +52,7 @@ MANY = 1000  # texts of a parameter that are checked one by one
 MODEL, CONTROLLER = "model", "controller"
 FILES = (MODEL, "ctrl_from")  # parameters whose values name files
 NO_CONTROLLERS: Controllers = {}
+ENDED = "ended"  # metric of studies with a condition `until`
 
 
 @dataclass(frozen=True)
@@ -187,6 +188,11 @@ class PointSpec(Protocol):
     def models(self, points: Iterable[Sequence[str]]) -> Sequence[Source]:
         """Returns the models of points, given by their values."""
         ...
+
+
+def with_end(metrics: Sequence[tuple[str, str]], simulation: Simulation) -> tuple[tuple[str, str], ...]:
+    """Returns `metrics`, and the time at which the condition `until` ends a simulation early, if it has one."""
+    return (*metrics, *([(ENDED, f"last(time, {simulation.until})")] if simulation.until is not None else []))
 
 
 # --- values of points --------------------------------------------------------------------------------

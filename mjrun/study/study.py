@@ -44,7 +44,7 @@ from mjrun.study.preview import StudyPreview, preview
 from mjrun.study.repeats import RepeatSummary
 from mjrun.study.result_columns import STATUSES
 from mjrun.study.results import FailureGroup, point_failures, study_table, with_flags
-from mjrun.study.spec import StudySpec, versions
+from mjrun.study.spec import StudySpec, versions, with_end
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-sweep-1"
@@ -78,7 +78,8 @@ class Study(StudyOptions, ExecutionOptions):
         """Specification of the points, without the names of parameters."""
         engine = "warp" if self.engine == WARP else "c"
         controllers = tuple(self.controllers.items())
-        return StudySpec(self.simulation, (), plain_metrics(self.metric), self.every, engine, controllers)
+        metrics = plain_metrics(with_end(self.metric, self.simulation))
+        return StudySpec(self.simulation, (), metrics, self.every, engine, controllers)
 
     def run(self, reporter: Reporter | None = None) -> "StudyResult":
         """Simulates the points without a result, and writes the table of all points.

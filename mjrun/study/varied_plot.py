@@ -14,9 +14,10 @@ from mjrun.model.variants import VariantLoader
 from mjrun.options.option import options
 from mjrun.options.sweep import VariationOptions
 from mjrun.outputs import output
+from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.plot import Plot, PlotOutput, PlotResult, table_columns
 from mjrun.outputs.trace import row_steps
-from mjrun.outputs.trace_rows import TIME, feed_rows
+from mjrun.outputs.trace_rows import TIME
 from mjrun.physics.stepper import Stepper
 from mjrun.plotting.figure_plan import FigurePlan
 from mjrun.probe.select import available_columns
@@ -90,7 +91,7 @@ class VariedPlot(VariationOptions, Plot):
         simulation = point.simulation
         with point.named_in_errors():
             model = simulation.episode.model() if simulation.episode else self._variants.load(simulation.source).model
-            return output.Context(simulation, model, simulation.timeline(model), base.reporter)
+            return output.Context(simulation, model, final_timeline(simulation, model), base.reporter)
 
     @cached_property
     def _variants(self) -> VariantLoader:
@@ -152,7 +153,8 @@ class VariedPlotOutput(PlotOutput):
             try:
                 with point.named_in_errors():
                     measured = point.simulation.stepper(table.model)
-                    feed_rows(table, measured, steps, partial(self.feed, index, table.names))
+                    for block in table.blocks(measured, steps):
+                        self.feed(index, table.names, block().values)
                     measured.advance(context.timeline.steps)
             except SimulationError as error:
                 failures[point.values] = error

@@ -20,7 +20,7 @@ from mjrun.outputs.output_files import ReservedFiles
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.manifest import origin
-from mjrun.simulation.simulation import Simulation, require_simulation
+from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.timeline import rational
 from mjrun.viewer import window as windows
 from mjrun.viewer.live_simulation import LiveSimulation, SessionRecording
@@ -65,6 +65,7 @@ class Viewer(ViewerOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_simulation(self.simulation)
+        require_whole(self.simulation, "a view, which the user ends")
         if self.port is not None and self.browser is False:
             raise UsageError(f"{option('port')} requires a browser, but this view opens a window")
 

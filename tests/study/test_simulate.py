@@ -21,7 +21,7 @@ from mjrun.physics.warp_engine import WarpEngine
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import simulate
 from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import PointResult, StudyPoint, StudySpec
+from mjrun.study.spec import PointResult, StudyPoint, StudySpec, with_end
 from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
 METRICS = (
@@ -53,12 +53,12 @@ def bare(z: float = 0.3, size: float = 0.1, every: int = 1, steps: int = 300) ->
     heights, energies, touches = [], [], []
     for step in range(steps + 1):
         mujoco.mj_forward(model, data)
-        if step % every == 0:
+        if step % every == 0 or step == steps:
             heights.append(data.qpos[2])
             energies.append(data.energy.sum())
             touches.append(data.ncon > 0)
         mujoco.mj_step(model, data)
-    first = float(touches.index(True) * every * Fraction("0.002")) if any(touches) else math.nan
+    first = float(min(touches.index(True) * every, steps) * Fraction("0.002")) if any(touches) else math.nan
     return min(heights), float(np.abs(np.array(energies) - energies[0]).max()), first
 
 
@@ -126,6 +126,33 @@ def test_the_time_of_a_point_includes_that_of_its_compilation(
     results = simulated(spec_of(tmp_path, ("geom/ball.size[0]", "ctrl_noise")), points)
     assert [result.status for result in results] == ["ok", "ok", "failed"]
     assert [result.wall for result in results] == [5.0] * 3
+
+
+@pytest.mark.parametrize("noise", ["0", "1e-300"])  # side by side, and alone
+@pytest.mark.parametrize("every", [1, 7])
+def test_a_point_ends_where_the_condition_holds(tmp_path: Path, every: int, noise: str) -> None:
+    until = "contact/ncon > 0"
+    options = {"steps": 600, "ctrl_noise": float(noise)}
+    metrics = with_end(METRICS, Simulation("ball.xml", until=until))
+    spec = replace(spec_of(tmp_path, ("qpos/ball/z",), every, until=until, **options), metrics=metrics)
+    heights = (0.3, 0.31, 1.5, 9)  # the last does not reach the floor
+    for result, z in zip(simulated(spec, [(str(z),) for z in heights]), heights, strict=True):
+        touch = bare(z, steps=600)[2]
+        steps = 600 if math.isnan(touch) else round(touch / 0.002)
+        low, drift, _ = bare(z, every=every, steps=steps)
+        assert (result.status, result.steps) == ("ok", steps)
+        np.testing.assert_array_equal(result.metrics, (low, drift, touch, touch))
+
+
+@pytest.mark.parametrize("noise", ["0", "1e-300"])
+def test_a_failure_after_its_end_is_not_one_of_a_point(tmp_path: Path, noise: str) -> None:
+    spec = spec_of(tmp_path, ("qvel/ball/vx",), ctrl_noise=float(noise))
+    points = [("1e9",), ("0",)]
+    failed = simulated(spec, points)[0]
+    assert failed.status == "unstable"
+    spec = replace(spec, base=replace(spec.base, until=f"time >= {failed.steps * 0.002 - 1e-9}"))
+    results = simulated(spec, points)
+    assert [(result.status, result.steps) for result in results] == [("ok", failed.steps)] * 2
 
 
 def test_a_point_that_fails_does_not_cost_its_neighbours(tmp_path: Path) -> None:
