@@ -132,6 +132,7 @@ def exploding(tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
+    monkeypatch.setattr(backend_module, "_working", {})
 
 
 _working_codecs = functools.cache(working_codecs)

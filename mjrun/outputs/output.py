@@ -133,7 +133,6 @@ class PassRenderers:
 
     def __init__(self) -> None:
         self._detections: dict[RendererRequest, BackendDetection] = {}
-        self._backends: dict[RendererRequest, Backend] = {}
         self._workers: PainterProcesses | None = None
 
     def detect(self, choice: RendererRequest) -> None:
@@ -152,10 +151,8 @@ class PassRenderers:
         Raises:
           RendererError: no backend works.
         """
-        if choice not in self._backends:
-            self.detect(choice)
-            self._backends[choice] = self._detections[choice].result(choice.require_gpu)
-        return self._backends[choice]
+        self.detect(choice)
+        return self._detections[choice].result(choice.require_gpu)
 
     def workers(self, count: int) -> "PainterProcesses":
         """Returns at least `count` rendering processes, started without waiting for them.

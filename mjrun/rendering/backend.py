@@ -188,8 +188,14 @@ class BackendTrialProcess:
         self._process.end()
 
 
+# The backends that worked in this process, by name and environment variables: Python code renders again and again.
+_working: dict[tuple[str, frozenset[tuple[str, str]]], Backend] = {}
+
+
 class BackendDetection:
     """The search for a working backend, started at once so that it runs while the model loads.
+
+    A backend that has worked in this process is not tried again until an environment variable changes.
 
     Args:
       requested: `auto` or None for the best that works, else the only one to try.
@@ -200,8 +206,13 @@ class BackendDetection:
     """
 
     def __init__(self, requested: str | None = None) -> None:
-        self._requested, self._names = requested, requested_backends(requested)
-        self._first = BackendTrialProcess(self._names[0])
+        self._start(requested, requested_backends(requested))
+
+    def _start(self, requested: str | None, names: Sequence[str]) -> None:
+        self._requested, self._names = requested, names
+        self._environment = frozenset(os.environ.items())
+        is_known = (names[0], self._environment) in _working
+        self._first = None if is_known else BackendTrialProcess(names[0])
 
     def result(self, require_gpu: bool = False) -> Backend:
         """Returns the first backend that works.
@@ -213,7 +224,7 @@ class BackendDetection:
         reasons: dict[str, str] = {}
         software: Backend | None = None
         for name in self._names:
-            answer = (self._first if name == self._first.name else BackendTrialProcess(name)).result()
+            answer = self._answer(name)
             if isinstance(answer, str):
                 reasons[name] = answer
             elif not (require_gpu and answer.software):
@@ -224,9 +235,21 @@ class BackendDetection:
             raise SoftwareRendererError(software.renderer)
         raise NoRendererError(reasons, self._advice(reasons))
 
+    def _answer(self, name: str) -> Backend | str:
+        """Returns a backend, or the reason why it does not work."""
+        key = name, self._environment
+        if key not in _working:
+            first = self._first if name == self._names[0] else None
+            answer = (first or BackendTrialProcess(name)).result()
+            if isinstance(answer, str):
+                return answer
+            _working[key] = answer
+        return _working[key]
+
     def cancel(self) -> None:
         """Ends the child that is still running."""
-        self._first.cancel()
+        if self._first:
+            self._first.cancel()
 
     def _advice(self, reasons: Mapping[str, str]) -> str:
         """Returns advice on how to render although these backends do not work."""
@@ -237,8 +260,7 @@ class VulkanDetection(BackendDetection):
     """The search for the Vulkan device of Filament, started at once."""
 
     def __init__(self) -> None:
-        self._requested, self._names = None, ("vulkan",)
-        self._first = BackendTrialProcess("vulkan")
+        self._start(None, ("vulkan",))
 
     def _advice(self, reasons: Mapping[str, str]) -> str:
         install = f"to draw with filament in software: {install_advice(VULKAN)}"

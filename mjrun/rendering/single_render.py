@@ -4,7 +4,6 @@ import atexit
 import contextlib
 import threading
 from collections import OrderedDict
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -16,7 +15,7 @@ from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save
 from mjrun.options.rendering import VIEWS
-from mjrun.rendering.backend import Backend, BackendDetection
+from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
@@ -73,7 +72,7 @@ class _CachedRenderer:
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> None:
         self.model, self.size = model, size
-        self.renderer = ClassicRenderer(model, size, _backend(), visual, Segmentation(model))
+        self.renderer = ClassicRenderer(model, size, BackendDetection().result(), visual, Segmentation(model))
         self._data = mujoco.MjData(model)
         self._cameras = ModelCameras(model)
         self._motions: dict[str, CameraMotion] = {}
@@ -97,11 +96,6 @@ class _CachedRenderer:
 
 _renderers: OrderedDict[tuple[int, int, tuple[int, int], str], _CachedRenderer] = OrderedDict()
 _lock = threading.Lock()
-
-
-@lru_cache(maxsize=1)
-def _backend() -> Backend:
-    return BackendDetection().result()
 
 
 def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> _CachedRenderer:

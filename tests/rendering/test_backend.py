@@ -67,8 +67,9 @@ def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyP
 
 
 @pytest.fixture(autouse=True)
-def backends_are_tried_once() -> None:
+def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replaces the fixture of all tests: here, each trial takes place."""
+    monkeypatch.setattr(backend_module, "_working", {})
 
 
 def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
@@ -175,6 +176,17 @@ def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.M
     assert BackendDetection("auto").result(require_gpu=True).name == "glfw"
 
 
+def test_a_backend_that_worked_is_tried_again_only_in_another_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "llvmpipe"}))
+    found = BackendDetection("egl").result()
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "NVIDIA"}))
+    search = BackendDetection("egl")
+    assert search.result() == found
+    search.cancel()
+    monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "1")
+    assert BackendDetection("egl").result().renderer == "NVIDIA"
+
+
 def test_vulkan_is_found_by_drawing_with_it(vulkan: Backend) -> None:
     assert vulkan.name == "vulkan"
     assert vulkan.renderer
@@ -210,6 +222,7 @@ def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch,
 def test_a_search_for_vulkan_can_be_given_up() -> None:
     search = VulkanDetection()
     search.cancel()
+    assert search._first
     assert not search._first._process.running
 
 
