@@ -21,6 +21,7 @@ PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its 
 READ_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # to open a file that may turn out to be a pipe
 LAST_SECONDS = 5  # of computing, from the signal of the soft limit to the hard one
 STATUS = Path("/proc/self/statm")
+BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 class ProcessOptions(TypedDict):
@@ -181,6 +182,35 @@ def cache_home() -> Path:
 def machine_name() -> str:
     """Returns the name of this machine in its network."""
     return os.uname().nodename
+
+
+def process_identity() -> str:
+    """Returns what `has_ended` knows this process by; empty where the system does not reveal it."""
+    try:
+        container = Path("/proc/self/ns/pid").stat().st_ino  # which numbers processes by itself
+        return f"{BOOT.read_text().strip()}/{container} {os.getpid()} {_process_start(os.getpid())}"
+    except OSError:
+        return ""
+
+
+def has_ended(identity: str) -> bool:
+    """Returns whether the process with an identity has ended; False for those of other machines and containers."""
+    machine, _, process = identity.partition(" ")
+    pid, _, start = process.partition(" ")
+    if not pid.isdecimal() or process_identity().partition(" ")[0] != machine:
+        return False
+    try:
+        return _process_start(int(pid)) != start
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+    except OSError:
+        return False
+
+
+def _process_start(pid: int) -> str:
+    """Returns the time at which a process started; empty if it has ended and its parent does not know yet."""
+    state, *facts = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace").rpartition(")")[2].split()
+    return "" if state in "ZX" else facts[18]
 
 
 def _events(descriptor: int, which: int, seconds: float) -> int:

@@ -148,5 +148,15 @@ def machine_name() -> str:
     return platform.node()
 
 
+def process_identity() -> str:
+    """Returns nothing: no process of this system is recognized."""
+    return ""
+
+
+def has_ended(identity: str) -> bool:
+    """Returns False: the end of another process is not known."""
+    return False
+
+
 def _unsupported(reason: str) -> OSError:
     return OSError(errno.EOPNOTSUPP, f"{reason} on this system")

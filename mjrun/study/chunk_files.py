@@ -143,6 +143,7 @@ class ChunkFiles:
       study: hash of everything that determines the results of all points, 64 hexadecimal digits.
 
     Attributes:
+      folder: folder of the parts.
       width: number of metrics.
       bounds: ascending points where new parts begin, since different processes work on either side.
       damaged: parts that the last `read` could not read.
@@ -150,11 +151,12 @@ class ChunkFiles:
     """
 
     def __init__(self, folder: Path, metrics: Sequence[str], study: str) -> None:
-        self._folder, self._metrics, self.study = folder / PARTS, tuple(metrics), study
+        self.folder, self._metrics, self.study = folder / PARTS, tuple(metrics), study
         self.width = len(self._metrics)
         self.bounds = np.array([], np.int64)
         self.damaged = list[Path]()
         self.adopted = np.array([], np.intp)
+        self._parts = set[Path]()  # of this study whose results are known
 
     def create(self) -> None:
         """Creates the folder of the parts if it does not exist.
@@ -163,14 +165,14 @@ class ChunkFiles:
           FileError: the folder cannot be created.
         """
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FileError(self._folder, f"cannot be made: {error.strerror}") from None
-        remove_left_behind(self._folder)
+            raise FileError(self.folder, f"cannot be made: {error.strerror}") from None
+        remove_left_behind(self.folder)
 
     def exist(self) -> bool:
         """Returns whether the folder of the parts exists."""
-        return is_folder(self._folder)
+        return is_folder(self.folder)
 
     def size(self) -> int:
         """Returns the size of all parts [bytes]."""
@@ -191,22 +193,33 @@ class ChunkFiles:
         """
         self.damaged, others, self.adopted = [], list[Path](), np.array([], np.intp)
         known, seen = ResultColumns(points, len(self._metrics)), set[Path]()
+        self._parts = set()
         while new := [path for path in self._paths() if path not in seen]:  # other processes merge parts
             seen.update(new)
             for path in new:
                 part = _Name.of(path)
                 if part is None or part.study != self.study[:NAMED]:
                     others.append(path)
-                elif known.has_between(part.first, part.last):
-                    for rows in self._rows(path, has_keys=False):
-                        if rows.study != self.study:  # another one with such a name
-                            others.append(path)
-                            break
-                        known.put_points(rows.points, rows.results)
+                    continue
+                if known.has_between(part.first, part.last) and not self._put(path, known):
+                    others.append(path)
         open_places = np.flatnonzero(~known.is_final)
         if others and len(open_places):
             self._read_by_key(others, known, open_places, _binary(keys(known.points[open_places])))
         return known
+
+    def update(self, known: ResultColumns, first: int, last: int) -> None:
+        """Adds the results in parts that other processes have published since, if their points overlap a range.
+
+        Raises:
+          FileError: a part cannot be read for lack of permission.
+        """
+        for path in self._paths():
+            part = _Name.of(path)
+            if part is None or part.study != self.study[:NAMED] or path in self._parts:
+                continue
+            if part.first <= last and first <= part.last:
+                self._put(path, known)
 
     def write(self, points: Sequence[int] | np.ndarray, keys: Sequence[str], results: ResultRows) -> Path:
         """Publishes a part in one step, and returns its path.
@@ -260,7 +273,7 @@ class ChunkFiles:
         import pyarrow.parquet
 
         digest = hashlib.sha256(content.encode()).hexdigest()[:NAMED]
-        path = self._folder / f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
+        path = self.folder / f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
         schema = _schema(self._metrics, self.study)
         with OutputWriter(StagedFile(path)) as output, output.writing():
             # as a path, the name would have to be UTF-8
@@ -271,6 +284,7 @@ class ChunkFiles:
                 for table in tables:
                     writer.write_table(table.cast(schema))
             output.publish()
+        self._parts.add(path)
         return path
 
     def _paths(self) -> list[Path]:
@@ -280,9 +294,18 @@ class ChunkFiles:
           FileError: the folder cannot be read.
         """
         try:
-            return sorted(self._folder.glob(f"*{SUFFIX}"))
+            return sorted(self.folder.glob(f"*{SUFFIX}"))
         except OSError as error:
-            raise FileError(self._folder, f"cannot be read: {error.strerror}") from None
+            raise FileError(self.folder, f"cannot be read: {error.strerror}") from None
+
+    def _put(self, path: Path, known: ResultColumns) -> bool:
+        """Adds the results in a part; returns False for one of another study whose hash begins with the same digits."""
+        self._parts.add(path)
+        for rows in self._rows(path, has_keys=False):
+            if rows.study != self.study:
+                return False
+            known.put_points(rows.points, rows.results)
+        return True
 
     def _rows(self, path: Path, *, has_keys: bool = True) -> Iterator["_PartRows"]:
         """Yields the valid rows of a part in groups; nothing if it is damaged, or not a part of a study."""
@@ -350,10 +373,15 @@ class PartWriter:
     """A writer of results that arrive within `interval` [s] as one part; writes all at the end of its `with` block.
 
     Parts are merged as they accumulate, so that their number grows with the logarithm of the number of results.
+
+    Args:
+      published: called with the points whose results have been published.
     """
 
-    def __init__(self, files: ChunkFiles, interval: float) -> None:
-        self._files, self._interval = files, interval
+    def __init__(
+        self, files: ChunkFiles, interval: float, published: Callable[[Sequence[int]], None] = lambda _: None
+    ) -> None:
+        self._files, self._interval, self._published = files, interval, published
         # Points, keys and results by block, see `ChunkFiles.bounds`, and host.
         self._waiting = dict[tuple[int, str], tuple[list[int], list[str], list[PointResult]]]()
         self._levels = dict[tuple[int, int], list[Path]]()  # parts, by block and the number of their merges
@@ -390,6 +418,7 @@ class PartWriter:
         for (block, host), (points, keys, results) in waiting.items():
             rows = ResultRows.of(results, self._files.width, host)
             self._keep(self._files.write(points, keys, rows), block, 0)
+            self._published(points)
         self._written = time.monotonic()
 
     def _keep(self, part: Path, block: int, level: int) -> None:

@@ -5,6 +5,7 @@ Chunks run on this machine or on an existing distributed engine; each executor i
 
 import shutil
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
@@ -54,13 +55,14 @@ class ChunkSizes:
         self._size, self._ahead, self._target, self._largest = size, ahead, seconds, first
         self._points = self._steps = self._seconds = 0.0
 
-    def next(self, steps: np.ndarray) -> int:
-        """Returns the number of points in the next chunk.
+    def next(self, steps: np.ndarray, left: int | None = None) -> int:
+        """Returns the number of points in the next chunk, which may be more than there are steps.
 
         Args:
-          steps: steps of each remaining point `(n,)`, n > 0.
+          steps: steps of each of the next points `(n,)`, n > 0.
+          left: number of all remaining points, by default n.
         """
-        left = len(steps)
+        left = len(steps) if left is None else left
         if self._size:
             return min(self._size, left)
         share = -(-left // self._ahead)
@@ -172,7 +174,7 @@ def _slurm_jobs(jobs: int | str) -> int:
 
 def completed(
     executor: Executor,
-    chunks: Iterator[PointChunk],
+    chunks: Iterator[PointChunk | None],
     ahead: int,
     fault: Callable[[ChunkResult], str],
     is_over: Callable[[], bool] = lambda: False,
@@ -184,6 +186,7 @@ def completed(
     chunk that is refused `REFUSALS` times have failed.
 
     Args:
+      chunks: None where the next chunk has to wait for other processes.
       fault: returns the reason to refuse results; empty to accept them.
       is_over: returns whether to submit no more chunks; those that are running finish.
     """
@@ -191,15 +194,26 @@ def completed(
     again = deque[PointChunk]()
     is_first = True
     while True:
-        while not is_over() and len(running) < ahead and (chunk := again.popleft() if again else next(chunks, None)):
+        while is_waiting := not is_over() and len(running) < ahead:
+            try:
+                chunk = again.popleft() if again else next(chunks)
+            except StopIteration:
+                is_waiting = False
+                break
+            if chunk is None:
+                break
             running[executor.submit(run_chunk, chunk)] = chunk
         if is_over() and isinstance(executor, ThreadPoolExecutor):  # others cannot tell which chunks have begun
             running = {future: chunk for future, chunk in running.items() if not future.cancel()}
-        if not running:
-            return
         if is_first:
             yield []
             is_first = False
+        if not running:
+            if not is_waiting:
+                return
+            time.sleep(INTERVAL)
+            yield []
+            continue
         arrived = list[tuple[PointChunk, ChunkResult]]()
         for future in wait(running, INTERVAL, FIRST_COMPLETED).done:
             chunk = running.pop(future)

@@ -103,6 +103,11 @@ class PreparedStudy(PreparedPoints):
         texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in self.identity.items()}
         return {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()} | versions()
 
+    @property
+    def identities(self) -> Mapping[str, object]:
+        """Hashes for the manifest: of everything that determines all results, and of its parts."""
+        return {"digest": self.files.study, "identity": self.identity_hashes}
+
     def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
         return point_keys(self.identity, self.spec, self.points.at(indices))
 
@@ -131,7 +136,7 @@ class PreparedStudy(PreparedPoints):
             return 1
         return min(max(1, FIRST_STEPS // max(1, self.first.timeline(self.model).steps)), FIRST_POINTS)
 
-    def steps(self, indices: Sequence[int]) -> np.ndarray:
+    def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 for a point whose simulation cannot be made, and for episodes
         of a dataset, whose lengths only their simulation shows.
         """

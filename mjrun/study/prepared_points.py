@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -15,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import clean, counted
+from mjrun.errors import clean, counted, listing
 from mjrun.experiment.design import Design
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
 from mjrun.study.chunk_files import ChunkFiles, PartWriter
+from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.result_columns import ResultColumns, ResultRows
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
@@ -136,7 +138,7 @@ class PreparedPoints(ABC):
         points = known.points[~known.is_final if retry_failed else known.is_missing]
         return array("q", points.tobytes())  # a list would take five times the memory
 
-    def steps(self, indices: Sequence[int]) -> np.ndarray:
+    def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""
         return np.zeros(len(indices), np.int64)
 
@@ -146,15 +148,21 @@ class PreparedPoints(ABC):
         return executors.ChunkSizes(options.chunk, ahead, seconds)
 
     def chunks(
-        self, indices: Sequence[int], options: ExecutionOptions, sizes: executors.ChunkSizes
-    ) -> Iterator[PointChunk]:
-        """Yields points in chunks; asks `sizes` for the size of each chunk when it is needed."""
+        self, leased: LeasedPoints, options: ExecutionOptions, sizes: executors.ChunkSizes
+    ) -> Iterator[PointChunk | None]:
+        """Yields points in chunks; asks `sizes` for the size of each chunk when it is needed.
+
+        Yields None while other processes have leased all points that are left.
+        """
         limit = math.inf if options.time_limit is None else float(options.time_limit)
-        steps, start = self.steps(indices), 0
-        while start < len(indices):
-            part = indices[start : start + sizes.next(steps[start:])]
-            start += len(part)
-            yield PointChunk(self.shipped, tuple(map(StudyPoint, part, self.points.at(part))), limit)
+        steps = self.steps(leased.points)
+
+        def size(places: np.ndarray) -> int:
+            return sizes.next(steps[places[: executors.MOST]], leased.left)
+
+        while leased.left:
+            part = leased.take(size).tolist()
+            yield PointChunk(self.shipped, tuple(map(StudyPoint, part, self.points.at(part))), limit) if part else None
 
     def simulate(
         self,
@@ -165,6 +173,7 @@ class PreparedPoints(ABC):
     ) -> Counter[str]:
         """Simulates points in chunks, publishes their results every half second, and adds them to `known`.
 
+        Other processes that simulate the same study in this folder share the points; their results are added, too.
         Results of a process with other versions of libraries are refused and not published. When the time budget is
         spent, or too many points have failed, those that are running finish, and the others stay missing.
 
@@ -175,9 +184,15 @@ class PreparedPoints(ABC):
           The number of points by status.
         """
         statuses, budget = Counter[str](), Budget(options)
-        failures = FailureReporter(self.points, reporter, self.noun)
-        with PartWriter(self.files, executors.INTERVAL) as parts:
-            for arrived in self._completed(indices, options, budget, reporter):
+        failures, is_waiting = FailureReporter(self.points, reporter, self.noun), False
+        with (
+            Leases(self.files.folder, self.files.study) as leases,
+            PartWriter(self.files, executors.INTERVAL, leases.publish) as parts,
+            ExitStack() as stack,
+        ):
+            executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack, options.slurm)
+            leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
+            for arrived in self._completed(executor, leased, ahead, options, budget, reporter):
                 for chunk, result in arrived:
                     places = [point.index for point in chunk.points]
                     keys = self._keys(places)
@@ -185,7 +200,9 @@ class PreparedPoints(ABC):
                         for key, each in zip(keys, result.results, strict=True):
                             publish(key, each)
                         result = replace(result, results=[replace(each, files=()) for each in result.results])
-                    if not result.is_refused:
+                    if result.is_refused:
+                        leases.publish(places)
+                    else:
                         hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
                         parts.add(places, keys, result.results, ", ".join(sorted(hosts)))
                     self.known.put_points(np.array(places), ResultRows.of(result.results, self.files.width))
@@ -194,14 +211,26 @@ class PreparedPoints(ABC):
                     statuses.update(each.status for each in result.results)
                     budget.failed = statuses.total() - statuses["ok"]
                     label = f"{self.noun}s, {budget.failed} failed" if budget.failed else f"{self.noun}s"
-                    reporter.progress(label, statuses.total(), len(indices))
+                    reporter.progress(label, statuses.total() + leased.elsewhere, len(indices))
                 parts.write_if_due()
-        if left := len(indices) - statuses.total():
+                if leased.is_waiting and not is_waiting:
+                    is_waiting = True
+                    some = counted(leased.left, self.noun)
+                    reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
+        if leased.elsewhere:
+            reporter.note(f"{counted(leased.elsewhere, self.noun)} were simulated by other processes in the meantime")
+        if left := len(indices) - statuses.total() - leased.elsewhere:
             reporter.note(f"{budget.reached}: {counted(left, self.noun)} left; repeat the command to continue")
         return statuses
 
     def _completed(
-        self, indices: Sequence[int], options: ExecutionOptions, budget: Budget, reporter: Reporter
+        self,
+        executor: Executor,
+        leased: LeasedPoints,
+        ahead: int,
+        options: ExecutionOptions,
+        budget: Budget,
+        reporter: Reporter,
     ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
         """Yields the results of chunks as `executors.completed`; warns of each reason to refuse some."""
         expected = WorkerVersions.here(self._spec.models(self.points.points))
@@ -218,12 +247,10 @@ class PreparedPoints(ABC):
                     reporter.warn(f"{reason}: its results are refused, and simulated again")
             return "; ".join(reasons)
 
-        with ExitStack() as stack:
-            executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack, options.slurm)
-            sizes = self.chunk_sizes(options, ahead)
-            chunks = self.chunks(indices, options, sizes)
-            for arrived in executors.completed(executor, chunks, ahead, fault, lambda: bool(budget.reached)):
-                for _, result in arrived:
-                    results = result.results
-                    sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
-                yield arrived
+        sizes = self.chunk_sizes(options, ahead)
+        chunks = self.chunks(leased, options, sizes)
+        for arrived in executors.completed(executor, chunks, ahead, fault, lambda: bool(budget.reached)):
+            for _, result in arrived:
+                results = result.results
+                sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
+            yield arrived

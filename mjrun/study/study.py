@@ -102,8 +102,9 @@ class Study(StudyOptions, ExecutionOptions):
             prepared.warn_of_damaged(reporter)
             self._report_changes(prepared, reporter)
             count = len(prepared.points.points)
-            facts = {"points": count, "schema": SCHEMA, "identity": prepared.identity_hashes}
-            self.write_manifest(facts)  # lets an interrupted study continue
+            facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
+            # Lets an interrupted study continue, and others see its progress.
+            self.write_manifest({**facts, **prepared.identities})
             missing = prepared.missing(self.retry_failed)
             if len(missing) < count:
                 reporter.note(f"{count - len(missing)} of {count} points are known already")
@@ -223,7 +224,7 @@ class Study(StudyOptions, ExecutionOptions):
             sensitivities=indices,
             confidence=self.confidence,
         )
-        self.write_manifest({**dataclasses.asdict(result), "identity": prepared.identity_hashes})
+        self.write_manifest({**dataclasses.asdict(result), **prepared.identities})
         if self.html is not None:
             from mjrun.study.study_page import write_study_page
 

@@ -66,3 +66,18 @@ def test_a_process_and_what_it_started_are_killed_together() -> None:
         assert process.wait() == -signal.SIGKILL
     wait_until(lambda: not command_line_of(grandchild))
     posix.kill_group(process.pid)  # nothing is left, which is no error
+
+
+@pytest.mark.skipif(not posix.process_identity(), reason="only Linux identifies processes")
+def test_the_end_of_a_process_is_known_on_its_machine_alone() -> None:
+    script = "from mjrun.platform import posix; print(posix.process_identity(), flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout
+        identity = process.stdout.readline().decode().strip()
+        assert not posix.has_ended(identity)
+        process.kill()
+        wait_until(lambda: posix.has_ended(identity))  # as soon as it is dead, which its parent has not noticed
+        process.wait()
+    assert posix.has_ended(identity)
+    assert not posix.has_ended(f"other{identity}")
+    assert not any(posix.has_ended(text) for text in ("", "x", identity.split()[0]))

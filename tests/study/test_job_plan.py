@@ -14,6 +14,7 @@ from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import ChunkSizes
 from mjrun.study.job_plan import MOST_RANGES, StudyPlan, TaskResult, plan, ranges_of, run_task, task_points
+from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview
 from mjrun.study.study import Study
@@ -130,7 +131,10 @@ def test_a_column_of_points_that_is_no_parameter_is_told_with_its_table(study: S
 def test_chunks_contain_every_missing_point_once(study: Study) -> None:
     prepared = PreparedStudy(study, study.spec)
     assert [result.status for result in prepared.known] == ["missing"] * 10
-    chunks = [*prepared.chunks(prepared.missing(), study, ChunkSizes(4, 1))]
+    prepared.files.create()
+    with Leases(prepared.files.folder, prepared.files.study) as leases:
+        leased = LeasedPoints(prepared.missing(), prepared.known, prepared.files, leases, 1)
+        chunks = [chunk for chunk in prepared.chunks(leased, study, ChunkSizes(4, 1)) if chunk]
     assert [point.index for chunk in chunks for point in chunk.points] == [*range(10)]
     assert [chunk.points[0].values for chunk in chunks] == [("0.2", "0"), ("0.6", "0"), ("1", "0")]
 

@@ -1,0 +1,319 @@
+"""Leases of ranges of points, by which processes on any machines share the work on one study.
+
+A lease is a small file beside the parts, named `STUDY-FIRST-LAST-OWNER.lease`. A process creates one, and then lists
+the others: of two processes whose ranges overlap, at least one sees both leases, and gives up its own. It renews its
+leases by changing their content. Another process that sees the same content for `EXPIRY` seconds on its clock takes
+the points; it does not wait for a process of the same machine that has ended. No clocks are compared, and the file
+system needs no locks. A wrong guess costs time only: a point has the same result, whichever process simulates it.
+"""
+
+import json
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import clean
+from mjrun.formats.destinations import unwritable
+from mjrun.platform import system
+from mjrun.study.chunk_files import NAMED, ChunkFiles
+from mjrun.study.result_columns import ResultColumns
+
+SUFFIX = ".lease"
+NAME = re.compile(rf"([0-9a-f]{{{NAMED}}})-(\d{{1,18}})-(\d{{1,18}})-([0-9a-f]{{8}})\.lease")
+BEAT = 5.0  # [s] between two renewals
+EXPIRY = 60.0  # [s] without a renewal, after which a lease is void: file systems of networks show changes late
+POLL = 1.0  # [s] until a process that has found all points leased looks again
+TRIES = 8  # attempts to lease a range while other processes lease overlapping ones
+PAUSE = 0.05  # longest time between two such attempts [s]
+MOST = 2**12  # bytes of a lease that are read
+DEPTH = 4  # chunks in a range for each chunk in flight: they take some ten seconds
+SHARES = 4  # ranges for each process, of the points that are free: ranges become smaller towards the end
+
+
+@dataclass(frozen=True)
+class Lease:
+    """A lease of the points from `first` to `last`, which is included."""
+
+    path: Path
+    first: int
+    last: int
+    owner: str
+
+    @classmethod
+    def of(cls, path: Path, study: str) -> "Lease | None":
+        """Returns the lease that a file represents; None if it is not a lease of this study."""
+        match = NAME.fullmatch(path.name)
+        return cls(path, int(match[2]), int(match[3]), match[4]) if match and match[1] == study[:NAMED] else None
+
+    def overlaps(self, first: int, last: int) -> bool:
+        """Returns whether any of these points is in the range."""
+        return self.first <= last and first <= self.last
+
+
+@dataclass(frozen=True)
+class LeaseContent:
+    """The content of a lease.
+
+    Attributes:
+      host: name of the owner's machine.
+      process: identity of the owner's process; see `system.process_identity`.
+      beat: number of renewals.
+      points: number of points whose results the owner has published.
+      seconds: wall time since the owner began [s].
+    """
+
+    host: str = ""
+    process: str = ""
+    beat: int = 0
+    points: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def read(cls, path: Path) -> "LeaseContent":
+        """Reads a lease; one that is being written, or is not a lease, is empty.
+
+        Raises:
+          FileNotFoundError: its owner has released it.
+        """
+        try:
+            with path.open("rb") as stream:
+                values = json.loads(stream.read(MOST))
+            host, process = str(values["host"]), str(values["process"])
+            return cls(host, process, int(values["beat"]), int(values["points"]), float(values["seconds"]))
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError, TypeError, KeyError, OverflowError):
+            return cls()
+
+
+class Leases:
+    """The leases of one study, and those of this process among them; a context manager that releases the latter.
+
+    Args:
+      folder: folder of the leases, which exists.
+      study: hash of everything that determines the results of all points.
+    """
+
+    def __init__(self, folder: Path, study: str) -> None:
+        self._folder, self._study, self._owner = folder, study, secrets.token_hex(4)
+        self._own = dict[Lease, int]()  # the points of each that are not published
+        self._seen = dict[Path, tuple[LeaseContent, float]]()  # of others, and the time since which it is the same
+        self._read = 0.0  # time of the last reading of their contents
+        self._host, self._process = system.machine_name(), system.process_identity()
+        self._start, self._beat, self.points = time.monotonic(), 0, 0
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._renew, name="leases", daemon=True)
+
+    def claim(self, first: int, last: int, points: int) -> bool:
+        """Leases a range unless another process holds some of it.
+
+        Args:
+          points: number of points in the range to be published.
+
+        Raises:
+          FileError: the lease cannot be written.
+        """
+        name = f"{self._study[:NAMED]}-{first}-{last}-{self._owner}{SUFFIX}"
+        lease = Lease(self._folder / name, first, last, self._owner)
+        with self._lock:
+            try:
+                with lease.path.open("xb") as stream:
+                    stream.write(self._content())
+            except OSError as error:
+                raise unwritable(lease.path, error) from None
+            self._own[lease] = points
+        if self._thread.ident is None:
+            self._thread.start()
+        if any(other.overlaps(first, last) for other in self.others()):
+            self._release(lease)
+            return False
+        return True
+
+    def others(self) -> list[Lease]:
+        """Returns the leases of other processes that are still valid."""
+        leases = [lease for path in self._folder.glob(f"*{SUFFIX}") if (lease := Lease.of(path, self._study))]
+        others = [lease for lease in leases if lease.owner != self._owner]
+        paths, now = {lease.path for lease in others}, time.monotonic()
+        is_due = now - self._read >= BEAT
+        self._read = now if is_due else self._read
+        self._seen = {path: seen for path, seen in self._seen.items() if path in paths}
+        return [lease for lease in others if self._is_valid(lease, now, is_due=is_due)]
+
+    def hosts(self) -> list[str]:
+        """Returns the machines of the leases that `others` has read last."""
+        return sorted({clean(content.host) or "another machine" for content, _ in self._seen.values()})
+
+    def publish(self, points: Sequence[int] | np.ndarray, *, is_own: bool = True) -> None:
+        """Releases the ranges in which all results are published, now that those of `points` are.
+
+        Args:
+          is_own: whether this process has simulated them.
+        """
+        points = np.asarray(points, np.int64)
+        self.points += len(points) * is_own
+        for lease in [*self._own]:
+            self._own[lease] -= int(((points >= lease.first) & (points <= lease.last)).sum())
+            if self._own[lease] <= 0:
+                self._release(lease)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        for lease in [*self._own]:
+            self._release(lease)
+
+    def _is_valid(self, lease: Lease, now: float, *, is_due: bool) -> bool:
+        """Returns whether a process still works on a range; removes the lease of one that does not."""
+        before, since = self._seen.get(lease.path, (None, now))
+        if before is not None and not is_due:
+            return True
+        try:
+            content = LeaseContent.read(lease.path)
+        except FileNotFoundError:
+            return False
+        if content != before:
+            since = now
+        self._seen[lease.path] = content, since
+        if now - since < EXPIRY and not system.has_ended(content.process):
+            return True
+        with suppress(OSError):
+            lease.path.unlink()
+        return False
+
+    def _release(self, lease: Lease) -> None:
+        with self._lock:
+            self._own.pop(lease, None)
+            with suppress(OSError):  # another process has taken it
+                lease.path.unlink()
+
+    def _renew(self) -> None:
+        while not self._closed.wait(BEAT):
+            with self._lock:
+                self._beat += 1
+                content = self._content()
+                for lease in self._own:
+                    # Another process may have taken it, or the disk may be full.
+                    with suppress(OSError), lease.path.open("r+b") as stream:
+                        stream.write(content)
+                        stream.truncate()
+
+    def _content(self) -> bytes:
+        seconds = round(time.monotonic() - self._start, 3)
+        values = {"host": self._host, "process": self._process, "beat": self._beat}
+        return f"{json.dumps({**values, 'points': self.points, 'seconds': seconds})}\n".encode()
+
+
+class LeasedPoints:
+    """Missing points, of which this process leases one range after the other.
+
+    Args:
+      points: numbers of the points, ascending.
+      known: results, to which those of other processes are added.
+      ahead: chunks in flight.
+
+    Attributes:
+      elsewhere: number of points that other processes have simulated.
+      is_waiting: whether other processes have leased all points that are left.
+    """
+
+    def __init__(
+        self,
+        points: Sequence[int] | np.ndarray,
+        known: ResultColumns,
+        files: ChunkFiles,
+        leases: Leases,
+        ahead: int,
+    ) -> None:
+        self.points, self._known, self._files, self._leases = np.asarray(points, np.int64), known, files, leases
+        self._most_chunks = DEPTH * ahead
+        self._places = np.searchsorted(known.points, self.points)
+        self._was_missing = known.is_missing[self._places]
+        self._blocks = np.searchsorted(files.bounds, self.points, "right")
+        self._is_open = np.ones(len(self.points), bool)  # neither known nor leased by this process
+        self._leased = np.array([], np.intp)  # leased places that are not in a chunk yet
+        self._next = 0  # place after the last range
+        self._pause_end = 0.0
+        self.elsewhere, self.is_waiting = 0, False
+
+    @property
+    def left(self) -> int:
+        """The number of points that are not in a chunk yet."""
+        return int(self._is_open.sum()) + len(self._leased)
+
+    def take(self, size: Callable[[np.ndarray], int]) -> np.ndarray:
+        """Returns the points of the next chunk; none while other processes have leased all that are left.
+
+        Args:
+          size: returns the number of points in a chunk from the places of the next ones.
+
+        Raises:
+          FileError: a lease cannot be written.
+        """
+        if not len(self._leased) and time.monotonic() >= self._pause_end:
+            self._lease(size)
+        self.is_waiting = not len(self._leased) and self._is_open.any()
+        part = self._leased[: size(self._leased)] if len(self._leased) else self._leased
+        self._leased = self._leased[len(part) :]
+        return self.points[part]
+
+    def _lease(self, size: Callable[[np.ndarray], int]) -> None:
+        """Leases a range of points, and reads the results in it that other processes have published."""
+        failures = 0
+        while failures < TRIES:
+            others = self._leases.others()
+            free, owners = self._is_open.copy(), {""}
+            for lease in others:
+                its = slice(*np.searchsorted(self.points, [lease.first, lease.last + 1]))
+                if free[its].any():
+                    owners.add(lease.owner)
+                    free[its] = False
+            places = np.flatnonzero(free)
+            if not len(places):
+                break
+            run = self._run(places[self._start(places, is_alone=not others) :], len(places), len(owners), size)
+            first, last = self.points[run[[0, -1]]].tolist()
+            if not self._leases.claim(first, last, len(run)):
+                self._next = len(self.points)  # two that begin at the same time do not meet again
+                failures += 1
+                time.sleep(PAUSE * secrets.randbelow(1000) / 1000)
+                continue
+            self._next = int(run[-1]) + 1
+            self._read(first, last)
+            self._leased = run[self._is_open[run]]
+            self._leases.publish(self.points[run[~self._is_open[run]]], is_own=False)
+            self._is_open[run] = False
+            if len(self._leased):
+                return
+        self._pause_end = time.monotonic() + POLL
+
+    def _start(self, places: np.ndarray, *, is_alone: bool) -> int:
+        """Returns where the next range begins among free places: after the last range, or anywhere between others."""
+        after = int(np.searchsorted(places, self._next))
+        if after < len(places) and (is_alone or places[after] == self._next):
+            return after
+        return 0 if is_alone else secrets.randbelow(len(places))
+
+    def _run(self, places: np.ndarray, free: int, owners: int, size: Callable[[np.ndarray], int]) -> np.ndarray:
+        """Returns the first consecutive places in one block: a few chunks, and a fair share of the free points."""
+        count = size(places)
+        chunks = max(1, min(self._most_chunks, free // (SHARES * owners * count)))
+        run = places[: count * chunks]
+        is_next = run - run[0] == np.arange(len(run))
+        return run[is_next & (self._blocks[run] == self._blocks[run[0]])]
+
+    def _read(self, first: int, last: int) -> None:
+        """Reads new results of other processes in this range, and closes all points that are known now."""
+        self._files.update(self._known, first, last)
+        is_new = self._is_open & self._was_missing & ~self._known.is_missing[self._places]
+        self.elsewhere += int(is_new.sum())
+        self._is_open &= ~is_new

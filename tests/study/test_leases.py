@@ -1,0 +1,219 @@
+"""Processes share the points of a study: each point is simulated once, and those of an ended process once more."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjrun.errors import FileError
+from mjrun.platform import system
+from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.leases import BEAT, EXPIRY, POLL, LeasedPoints, Leases
+from mjrun.study.result_columns import ResultColumns, ResultRows
+from mjrun.study.spec import PointResult
+from mjrun.study.study import Study
+
+STUDY = "ab" * 32
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+class Clock:
+    """A clock that a test sets, in place of the system's."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 1000.0
+        monkeypatch.setattr("mjrun.study.leases.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("mjrun.study.leases.time.sleep", lambda _: None)
+
+
+class Unrenewed(Leases):
+    """Leases of a process that does not come round to renew them."""
+
+    def _renew(self) -> None:
+        pass
+
+
+class Process:
+    """One of several processes that simulate all points of a study, in chunks of `size`."""
+
+    def __init__(self, folder: Path, count: int, size: int) -> None:
+        self._files = ChunkFiles(folder, ["square"], STUDY)
+        self._files.create()
+        self.known: ResultColumns = self._files.read(range(count), lambda _: [])
+        missing = np.flatnonzero(self.known.is_missing)
+        self.leases, self._size = Unrenewed(self._files.folder, STUDY), size
+        self.points = LeasedPoints(missing, self.known, self._files, self.leases, ahead=2)
+        self._chunks = list[np.ndarray]()
+
+    def begin(self) -> bool:
+        """Begins a chunk; returns whether any point was left."""
+        chunk = self.points.take(lambda places: self._size)
+        self._chunks += [chunk] if len(chunk) else []
+        return bool(len(chunk))
+
+    def end(self) -> list[int]:
+        """Publishes the results of all chunks that it has begun; returns their points."""
+        points = [point for chunk in self._chunks for point in chunk.tolist()]
+        self._chunks.clear()
+        if points:
+            results = ResultRows.of([PointResult(point, "ok", (point**2.0,), 1) for point in points], 1)
+            self._files.write(points, [f"{point:032x}" for point in points], results)
+            self.known.put_points(np.array(points), results)
+            self.leases.publish(points)
+        return points
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return Clock(monkeypatch)
+
+
+@given(st.integers(1, 80), st.lists(st.integers(1, 9), min_size=1, max_size=4), st.randoms(use_true_random=False))
+@settings(deadline=None, max_examples=12)
+def test_each_point_is_simulated_once_and_known_to_all(
+    tmp_path_factory: pytest.TempPathFactory, count: int, sizes: list[int], order: random.Random
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        clock, folder, done = Clock(patch), tmp_path_factory.mktemp("study"), Counter[int]()
+        processes = [Process(folder, count, size) for size in sizes]
+        while any(process.points.left for process in processes):
+            process = order.choice(processes)
+            process.begin()
+            done.update(process.end() if order.random() < 0.5 else [])
+            clock.now += POLL * order.random()
+        for process in processes:
+            done.update(process.end())
+    assert done == dict.fromkeys(range(count), 1)
+    assert sum(process.points.elsewhere for process in processes) == count * (len(sizes) - 1)
+    for process in processes:
+        assert process.known.metrics[:, 0].tolist() == [point**2 for point in range(count)]
+    assert not [*folder.rglob("*.lease")]
+
+
+def test_a_lease_that_is_not_renewed_expires_whatever_its_time(tmp_path: Path, clock: Clock) -> None:
+    dead = Process(tmp_path, 6, 2)
+    assert dead.begin()
+    (lease,) = tmp_path.rglob("*.lease")
+    future = time.time() + 7200  # its clock is two hours ahead
+    os.utime(lease, (future, future))
+    other = Process(tmp_path, 6, 4)
+    done = list[int]()
+    while other.begin():
+        done += other.end()
+    assert sorted(done) == [2, 3, 4, 5]
+    assert other.points.is_waiting
+    clock.now += EXPIRY - 2 * BEAT
+    assert not other.begin()
+    clock.now += 2 * BEAT
+    assert other.begin()
+    assert other.end() == [0, 1]
+    assert dead.end() == [0, 1]  # it was only suspended, and its results are the same
+    assert [*ChunkFiles(tmp_path, ["square"], STUDY).read(range(6), lambda _: []).counts] == ["ok"]
+    assert not [*tmp_path.rglob("*.lease")]
+
+
+def test_a_renewed_lease_stays_though_the_clock_of_its_owner_stands_still(tmp_path: Path, clock: Clock) -> None:
+    assert Process(tmp_path, 2, 2).begin()
+    (lease,) = tmp_path.rglob("*.lease")
+    content, other = json.loads(lease.read_text()), Process(tmp_path, 2, 2)
+    for beat in range(20):
+        lease.write_text(json.dumps({**content, "beat": beat}))
+        os.utime(lease, (0, 0))
+        clock.now += BEAT
+        assert not other.begin()
+    assert other.leases.hosts() == [content["host"]]
+
+
+@pytest.mark.parametrize("text", ["", "x", "[]", '{"host": 1}', '{"beat": 1e999}'])
+def test_a_lease_that_mjrun_never_writes_expires_too(tmp_path: Path, clock: Clock, text: str) -> None:
+    process = Process(tmp_path, 1, 1)
+    (tmp_path / "parts" / f"{STUDY[:16]}-0-0-01234567.lease").write_text(text)
+    (tmp_path / "parts" / f"{'cd' * 8}-0-0-01234567.lease").write_text(text)  # of another study
+    assert not process.begin()
+    clock.now += EXPIRY
+    assert process.begin()
+
+
+@pytest.mark.skipif(not system.process_identity(), reason="the system does not identify processes")
+def test_points_of_an_ended_process_of_this_machine_are_free_at_once(tmp_path: Path, clock: Clock) -> None:
+    assert Process(tmp_path, 2, 2).begin()
+    (lease,) = tmp_path.rglob("*.lease")
+    _, pid, start = system.process_identity().split()
+    lease.write_text(lease.read_text().replace(f"{pid} {start}", f"{pid} {int(start) - 1}"))  # a reused number
+    assert Process(tmp_path, 2, 2).begin()
+
+
+def test_a_range_begins_and_ends_with_a_block_of_a_task(tmp_path: Path, clock: Clock) -> None:
+    process = Process(tmp_path, 100, 8)
+    process._files.bounds = np.array([10, 20])
+    leases = Leases(process._files.folder, STUDY)
+    points = LeasedPoints([*range(5, 10), *range(20, 30)], process.known, process._files, leases, 1)
+    assert [points.take(lambda _: 8).tolist() for _ in range(3)] == [[*range(5, 10)], [*range(20, 28)], [28, 29]]
+
+
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be written"):
+        Leases(tmp_path / "missing", STUDY).claim(0, 1, 2)
+
+
+STUCK = """
+import sys, time
+from mjrun.study import executors, leases, study
+from mjrun.simulation.simulation import Simulation
+
+executors.INTERVAL = 0  # a part for each point
+take = leases.LeasedPoints.take
+
+def stuck(points, size):
+    if points.points[0] + 24 - points.left > 5:
+        print("stuck", flush=True)
+        time.sleep(600)
+    return take(points, size)
+
+leases.LeasedPoints.take = stuck
+options = dict(vary={"perturb": "uniform(0,2)"}, samples=24, metric={"low": "min(qpos/ball/z)"}, jobs=1, chunk=1)
+study.Study(Simulation(sys.argv[1], steps=20), sys.argv[2], **options).run()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not system.process_identity(), reason="the system does not identify processes")
+def test_two_processes_share_a_study_and_one_finishes_it_when_the_other_is_killed(
+    ball: Simulation, tmp_path: Path
+) -> None:
+    def study(folder: str) -> Study:
+        vary, metric = {"perturb": "uniform(0,2)"}, {"low": "min(qpos/ball/z)"}
+        return Study(ball, str(tmp_path / folder), vary=vary, samples=24, metric=metric, jobs=1, chunk=1)
+
+    class Killer(WarningReporter):
+        """Kills the other process once this one waits for it."""
+
+        def note(self, text: str) -> None:
+            if text.startswith("waiting for "):
+                process.kill()
+                process.wait()
+
+    study("alone").run()
+    command = [sys.executable, "-c", STUCK, str(ball.model), str(tmp_path / "shared")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
+        assert process.stdout
+        assert process.stdout.readline() == "stuck\n"
+        assert [*tmp_path.rglob("*.lease")]
+        result = study("shared").run(Killer())
+        assert process.returncode == -signal.SIGKILL
+    assert 18 < result.simulated < 24
+    assert [*(tmp_path / "shared" / "parts").glob("*.lease")] == []
+    tables = [(tmp_path / folder / "results.parquet").read_bytes() for folder in ("alone", "shared")]
+    assert tables[0] == tables[1]
