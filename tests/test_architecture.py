@@ -239,6 +239,12 @@ def test_a_video_calls_upward_only_its_taps_and_its_reporter(swing: Path, tmp_pa
     assert upward_calls(lambda: video.run(Console())) == {("physics", "outputs"), ("outputs", "cli")}
 
 
+def test_the_guide_names_every_package() -> None:
+    table = (PACKAGE.parent / "CONTRIBUTING.md").read_text("utf-8").partition("| package |")[2].partition("\n\n")[0]
+    packages = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
+    assert set(re.findall(r"`(\w+)/`", table)) == packages
+
+
 def test_the_modules_to_read_exist_and_are_few() -> None:
     guide = (PACKAGE.parent / "CONTRIBUTING.md").read_text("utf-8").partition("## Read\n")[2].partition("\n## ")[0]
     modules = re.findall(r"`([\w/]+\.py)`", guide)

@@ -209,6 +209,8 @@ class Output(ABC, Generic[R_co]):
     def finish(self) -> Sequence[OutputWriter]:
         """Completes and verifies all files after the simulation, and returns the writers, which remain to be published.
 
+        Frames are drawn here, from the states that the taps recorded.
+
         Raises:
           MjrunError: the output cannot be completed.
         """

@@ -181,7 +181,7 @@ class RecordedFrames:
         """
         motions, spans_of = self._scene.motions, self.schedule.spans
         for motion, spans in zip(motions, spans_of, strict=True):
-            for text in motion.frame(iter(self.states), self.times, spans):
+            for text in motion.frame_subject(iter(self.states), self.times, spans):
                 self._reporter.note(text)
         cameras = (
             motion.poses(iter(self.states), self.times, self.schedule.times, spans)

@@ -73,7 +73,7 @@ class BoundAutoRig:
         free, least = replace(self._free, frustum=frustum), 0.0 if self._is_framed else 1.0
         return MotionSurvey(self._parts, self._shown, free, size, least)
 
-    def frame(self, survey: "MotionSurvey") -> str:
+    def frame_subject(self, survey: "MotionSurvey") -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
         if survey.fits() and not self._is_framed:
             return ""
