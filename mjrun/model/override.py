@@ -247,22 +247,52 @@ def source_values(spec: mujoco.MjSpec, override: Override) -> np.ndarray:
       UnknownNameError: the path refers to nothing.
       UsageError: the field is not a number, or several numbers.
     """
-    kind, slash, _ = override.target.partition("/")
-    if slash and kind in ELEMENTS:
-        owners, fields = elements_at(spec, override)
-    else:
-        root, *fields = override.target.split(".")
-        if root not in ROOTS:
-            raise UnknownNameError("setting", root, [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)])
-        owners = [ROOTS[root](spec)]
+    owners, fields = _owners(spec, override)
     return np.array([_number_of(owner, fields, override) for owner in owners])
 
 
-def _number_of(owner: Any, fields: list[str], override: Override) -> float:
+def changes_nothing(spec: mujoco.MjSpec, override: Override) -> bool:
+    """Returns whether `override` leaves the source unchanged; False where its field does not show that.
+
+    Raises:
+      UnknownNameError: the path refers to nothing.
+      BadValueError: the value does not fit the field.
+    """
+    (owners, fields), changed = _owners(spec, override), spec.copy()
+    if fields[-1] in (*ORIENTATIONS, *ALTERNATIVES) or fields[0] == "flag":
+        return False
+    apply(changed, override)
+    others, _ = _owners(changed, override)
+    values, new_values = ([_content(_value_of(owner, fields, override)) for owner in each] for each in (owners, others))
+    return values == new_values
+
+
+def _content(value: Any) -> object:
+    """Returns a copy of the value of a field, in which zeros with different signs differ."""
+    return np.array(value).tobytes() if isinstance(value, float | np.ndarray) or _is_vector(value) else value
+
+
+def _owners(spec: mujoco.MjSpec, override: Override) -> tuple[list[Any], list[str]]:
+    """Returns the objects in the source that `override` changes, and the names of its field within each."""
+    kind, slash, _ = override.target.partition("/")
+    if slash and kind in ELEMENTS:
+        return elements_at(spec, override)
+    root, *fields = override.target.split(".")
+    if root not in ROOTS:
+        raise UnknownNameError("setting", root, [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)])
+    return [ROOTS[root](spec)], fields
+
+
+def _value_of(owner: Any, fields: list[str], override: Override) -> Any:
     for field in fields:
         if field not in (valid := fields_of(owner)):
             raise UnknownNameError("setting", field, valid, where=override.target.rpartition(".")[0])
         owner = getattr(owner, field)
+    return owner
+
+
+def _number_of(owner: Any, fields: list[str], override: Override) -> float:
+    owner = _value_of(owner, fields, override)
     if isinstance(owner, bool | str) or is_enum(owner) or not _is_leaf(owner):
         raise UsageError(f"{clean(override.path)} is not a number")
     values = np.ravel(np.array(list(owner) if _is_vector(owner) else owner, float))

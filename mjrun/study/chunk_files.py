@@ -13,6 +13,7 @@ from dataclasses import fields, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Self, cast
 
 import mujoco
@@ -85,16 +86,30 @@ def _task_terms(task: Task) -> dict[str, object]:
     return {each.name: plain(getattr(task, each.name)) for each in fields(task) if each.repr and each.name not in place}
 
 
-def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable[Sequence[str]]) -> list[str]:
-    """Returns the key of each point: 32 hexadecimal digits."""
+def point_keys(
+    identity: Mapping[str, object],
+    spec: StudySpec,
+    points: Iterable[Sequence[str]],
+    own: Mapping[int, frozenset[str]] = MappingProxyType({}),
+) -> list[str]:
+    """Returns the key of each point: 32 hexadecimal digits.
+
+    Args:
+      own: values of parameters, by their places, that change nothing; see `own_values`.
+    """
     base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
     keys = list[str]()
     files = {index: _file_hashes(spec, name) for index, name in enumerate(spec.names) if name in FILES}
     for values in points:
-        if files:
-            values = [files[i](text) if i in files else text for i, text in enumerate(values)]
+        changes = zip(spec.names, values, strict=True)
+        if files or own:
+            changes = [
+                (name, files[i](text) if i in files else text)
+                for i, (name, text) in enumerate(changes)
+                if i not in own or text not in own[i]
+            ]
         digest = base.copy()
-        digest.update(json.dumps(sorted(zip(spec.names, values, strict=True))).encode())
+        digest.update(json.dumps(sorted(changes)).encode())
         keys.append(digest.hexdigest()[:32])
     return keys
 

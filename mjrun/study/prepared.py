@@ -31,6 +31,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
 from mjrun.study.chunk_files import point_keys, points_digest, study_digest, study_identity
 from mjrun.study.episode_spec import EpisodeSpec
+from mjrun.study.own_values import own_values
 from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES
@@ -81,8 +82,8 @@ class PreparedStudy(PreparedPoints):
         base = spec.base.with_snapshot()
         assert base.snapshot
         with base.snapshot.original_names_in_errors():
-            source, self.model = base.compile()
-            self.points = checked_design(options, spec, source, self.model) if points is None else points
+            self._source, self.model = base.compile()
+            self.points = checked_design(options, spec, self._source, self.model) if points is None else points
             snapshot = base.snapshot.with_files(varied_files(spec.base, self.points))
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
@@ -109,7 +110,11 @@ class PreparedStudy(PreparedPoints):
         return {"digest": self.files.study, "identity": self.identity_hashes}
 
     def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
-        return point_keys(self.identity, self.spec, self.points.at(indices))
+        return point_keys(self.identity, self.spec, self.points.at(indices), self._own_values)
+
+    @cached_property
+    def _own_values(self) -> Mapping[int, frozenset[str]]:
+        return own_values(self.points, self.spec, self._source, self.model)
 
     def _digest(self) -> str:
         return study_digest(self.identity, points_digest(self.spec, self.points))

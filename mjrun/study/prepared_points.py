@@ -115,22 +115,21 @@ class PreparedPoints(ABC):
         for path in self.files.damaged:
             reporter.warn(f"{clean(str(path))} is damaged: its points count as not simulated; it can be removed")
 
-    def adopt(self, reporter: Reporter) -> None:
+    def adopt(self) -> int:
         """Publishes results of other designs of the study as those of this one, which will be read without keys.
+
+        Returns:
+          Their number.
 
         Raises:
           FileError: they cannot be written.
         """
         adopted = self.files.adopted
-        if len(adopted):
-            found = counted(len(adopted), "result")
-            reporter.note(
-                f"{found} of an earlier design or layout of this study are adopted by the keys of their points"
-            )
         for start in range(0, len(adopted), ADOPTED):
             some = adopted[start : start + ADOPTED]
             points = self.known.points[some]
             self.files.write(points, self._keys(points), self.known.rows(some))
+        return len(adopted)
 
     def missing(self, retry_failed: bool = False) -> Sequence[int]:
         """Returns the points without a result, and those with a failure that `retry_failed` repeats."""

@@ -217,7 +217,7 @@ def simulation_at(
     if MODEL in names and base.replay is not None and base.replay == demonstration_in(base.model):
         changes["replay"] = None  # another demonstration has other states
     for name, text in zip(names, values, strict=True):
-        if _is_path(name):
+        if is_path(name):
             overrides.append((name, text))
             continue
         key, value = _change(name, text, controllers)
@@ -247,14 +247,14 @@ def require_values(
         if has_cameras and name.startswith(CAMERA):
             continue
         for text in _representative(points.column(index).distinct):
-            if not _is_path(name):
+            if not is_path(name):
                 _change(name, text, controllers)
             elif spec is not None:
                 with concerning("vary", name):
                     apply(spec.copy(), Override(name, text))
 
 
-def _is_path(name: str) -> bool:
+def is_path(name: str) -> bool:
     """Returns whether a parameter is the path of an override rather than an option."""
     return "." in name and name.partition("/")[0] not in BY_NAME
 

@@ -106,9 +106,10 @@ class Study(StudyOptions, ExecutionOptions):
             # Lets an interrupted study continue, and others see its progress.
             self.write_manifest({**facts, **prepared.identities})
             missing = prepared.missing(self.retry_failed)
+            adopted = prepared.adopt()
             if len(missing) < count:
-                reporter.note(f"{count - len(missing)} of {count} points are known already")
-            prepared.adopt(reporter)
+                origin = f", {adopted} of them from an earlier design" if adopted else ""
+                reporter.note(f"{count - len(missing)} of {count} points are known already{origin}")
             simulated = 0
             if missing:
                 simulated = prepared.simulate(missing, self, reporter).total()
