@@ -13,10 +13,12 @@ from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
 from mjrun.options.option import is_given, options_of
 from mjrun.options.simulation import SimulationOptions
+from mjrun.study.status import age, span_of_time
 
 if TYPE_CHECKING:
     from mjrun.simulation.simulation import Simulation
     from mjrun.study.preview import StudyPreview
+    from mjrun.study.status import StudyStatus
     from mjrun.study.study import StudyResult
 
 SHOWN = 10  # reasons of failures
@@ -69,6 +71,23 @@ def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
     return "\n\n".join([*filter(None, parts), *map(markdown_table, filter(None, tables))])
 
 
+def status_report(status: "StudyStatus") -> str:
+    """Formats the progress of a study, and the ranges that processes work on."""
+    page, ranges = TerminalLayout(), status.running
+    if ranges:
+        columns = [
+            Column("first", [f"{each.first:,}" for each in ranges], right=True),
+            Column("last", [f"{each.last:,}" for each in ranges], right=True),
+            Column("left", [f"{each.left:,}" for each in ranges], right=True),
+            Column("machine", [each.host for each in ranges]),
+            Column("process", [each.process for each in ranges]),
+            Column("", [age(each) for each in ranges]),
+        ]
+        page.table("running", columns, len(ranges), SHOWN, "--json has all")
+    page.note(status.text)
+    return page.text().lstrip("\n")
+
+
 def _first_rows(columns: Sequence[Column]) -> list[Column]:
     """Returns the rows of a table that a report shows."""
     return [replace(column, cells=column.cells[:SHOWN]) for column in columns]
@@ -119,14 +138,6 @@ def _sample(preview: "StudyPreview") -> list[Column]:
     return [
         Column(heading, cells, right=True) for heading, cells in zip(headings, zip(*rows, strict=True), strict=True)
     ]
-
-
-def span_of_time(seconds: float) -> str:
-    """Formats a time in a suitable unit: `12 ms`, `3.4 s`, `5 min`, `2.5 h`."""
-    for least, unit, size in ((7200, "h", 3600), (120, "min", 60), (1, "s", 1), (1e-3, "ms", 1e-3)):
-        if seconds >= least:
-            return f"{seconds / size:.2g} {unit}" if seconds / size < 100 else f"{seconds / size:.0f} {unit}"
-    return f"{seconds * 1e6:.2g} us" if seconds else "0 s"
 
 
 def _kept(result: "StudyResult") -> str:

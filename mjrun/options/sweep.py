@@ -30,7 +30,7 @@ PLANS = (".jsonl",)  # suffixes of plans, which are accepted in place of a model
 MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")
-STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # each replaces the run
+STOPPING = ("dry_run", "print_document", "plan", "task", "collect", "status")  # each replaces the run
 SAMPLERS = {
     "sobol": "a scrambled Sobol sequence, which keeps its points when samples are added",
     "halton": "a scrambled Halton sequence, which keeps its points, too, for any number of samples",
@@ -344,6 +344,13 @@ class StudyCommandOptions(Options):
         default=False,
         places=FrontEnd.COMMAND,
         help="Write the table from the existing results, without simulating.",
+    )
+    status: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Report the progress of a study, also while processes work on it, and exit with 1 unless it is finished. "
+        "With --html, update a page until it is finished or no process works on it.",
     )
     csv: bool = option(
         converter=Flag(),

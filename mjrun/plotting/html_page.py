@@ -146,6 +146,7 @@ class Page:
       verdicts: verdicts of assertions, each with its file.
       verdict: whether all is well, and in words; None if assertions say so.
       pairs: pictures to compare.
+      refresh: time after which a browser loads the page again [s].
     """
 
     title: str
@@ -160,6 +161,7 @@ class Page:
     notes: Sequence[str] = ()
     verdict: tuple[bool, str] | None = None
     pairs: Sequence[PictureSlider] = ()
+    refresh: int | None = None
 
 
 def page_file(path: str, page: str, limit: float) -> PageFile:
@@ -217,6 +219,7 @@ def html_page(page: Page) -> str:
         "head",
         element("meta", charset="utf-8"),
         element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        *([element("meta", http_equiv="refresh", content=str(page.refresh))] if page.refresh else []),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", name="color-scheme", content="light dark"),
         element("meta", name="generator", content=page.maker),

@@ -25,9 +25,9 @@ def schema(console: Console, command_line: CommandLine) -> None:
 
     Kinds of documents: camera, run, study, task, fit-document, eval-document. The kind of a command's report is the
     name of the command, such as video or bench. In addition, run-report is the report of mjrun run, excite that of
-    mjrun fit --excite, and verify that of mjrun trace --verify. mjrun info reports a task as info-task, and
-    demonstrations in a file as info-demos. mjrun export reports datasets as episodes, and error is the report of any
-    command that fails.
+    mjrun fit --excite, verify that of mjrun trace --verify, and sweep-status that of mjrun sweep --status. mjrun info
+    reports a task as info-task, and demonstrations in a file as info-demos. mjrun export reports datasets as episodes,
+    and error is the report of any command that fails.
 
     The kind options prints the reference of all options of all commands as Markdown.
 

@@ -1,5 +1,6 @@
 """Run many simulations: grids, samples, randomization; resumable."""
 
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
@@ -54,6 +55,7 @@ WITH_RESULTS = (
     "confidence",
     *(each.attribute for cls in (KeepOptions, PageOptions) for each in options_of(cls)),
 )
+UNFINISHED = 1  # exit code of --status
 ARGUMENTS = (
     ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
@@ -69,7 +71,10 @@ ARGUMENTS = (
     ConfinementOptions,
     arguments=ARGUMENTS,
     python="Study",
-    reports={"sweep": "mjrun.study.study:StudyResult"},
+    reports={
+        "sweep": "mjrun.study.study:StudyResult",
+        "sweep-status": "mjrun.study.status:StudyStatus",
+    },
 )
 def sweep(console: Console, command_line: CommandLine) -> None:
     """Simulate MODEL for many parameter values and tabulate the results, one row per point.
@@ -96,6 +101,9 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     options = command_line.make(StudyCommandOptions)
     _start_early(command_line)
     import_mujoco()
+    if options.status:
+        _report_status(console, command_line)
+        return
     form = command_line.form("csv", "markdown")
     if options.task is not None:
         _simulate_task(console, command_line, *options.task)
@@ -231,6 +239,27 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
         *([f"{known:,} known already"] if known else []),
     ]
     console.answer(Report("", result, summary=lambda: f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s"))
+
+
+def _report_status(console: Console, command_line: CommandLine) -> None:
+    from mjrun.cli.sweep_report import status_report
+    from mjrun.study.status import REFRESH, study_status, write_status_page
+
+    model, output = command_line.argument("model"), command_line.value("output")
+    if output is None and (is_study(model) or _is_plan(model)):
+        raise UsageError(f"{option('status')} requires the folder of the study: give it instead of {clean(model)}")
+    is_study_folder = output is None and is_folder(model)
+    folder = model if is_study_folder else str(output or f"{stem(command_line)}_study")
+    status, page = study_status(folder), command_line.value("html")
+    while page is not None:
+        write_status_page(str(page), status)
+        if status.is_finished or not status.running:
+            break
+        console.progress("points", status.done, status.points)
+        time.sleep(REFRESH)
+        status = study_status(folder)
+    console.answer(Report("sweep-status", status, summary=lambda: status_report(status)))
+    console.code = 0 if status.is_finished else UNFINISHED
 
 
 def _require_said_there(command_line: CommandLine, file: str) -> None:

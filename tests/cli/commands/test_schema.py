@@ -41,7 +41,7 @@ def test_each_kind_is_the_schema_of_the_library_as_json(mjrun_here: Command, kin
 
 
 def test_every_command_that_reports_has_a_schema() -> None:
-    others = {"verify", "excite", "info-task", "info-demos", "episodes"}
+    others = {"verify", "excite", "info-task", "info-demos", "episodes", "sweep-status"}
     assert {kind.removesuffix("-report") for kind in REPORTS} - others == {*COMMANDS} - {
         "examples",
         "schema",
@@ -103,11 +103,13 @@ recordings: [{output: r.npz}]
 keyframes: [{output: k.xml}]
 """
 TRACED = ("trace", "one.xml", "--steps", "3", "-o")
+SWEPT = ("sweep", "one.xml", "--steps", "3", "--vary", "qpos/hinge=0,1", "--metric", "m=max(time)", "-o", "s")
 PREPARATION: dict[str, list[tuple[str, ...]]] = {
     "diff": [(*TRACED, "a.csv"), (*TRACED, "b.csv")],
     "plot": [(*TRACED, "a.csv")],
     "verify": [(*TRACED, "a.csv", "--recording", "r.npz")],
     "trace": [(*TRACED, "t.csv", "--golden", "g.csv", "--update")],
+    "sweep-status": [SWEPT],
 }
 PRINTED: dict[str, tuple[str, ...]] = {
     "video": ("video", "one.xml", "--steps", "2", "--size", "64x48"),
@@ -128,7 +130,8 @@ PRINTED: dict[str, tuple[str, ...]] = {
     "episodes": ("export", "d.hdf5", "--jobs", "1", "-o", "x"),
     "plot": ("plot", "a.csv", "-o", "a.svg"),
     "dataset": ("dataset", "one.xml", "--size", "16x12", "--vary", "qpos/hinge=0,1", "--jobs", "1", "-o", "d"),
-    "sweep": ("sweep", "one.xml", "--steps", "3", "--vary", "qpos/hinge=0,1", "--metric", "m=max(time)", "-o", "s"),
+    "sweep": SWEPT,
+    "sweep-status": ("sweep", "s", "--status"),
     "verify": ("trace", "one.xml", "--replay", "r.npz", "--verify"),
     "view": ("view", "one.xml", "--duration", "0.02"),
 }

@@ -97,6 +97,22 @@ def test_of_a_study_that_was_run_more_may_be_required(mjrun_here: Command, ball:
     assert b"--samples: study sets it already; for another study, give its model or its document" in refused.stderr
 
 
+def test_the_status_of_a_study_is_that_of_its_folder(mjrun_here: Command, ball: str) -> None:
+    study = ("sweep", ball, "--steps", "5", "--vary", "seed=1..3:3", *METRIC)
+    assert mjrun_here(*study).returncode == 0
+    done = mjrun_here(*study, "--status")  # of the folder that the same command writes
+    assert (done.returncode, done.stdout) == (0, b"ball_study: 3 of 3 points (3 ok), finished\n")
+    for part in mjrun_here.folder.glob("ball_study/parts/*"):
+        part.unlink()
+    done = mjrun_here("sweep", "ball_study", "--status", "--json", "--html", "page.html")
+    status = json.loads(done.stdout)
+    assert (done.returncode, status["done"], status["is_finished"], status["running"]) == (1, 0, False, [])
+    assert "no process works on it" in (mjrun_here.folder / "page.html").read_text()
+    assert mjrun_here("sweep", "nowhere.xml", "--status").returncode == 7
+    refused = mjrun_here("sweep", "study.yaml", "--status")
+    assert (refused.returncode, b"--status requires the folder of the study" in refused.stderr) == (2, True)
+
+
 @pytest.mark.slow
 def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> None:
     options = ("--vary", "seed=1,2", *METRIC)

@@ -1,0 +1,87 @@
+"""The status of a study is what its folder shows: parts, and the leases of the processes that work on it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import FailedPointsError, FileError
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.leases import Leases
+from mjrun.study.status import REFRESH, span_of_time, study_status, write_status_page
+from mjrun.study.study import Study
+
+
+@pytest.fixture
+def folder(ball: Simulation, tmp_path: Path) -> Path:
+    """A study of six points, of which two are unstable; its model is gone."""
+    vary = {"qpos/ball/z": "0.2,0.6,1", "qvel/ball/vz": "0,-1e9"}
+    with pytest.raises(FailedPointsError):
+        Study(ball, str(tmp_path / "study"), vary=vary, metric={"low": "min(qpos/ball/z)"}, jobs=1).run()
+    Path(str(ball.model)).unlink()
+    return tmp_path / "study"
+
+
+def test_a_study_without_a_process_is_finished_or_not(folder: Path) -> None:
+    status = study_status(folder)
+    assert status.is_finished
+    assert (status.points, status.done, status.failed, status.running) == (6, 6, 3, [])
+    assert status.statuses == {"ok": 3, "unstable": 3}
+    assert status.text == f"{folder}: 6 of 6 points (3 ok, 3 unstable), finished"
+    for part in (folder / "parts").iterdir():
+        part.unlink()
+    status = study_status(folder)
+    assert (status.done, status.failed, status.is_finished, status.rate, status.remaining) == (0, 0, False, None, None)
+    assert status.text.endswith("0 of 6 points, no process works on it")
+
+
+def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Path) -> None:
+    digest = json.loads((folder / "study.json").read_text())["digest"]
+    for part in (folder / "parts").iterdir():
+        part.unlink()
+    with Leases(folder / "parts", digest) as one, Leases(folder / "parts", digest) as other:
+        assert one.claim(0, 1, 2)
+        assert other.claim(4, 5, 2)
+        content, lease = {"process": ""}, folder
+        for number, lease in enumerate(sorted((folder / "parts").iterdir())):
+            content = json.loads(lease.read_text())
+            lease.write_text(json.dumps({**content, "host": "node", "points": 10 * number, "seconds": 4.0}))
+        status = study_status(folder)
+        assert [(each.first, each.last, each.left, each.host) for each in status.running] == [
+            (0, 1, 2, "node"),
+            (4, 5, 2, "node"),
+        ]
+        assert len({each.owner for each in status.running}) == 2
+        assert (status.rate, status.remaining) == (2.5, 6 / 2.5)
+        assert status.text.endswith("0 of 6 points, 2.5 points/s, about 2.4 s left")
+        lease.write_text(json.dumps({**content, "process": content["process"].replace(" ", " 9", 1)}))
+        assert len(study_status(folder).running) == (1 if content["process"] else 2)  # the other has ended
+
+
+def test_a_page_loads_itself_again_while_the_study_runs(folder: Path, tmp_path: Path) -> None:
+    digest, page = json.loads((folder / "study.json").read_text())["digest"], tmp_path / "page.html"
+    (folder / "parts" / "other.lease").write_text("{}")
+    with Leases(folder / "parts", digest) as leases:
+        assert leases.claim(0, 5, 6)
+        write_status_page(str(page), study_status(folder))
+        assert "refresh" not in page.read_text()  # all points are known
+        for part in (folder / "parts").glob("*.parquet"):
+            part.unlink()
+        status = study_status(folder)
+        write_status_page(str(page), status)
+        assert f'<meta http-equiv="refresh" content="{REFRESH}">' in page.read_text()
+        assert "0 … 5" in page.read_text()
+
+
+def test_a_folder_that_shows_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"has no study\.json"):
+        study_status(tmp_path)
+    for text in ("x", "[]", '{"points": 0, "metrics": {}, "digest": "ab"}', '{"points": 5}'):
+        (tmp_path / "study.json").write_text(text)
+        with pytest.raises(FileError):
+            study_status(tmp_path)
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(42, "42 s"), (480, "8 min"), (12000, "3.3 h"), (0.012, "12 ms")])
+def test_a_time_has_a_suitable_unit(seconds: float, text: str) -> None:
+    assert span_of_time(seconds) == text
