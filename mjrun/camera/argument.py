@@ -15,13 +15,14 @@ from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.camera.setting_kinds import ObjectName, RampKind
+from mjrun.camera.setting_kinds import ObjectName
 from mjrun.camera.targets import Vector
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import identify, names
 from mjrun.options.kinds import AnyKind, Flag, Optional
 from mjrun.options.number_kinds import Point
 from mjrun.options.option import options_of
+from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.options.schema_validation import InvalidValueError
 
 SHOT_SETTINGS = ("roll", "fovy")
@@ -44,7 +45,7 @@ def _shot(text: str, model: mujoco.MjModel) -> Shot:
     cameras = names(model, "camera")
     kind, _, rest = text.partition(":")
     rig = RIGS.get(kind)
-    if text in cameras or rig is None or not rig.argument:
+    if text in cameras or rig is None or kind not in RIG_EXAMPLES:
         return Shot(_model_camera(text, model, cameras))
     return _RigArgument(rig).shot([part for part in rest.split(",") if part])
 
@@ -53,8 +54,7 @@ def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> Model
     try:
         identify(model, "camera", text)
     except UnknownNameError:
-        arguments = [rig.argument for rig in RIGS.values() if rig.argument]
-        raise UnknownNameError("camera", text, [*cameras, *arguments]) from None
+        raise UnknownNameError("camera", text, [*cameras, *RIG_EXAMPLES]) from None
     return ModelRig(text)
 
 
@@ -62,7 +62,7 @@ class _RigArgument:
     """The argument of one rig: the settings that its options declare, by key, and those of the shot."""
 
     def __init__(self, rig: type[Rig]) -> None:
-        self._rig, self._where = rig, f"{option('camera')} {rig.kind}"
+        self._rig, self._where, self._example = rig, f"{option('camera')} {rig.kind}", RIG_EXAMPLES[rig.kind]
         declared = options_of(rig)
         self._object = next((each for each in declared if isinstance(each.kind, ObjectName)), None)
         self._settings = {each.key: each for each in declared if each is not self._object}
@@ -79,7 +79,7 @@ class _RigArgument:
         values: dict[str, object] = {}
         if self._object:
             if not parts or "=" in parts[0]:
-                raise UsageError(f"{self._where}: no object given: write {self._usage()}")
+                raise UsageError(f"{self._where}: no object given: write {self._example}")
             values[self._object.attribute] = parts.pop(0)
         texts = self._texts(parts)
         ease = texts.get("ease", "linear")
@@ -93,13 +93,9 @@ class _RigArgument:
             if key in texts and (key,) not in conflicts:
                 values[each.attribute] = self._value(key, texts[key], ease)
             elif each.is_required:
-                raise UsageError(f"{self._where}: {key} is missing: write {self._rig.argument}")
+                raise UsageError(f"{self._where}: {key} is missing: write {self._example}")
         ramps = {key: self._value(key, texts[key], ease) for key in SHOT_SETTINGS if key in texts}
         return cast("Callable[..., Shot]", Shot)(self._rig(**values), **ramps)
-
-    def _usage(self) -> str:
-        ramps = [f"{key}=…" for key in self._settings if isinstance(self._kind(key), RampKind)]
-        return f"{self._rig.argument}[,{','.join(ramps)}]"
 
     def _kind(self, key: str) -> AnyKind:
         kind = self._kinds[key]

@@ -12,6 +12,7 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 
 from mjrun.cli.main import COMPLETE
 from mjrun.cli.simulation_command import import_mujoco
+from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.suffixes import is_hdf5, is_yaml, split_episode
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def _names_of(kind: str, suffix: str = "") -> Callable[[object, str], Iterator[s
 
 def _cameras(model: object, incomplete: str) -> Iterator[str]:
     yield from _names_of("camera")(model, incomplete)
-    yield from ("auto", "free", "orbit:", "track:", "look:")
+    yield from (f"{kind}:" for kind in RIG_EXAMPLES)
 
 
 def _probes(model: object, incomplete: str) -> Iterator[str]:

@@ -7,7 +7,7 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, T
 from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
 from mjrun.options.option import option, options, required
 from mjrun.options.output import EXPORT_FOLDERS, EXPORTS, OutputOptions
-from mjrun.options.rendering import RIGS, SceneOptions
+from mjrun.options.rendering import RIG_EXAMPLES, SceneOptions
 
 H264 = "h264"
 IMAGES = (H264, "jpeg", "png")
@@ -93,9 +93,9 @@ class ExportOptions(SceneOptions, OutputOptions):
         converter=Several(Camera()),
         default=(),
         usual="free in glb",
-        help=f"Camera to add to those of the model: one of {', '.join(RIGS)} with settings after a colon: "
-        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots. In formats with "
-        "images: a camera of the images, which may be one of the model.",
+        help=f"Camera to add to those of the model: one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "
+        f"{' '.join(RIG_EXAMPLES.values())}; or a camera script, camera.yaml, with a sequence of shots. In formats "
+        "with images: a camera of the images, which may be one of the model.",
     )
     size: tuple[int, int] = option(
         converter=Size(),

@@ -11,7 +11,7 @@ VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
 STYLES = ("color", "exact")
 # The rigs that the command line supports, each with an example.
-RIGS = {
+RIG_EXAMPLES = {
     "auto": "auto:azimuth=90",
     "free": "free:azimuth=90,elevation=-20",
     "orbit": "orbit:lookat=box,azimuth=140..240,ease=cosine",
@@ -81,8 +81,8 @@ class SceneOptions(RendererOptions):
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),
         default="auto",
-        help=f"Camera of the model, by name or index; or one of {', '.join(RIGS)} with settings after a colon: "
-        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots.",
+        help=f"Camera of the model, by name or index; or one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "
+        f"{' '.join(RIG_EXAMPLES.values())}; or a camera script, camera.yaml, with a sequence of shots.",
     )
     stage: tuple[str, ...] = option(
         converter=Several(Choice((*STAGE, "camera")), commas=True),

@@ -24,7 +24,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
 from mjrun.options.option import is_given, options, options_of
-from mjrun.options.rendering import RIGS, ViewOptions
+from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
 from mjrun.outputs.labelled_images import AcceptConditions, LabelledObject, labelled_objects
 from mjrun.outputs.scene_frames import camera_motions
@@ -132,7 +132,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             )
         first = prepared.points.values(0)
         camera = {key.removeprefix(CAMERA): text for key, text in first.items() if key.startswith(CAMERA)}
-        if camera and not any(isinstance(each, str) and each.partition(":")[0] in RIGS for each in self.camera):
+        if camera and not any(isinstance(each, str) and each.partition(":")[0] in RIG_EXAMPLES for each in self.camera):
             raise UsageError(
                 f"{option('vary')} {CAMERA}…: a camera of the model has no settings; give a rig, such as free"
             )

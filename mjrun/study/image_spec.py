@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.dataset import CAMERA, LabelOptions
-from mjrun.options.rendering import RIGS
+from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.simulation.manifest import plain
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def camera_argument(text: str, values: Mapping[str, str]) -> str:
       UsageError: a coordinate is not one.
     """
     kind, _, rest = text.partition(":")
-    if not values or kind not in RIGS:
+    if not values or kind not in RIG_EXAMPLES:
         return text
     parts = [part for part in rest.split(",") if part]
     target = [part for part in parts if "=" not in part]

@@ -13,6 +13,7 @@ from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.options.kinds import Choice, ReadingContext
 from mjrun.options.option import option, options, options_of, required
+from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.options.schema_validation import MisfitError
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -26,7 +27,6 @@ class CraneRig(Rig):
 
     kind: ClassVar[str] = "crane"
     help: ClassVar[str] = "On a crane."
-    argument: ClassVar[str] = "crane:OBJECT"
 
     base: str = required(converter=ObjectName(), kw_only=False, help="What it stands on.")
     height: EasedNumber = option(
@@ -67,6 +67,7 @@ def test_what_is_not_as_declared_is_refused(value: dict[str, object]) -> None:
 
 def test_a_new_rig_has_its_argument_from_its_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(RIGS, "crane", CraneRig)
+    monkeypatch.setitem(RIG_EXAMPLES, "crane", "crane:box")
     shot = parse_camera("crane:box,up=1..3,roll=4", MODEL).shots[0]
     assert shot.rig == CraneRig("box", EasedNumber(1, 3))
     assert shot.roll == EasedNumber(4, 4)

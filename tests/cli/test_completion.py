@@ -10,6 +10,7 @@ import pytest
 
 from mjrun.cli import completion
 from mjrun.model.sources.bundled_scene import BundledScene
+from mjrun.options.rendering import RIG_EXAMPLES
 from tests.demonstration_files import write_demonstrations
 from tests.documentation import ROOT
 
@@ -85,7 +86,8 @@ def test_values_are_names_in_the_model(name: str, kind: mujoco.mjtObj, suffix: s
     values = [item.value for item in completion.option_values(name, "NAME", CAR, "")]
 
     assert values[: len(expected)] == expected
-    assert set(values[len(expected) :]) <= {"auto", "free", "orbit:", "track:", "look:", "joint:0="}
+    rigs = {f"{kind}:" for kind in RIG_EXAMPLES} if name == "camera" else set[str]()
+    assert rigs <= set(values[len(expected) :]) <= {*rigs, "joint:0="}
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ def test_easings_blends_curves_and_paces_are_those_that_the_camera_knows() -> No
 
 # --- what is wrong -----------------------------------------------------------------------------------
 
-SHOT_KEYS = "keys: camera, auto, free, orbit, track, look, path, until, duration, speed, blend, roll, fovy, shake, fit"
+SHOT_KEYS = "keys: auto, camera, free, look, orbit, path, track, until, duration, speed, blend, roll, fovy, shake, fit"
 AROUND_KEYS = "keys: lookat, distance, azimuth, elevation"
 TRACK = "target, distance, azimuth, elevation, heading, offset"
 NUMBER_OR_RAMP = "expected a number or {from, to, ease}"
@@ -211,9 +211,9 @@ WRONG = [
     ("speed: 0\nshots: [{free: }]", ["1:8: speed: expected a positive number, got 0"]),
     ("speed: 1/0\nshots: [{free: }]", ["1:8: speed: expected a positive number, got '1/0'"]),
     ("shots:\n- orbti:\n", [f"2:3: shots[0]: unknown key 'orbti' (did you mean 'orbit'?); {SHOT_KEYS}"]),
-    ("shots:\n- speed: 1\n", ["2:3: shots[0]: expected one of camera, auto, free, orbit, track, look, path, got none"]),
+    ("shots:\n- speed: 1\n", ["2:3: shots[0]: expected one of auto, camera, free, look, orbit, path, track, got none"]),
     ("shots:\n- zoom: 1\n",
-     ["2:3: shots[0]: expected one of camera, auto, free, orbit, track, look, path, got none",
+     ["2:3: shots[0]: expected one of auto, camera, free, look, orbit, path, track, got none",
       f"2:3: shots[0]: unknown key 'zoom'; {SHOT_KEYS}"]),
     ("shots:\n- free:\n  orbit:\n  camera: a\n",
      ["3:9: shots[0].orbit: a shot has only one rig; this one already has free",

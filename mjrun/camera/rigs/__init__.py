@@ -1,12 +1,14 @@
-"""Camera rigs, which determine how a view moves, by their names in documents and on the command line."""
+"""Camera rigs, which determine how a view moves, by their names in documents and on the command line.
 
-from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
-from mjrun.camera.rigs.auto import AutoRig
-from mjrun.camera.rigs.look import LookRig
-from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.rigs.path import PathRig
+A rig is found by its place in a module of this package.
+"""
+
+import pkgutil
+from importlib import import_module
+
 from mjrun.camera.rigs.rig import Rig
 
-RIGS: dict[str, type[Rig]] = {
-    rig.kind: rig for rig in (ModelRig, AutoRig, FreeRig, OrbitRig, TrackRig, LookRig, PathRig)
-}
+for _module in pkgutil.iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")
+
+RIGS: dict[str, type[Rig]] = {rig.kind: rig for rig in sorted(Rig.__subclasses__(), key=lambda rig: rig.kind)}

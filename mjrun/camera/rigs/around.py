@@ -31,7 +31,6 @@ class FreeRig(Rig):
 
     kind: ClassVar[str] = "free"
     help: ClassVar[str] = "MuJoCo's free camera."
-    argument: ClassVar[str] = "free"
 
     lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
     distance: EasedNumber | None = option(
@@ -51,7 +50,6 @@ class OrbitRig(Rig):
 
     kind: ClassVar[str] = "orbit"
     help: ClassVar[str] = "Around a point or an object."
-    argument: ClassVar[str] = "orbit:…"
     eased: ClassVar[bool] = True
 
     lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
@@ -86,7 +84,6 @@ class TrackRig(Rig):
 
     kind: ClassVar[str] = "track"
     help: ClassVar[str] = "Following an object."
-    argument: ClassVar[str] = "track:BODY"
     eased: ClassVar[bool] = True
 
     target: str = required(

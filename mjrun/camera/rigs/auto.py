@@ -26,7 +26,6 @@ class AutoRig(Rig):
 
     kind: ClassVar[str] = "auto"
     help: ClassVar[str] = "MuJoCo's free camera, moved so that the whole motion is in view."
-    argument: ClassVar[str] = "auto"
 
     azimuth: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=AZIMUTH)
     elevation: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)

@@ -21,7 +21,6 @@ class LookRig(Rig):
 
     kind: ClassVar[str] = "look"
     help: ClassVar[str] = "From one place at another."
-    argument: ClassVar[str] = "look:from=PLACE,at=PLACE"
 
     eye: Place = required(
         converter=PlaceKind(), key="from", kw_only=False, help="Position of the camera: an object, or a point [m]."

@@ -83,16 +83,16 @@ def compute_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 class Rig(Options, ABC):
     """The movement of a camera. Its settings have the same keys in documents and on the command line.
 
+    The command line supports the rigs that have an example in `RIG_EXAMPLES`.
+
     Attributes:
       kind: name in documents and on the command line.
       help: a few words for a list of rigs.
-      argument: short form on the command line; empty if it needs more than one word.
       eased: whether the command line accepts an `ease` for all its ramps.
     """
 
     kind: ClassVar[str]
     help: ClassVar[str]
-    argument: ClassVar[str] = ""
     eased: ClassVar[bool] = False
 
     @abstractmethod
