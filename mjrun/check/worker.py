@@ -1,8 +1,9 @@
 """A process that checks models or tasks, and may hang, explode or crash: `worker_pool` starts and ends it.
 
 It reads each task as a line of JSON, and writes JSON to standard output, one object per line: `pid`, the process that
-checks the model; `stage` before each stage, so that the reader knows the stage in which the process ended, with
-`is_slow` if it is a fix that computes for minutes; `finding`; `loaded`; `done`; `exit`, the exit code of that process.
+checks the next models; `stage` before each stage, so that the reader knows the stage in which the process ended, with
+`is_slow` if it is a fix that computes for minutes; `finding`; `loaded`; `done`; `exit` at the end of a task, 0 or the
+exit code of that process.
 """
 
 import gc
@@ -15,6 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -27,7 +29,7 @@ from mjrun.check.rules import compile_errors, process_failures, simulation
 from mjrun.check.rules.ignore_comments import IgnoreComments
 from mjrun.check.thresholds import Thresholds
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
-from mjrun.child_process import limit_this_process
+from mjrun.child_process import limit_this_process, resident_memory
 from mjrun.errors import ModelError
 from mjrun.model.compilation import checked_arrays
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
@@ -35,29 +37,33 @@ from mjrun.model.xml_source import XmlSource, read_xml
 from mjrun.platform import system
 
 ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly ever filled
+KEPT_MEMORY = 0.25  # part of the maximum memory per model that a process may hold when it begins the next one
 GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
 def serve() -> None:
-    """Checks the model or task of each `WorkerTask` on standard input, until one crashes or the input ends."""
+    """Checks the model or task of each `WorkerTask` on standard input, until one crashes or the input ends.
+
+    Where the system can fork, forks of this process check them: starting one takes milliseconds.
+    """
     output = os.dup(1)
     os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
+    tasks = os.fdopen(os.dup(0), "rb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     checked_arrays()  # cached for all models
     gc.freeze()
-    for task in sys.stdin.buffer:
-        sys.stderr.write(TASK_MARK)
-        sys.stderr.flush()
-        if not system.CAN_FORK_LATE:
-            check(task, output)
-            return
-        code = _forked(task, output)
+    if not system.CAN_FORK_LATE:
+        _check_all(tasks, output)
+        return
+    for task in tasks:
+        code = _forked(chain([task], tasks), output)
         _write(output, exit=code)
         if code:
             return
 
 
-def _forked(task: bytes, output: int) -> int:
-    """Checks a model in a fork of this process, and returns the exit code of the fork."""
+def _forked(tasks: Iterable[bytes], output: int) -> int:
+    """Checks models in a fork of this process, and returns the exit code of the fork."""
     pid = os.fork()
     if pid:
         _write(output, pid=pid)
@@ -65,8 +71,7 @@ def _forked(task: bytes, output: int) -> int:
     code = 1
     try:
         sys.dont_write_bytecode = True
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        check(task, output)
+        _check_all(tasks, output)
         code = 0
     except BaseException:
         traceback.print_exc()
@@ -76,18 +81,35 @@ def _forked(task: bytes, output: int) -> int:
         os._exit(code)
 
 
+def _check_all(tasks: Iterable[bytes], output: int) -> None:
+    """Checks models until the input ends, or this process may affect what follows; `exit` is then left out.
+
+    The next model is compiled in memory that is mapped already, and MuJoCo keeps the meshes that models share.
+    """
+    for line in tasks:
+        sys.stderr.write(TASK_MARK)
+        sys.stderr.flush()
+        task = WorkerTask(**json.loads(line))
+        check(task, output)
+        if task.reader or task.root:  # which run the user's code, or change the content of files
+            return
+        gc.collect()
+        if not 0 < resident_memory(os.getpid()) < KEPT_MEMORY * task.memory * MIB:
+            return
+        _write(output, exit=0)
+
+
 def _write(output: int, **message: int) -> None:
     os.write(output, f"{json.dumps(message)}\n".encode())
 
 
-def check(task: bytes, output: int) -> None:
-    """Checks the model or the task of a `WorkerTask`, which is given as JSON."""
+def check(task: WorkerTask, output: int) -> None:
+    """Checks a model or a task."""
     channel = os.fdopen(output, "w", encoding="utf-8", errors="surrogateescape", closefd=False)
-    checker = _checker(WorkerTask(**json.loads(task)), channel)
-    system.end_after(int(checker.task.timeout + FIX_TIME * checker.task.unsafe) + GRACE)
-    # These limit addresses; the parent watches the memory in use, and reports it.
-    limit_this_process(memory=checker.task.memory * MIB, file_size=0, core=0)
-    checker.run()
+    with system.end_after(int(task.timeout + FIX_TIME * task.unsafe) + GRACE):
+        # These limit addresses; the parent watches the memory in use, and reports it.
+        limit_this_process(memory=task.memory * MIB, file_size=0, core=0)
+        _checker(task, channel).run()
 
 
 def _checker(task: WorkerTask, channel: TextIO) -> "Checker":

@@ -1,7 +1,7 @@
 """The processes that check models within limits of time and memory, several at once.
 
-Each process loads its modules once and checks any number of models, each in a fork of itself where the system can
-fork; elsewhere, a process checks one model.
+Each process loads its modules once and checks any number of models. Where the system can fork, forks of it do, so that
+another one continues after a model that crashes one or fills its memory; elsewhere, the process then ends.
 """
 
 import json
@@ -25,6 +25,7 @@ MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 PACKAGE = str(Path(__file__).parents[2])
 FIX_TIME = 600.0  # [s] in addition to the time limit of a check, for fixes that compute for minutes
+END_GRACE = 1.0  # [s] for an idle process to end, so that its computing time is counted
 TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
 
@@ -139,6 +140,7 @@ class CheckProcess:
         self._lines = SimpleQueue[bytes]()
         threading.Thread(target=self._read, args=(reading,), daemon=True).start()
         self.is_reusable = True
+        self._checking = self._process.pid
 
     def run(self, task: WorkerTask) -> WorkerOutput:
         """Checks one model, and ends the process if that exceeds a limit."""
@@ -148,9 +150,8 @@ class CheckProcess:
         messages: list[dict[str, Any]] = []
         with suppress(OSError):  # it has ended; its status is the reason
             self._process.feed(memoryview(f"{json.dumps(asdict(task))}\n".encode()))
-        pid = self._process.pid
         while (message := self._next_message()) is not None:
-            pid = message.get("pid", pid)
+            self._checking = message.get("pid", self._checking)
             if "exit" in message:
                 return self._finished(messages, int(message["exit"]))
             messages.append(message)
@@ -158,7 +159,7 @@ class CheckProcess:
                 deadline = start + task.timeout + FIX_TIME
             if time.monotonic() > deadline:
                 self._process.kill("time")
-            elif resident_memory(pid) > task.memory * MIB:
+            elif resident_memory(self._checking) > task.memory * MIB:
                 self._process.kill("memory")
         return WorkerOutput(messages, self._process.wait(), self._stderr())
 
@@ -167,7 +168,9 @@ class CheckProcess:
         self._process.kill()
 
     def end(self) -> None:
-        """Ends the process."""
+        """Ends the process, which ends by itself when it is idle."""
+        self._process.end_feeding()
+        self._process.wait(END_GRACE)
         self._process.end()
 
     def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> WorkerOutput:

@@ -8,8 +8,8 @@ import os
 import select
 import signal
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypedDict
 
@@ -41,10 +41,15 @@ def send_promise(pid: int) -> None:
     os.kill(pid, PROMISE)
 
 
-def end_after(seconds: int) -> None:
-    """Lets the system end this process after `seconds`, whatever it does then."""
+@contextmanager
+def end_after(seconds: int) -> Generator[None]:
+    """Lets the system end this process if the block takes `seconds`, whatever it does then."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
 
 
 def set_limits(

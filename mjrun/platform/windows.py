@@ -10,7 +10,8 @@ import os
 import signal
 import subprocess
 import threading
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn, TypedDict
 
@@ -39,11 +40,16 @@ def send_promise(pid: int) -> NoReturn:
     raise _unsupported("no process watches another one")
 
 
-def end_after(seconds: int) -> None:
-    """Ends this process after `seconds`, unless native code keeps the interpreter's lock for good."""
+@contextmanager
+def end_after(seconds: int) -> Generator[None]:
+    """Ends this process if the block takes `seconds`, unless native code keeps the interpreter's lock for good."""
     timer = threading.Timer(seconds, os._exit, (1,))
     timer.daemon = True
     timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def set_limits(

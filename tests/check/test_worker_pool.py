@@ -42,13 +42,30 @@ def test_one_process_checks_models_until_one_crashes_it_and_says_why() -> None:
     task = WorkerTask("a.xml", (), 0, PATIENCE, 1024)
     workers = CheckProcesses()
     broken = replace(task, path=write("a.yaml", ""), reader="missing_module:read")
-    first, unreadable, last = (workers.run(each) for each in (task, broken, task))
+    outputs = [workers.run(each) for each in (task, task, broken, task)]
     workers.end()
-    assert [output.exit.code for output in (first, unreadable, last)] == [0, 1, 0]
-    assert first.messages[-1] == last.messages[-1] == {"done": True}
+    first, second, unreadable, last = outputs
+    assert [output.exit.code for output in outputs] == [0, 0, 1, 0]
+    assert first.messages[-1] == second.messages[-1] == last.messages[-1] == {"done": True}
     assert "missing_module" in unreadable.stderr
-    pids = [message["pid"] for output in (first, unreadable, last) for message in output.messages if "pid" in message]
-    assert len(set(pids)) == 3
+    pids = [[message["pid"] for message in output.messages if "pid" in message] for output in outputs]
+    assert [len(each) for each in pids] == [1, 0, 0, 1]
+
+
+@pytest.mark.skipif(not system.CAN_FORK_LATE, reason="each process checks one model there")
+def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
+    body = '<freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/>'
+    mesh = '<asset><mesh name="m" file="m.obj"/></asset>'
+    write("a.xml", f"<mujoco>{mesh}<worldbody><body>{body}</body></worldbody></mujoco>")
+    task = WorkerTask("a.xml", ("MJ207",), 0, PATIENCE, 1024, root=str(Path.cwd()), original="a.xml")
+    workers, severities = CheckProcesses(), list[str]()
+    for size in ("1", ".01"):
+        corners = f"v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}"
+        write("m.obj", f"{corners}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4")
+        findings = [message["finding"] for message in workers.run(task).messages if "finding" in message]
+        severities += [finding["severity"] for finding in findings]
+    workers.end()
+    assert severities == ["note", "error"]
 
 
 @pytest.mark.parametrize(("is_slow", "ends"), [(True, []), (False, ["time"])])

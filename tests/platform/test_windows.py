@@ -68,5 +68,5 @@ def test_the_end_of_a_pipe_ends_the_wait_for_it() -> None:
 
 
 def test_a_process_ends_itself_in_time() -> None:
-    script = "from mjrun.platform.windows import end_after; end_after(0); import time; time.sleep(60)"
+    script = "import time\nfrom mjrun.platform.windows import end_after\nwith end_after(0): time.sleep(60)"
     assert subprocess.run([sys.executable, "-c", script], timeout=50, check=False).returncode == 1
