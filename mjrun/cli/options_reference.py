@@ -7,14 +7,12 @@ from typing import NamedTuple
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.dataclass import dataclass
+from mjrun.document.run import OUTPUTS
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
-from mjrun.options.output import KeyframeOptions
 from mjrun.options.page import PageOptions
-from mjrun.options.plot import PlotOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.task import PARTS, TaskOptions
-from mjrun.options.trace import RecordingOptions
 from mjrun.outputs.format_lists import with_formats
 from mjrun.probe.expression import MEANINGS
 
@@ -126,9 +124,10 @@ def _sections() -> "Iterator[_OwnedSection]":
         for title, owner, options, _ in _by_section(Owner(name, facts.key, facts.python), declared):
             simulates = SimulationOptions in facts.options and title in SIMULATION_SECTIONS
             yield _OwnedSection(title, simulation if simulates else owner, options, {} if simulates else others)
-    yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
-    yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
-    yield from _by_section(Owner("", "keyframes", "Keyframe"), options_of(KeyframeOptions))
+    of_commands = {load_command(name).declaration.key for name in COMMANDS}
+    for key, output in OUTPUTS.items():
+        if key not in of_commands:
+            yield from _by_section(Owner("", key, output.__name__.removesuffix("Options")), options_of(output))
     yield from _by_section(Owner("", TOP_LEVEL), options_of(PageOptions))
     yield from _by_section(Owner("", TOP_LEVEL, "", TASK), options_of(TaskOptions))
     for key, (entry, declared) in PARTS.items():

@@ -43,14 +43,14 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
         """
         if Path(self.output).suffix != SUFFIX:
             raise UsageError(
-                f"{option('save_key')} {clean(self.output)}: keyframes are saved as XML; give an {SUFFIX} file",
+                f"{clean(self.output)}: keyframes are saved as XML; give an {SUFFIX} file",
                 path=("output",),
             )
         if not self.name.strip():
-            raise UsageError(f"{option('save_key')}: the keyframe needs a name", path=("name",))
+            raise UsageError("the keyframe needs a name", path=("name",))
         if self.simulation.position_control is not None:
             reason = "the controls of the keyframe would be positions, and the file has no servos"
-            raise UsageError(f"{option('save_key')} and {option('position_control')} exclude each other: {reason}")
+            raise UsageError(f"{option('position_control')} and a keyframe exclude each other: {reason}", ("output",))
         self._main_file()
 
     def _main_file(self) -> Path:
@@ -58,8 +58,8 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
         source = self.simulation.source
         main = source.main_file
         if main is None or main.suffix != SUFFIX:
-            model = clean(source.text) or "a compiled model"
-            raise UsageError(f"{option('save_key')}: {model} has no {SUFFIX} file to add a keyframe to")
+            model = f"the model {clean(source.text)}" if source.text else "a compiled model"
+            raise UsageError(f"{model} has no {SUFFIX} file to add a keyframe to")
         return main
 
     def plan(self, context: output.Context) -> "output.Plan[KeyframeResult]":
@@ -76,11 +76,10 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
         except OSError as error:
             raise FileError(file, f"cannot be read: {error.strerror or error}") from None
         except ValueError as error:
-            raise UsageError(f"{option('save_key')}: cannot add a key to {clean(str(file))}: {error}") from None
+            raise UsageError(f"cannot add a key to {clean(str(file))}: {error}") from None
         if self.name in names(model, "keyframe") and self.name not in written:
             raise UsageError(
-                f"{option('save_key')}: keyframe {quoted(self.name)} already exists in a file that the model includes\n"
-                f"choose another name, as in {clean(self.output)}:NAME",
+                f"keyframe {quoted(self.name)} already exists in a file that the model includes\nchoose another name",
                 path=("name",),
             )
 

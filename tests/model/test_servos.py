@@ -172,7 +172,7 @@ def test_gains_are_positive_numbers(text: object) -> None:
 
 def test_a_keyframe_is_not_saved_for_actuators_that_the_file_lacks(arm: str, tmp_path: Path) -> None:
     job = mjrun.Keyframe(Simulation(arm, position_control="auto", steps=1), tmp_path / "key.xml")
-    with pytest.raises(UsageError, match="save_key and position_control exclude each other"):
+    with pytest.raises(UsageError, match="position_control and a keyframe exclude each other"):
         job.run()
     assert not (tmp_path / "key.xml").exists()
 

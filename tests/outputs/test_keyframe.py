@@ -161,7 +161,7 @@ def test_a_compiled_model_and_standard_input_take_no_key(tmp_path: Path) -> None
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(UsageError, match=r"a compiled model has no .xml file to add"):
         Keyframe(Simulation(model), f"{tmp_path}/a.xml").run()
-    with pytest.raises(UsageError, match=r": - has no .xml file to add"):
+    with pytest.raises(UsageError, match=r"the model - has no .xml file to add"):
         Keyframe(Simulation("-"), f"{tmp_path}/a.xml").run()
 
 
