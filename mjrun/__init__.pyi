@@ -448,6 +448,8 @@ class Dataset(_Dataset):
         parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
         parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
         lhs, random, saltelli, morris. [default: 'sobol']
+      correlate: Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its
+        distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -485,6 +487,7 @@ class Dataset(_Dataset):
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
+        correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         gl: str | None = ...,
@@ -738,6 +741,8 @@ class Evaluation(_Evaluation):
         parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
         parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
         lhs, random, saltelli, morris. [default: 'sobol']
+      correlate: Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its
+        distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -810,6 +815,7 @@ class Evaluation(_Evaluation):
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
+        correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
@@ -1505,6 +1511,8 @@ class Study(_Study):
         parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
         parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
         lhs, random, saltelli, morris. [default: 'sobol']
+      correlate: Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its
+        distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -1544,6 +1552,7 @@ class Study(_Study):
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
+        correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
@@ -1738,6 +1747,8 @@ class VariedPlot(_VariedPlot):
         parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
         parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
         lhs, random, saltelli, morris. [default: 'sobol']
+      correlate: Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its
+        distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -1805,6 +1816,7 @@ class VariedPlot(_VariedPlot):
         design: Literal["grid", "zip"] = ...,
         samples: int = ...,
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
+        correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
         controllers: Mapping[str, Callable[..., object]] = ...,
@@ -1993,6 +2005,7 @@ def evaluate(
     design: Literal["grid", "zip"] = ...,
     samples: int = ...,
     sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
+    correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
     ctrl_noise: float | None = ...,
@@ -2067,6 +2080,8 @@ def evaluate(
         parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
         parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
         lhs, random, saltelli, morris. [default: 'sobol']
+      correlate: Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its
+        distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.
@@ -2557,6 +2572,7 @@ def sweep(
     design: Literal["grid", "zip"] = ...,
     samples: int = ...,
     sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
+    correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     repeats: int = ...,
     where: str | Sequence[str] = ...,
     confidence: float = ...,
@@ -2688,6 +2704,8 @@ def sweep(
         parameters + 2 points each, for Sobol' indices of the metrics; morris, N trajectories of
         parameters + 1 points each, for the elementary effects on the metrics. One of sobol, halton,
         lhs, random, saltelli, morris. [default: 'sobol']
+      correlate: Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its
+        distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
       where: Include only points for which this condition holds: mass < 10.

@@ -79,6 +79,7 @@ LIBRARIES = {
         "experiment.statistics",
         "physics.random_distribution",
         "experiment.sample_designs",
+        "experiment.correlations",
         "plotting.study.statistics",
         "fitting",
     ),

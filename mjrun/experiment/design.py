@@ -14,6 +14,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.experiment.correlations import correlated, rank_correlations
 from mjrun.experiment.design_points import LARGEST_INTEGER, DesignColumn, GridPoints, NumberTexts, Values, numbers
 from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
 from mjrun.formats.input_file import opened
@@ -98,8 +99,12 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
             parts.insert(0, read_points(options.points))
     if options.sampler in SAMPLES:
         _require_alone(options, lists, distributions)
+    correlations = None
+    if options.correlate:
+        known = parameter_names([name for part in [*parts, Design(tuple(distributions), ())] for name in part.names])
+        correlations = rank_correlations(options.correlate, distributions, known)
     if distributions:
-        parts.append(_sampled(distributions, options.samples, options.sampler, seed))
+        parts.append(_sampled(distributions, options.samples, options.sampler, seed, correlations))
     if options.repeats > 1:
         _require_possible([options.repeats])
         seeds = NumberTexts(np.arange(seed, seed + options.repeats, dtype=float), has_integers=True)
@@ -141,11 +146,19 @@ def _beside(names: tuple[str, ...], columns: Sequence[Sequence[str]]) -> Design:
     return Design(names, GridPoints([(texts, 1) for texts in columns], count))
 
 
-def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str, seed: int) -> Design:
-    """Draws points from independent distributions."""
+def _sampled(
+    distributions: Mapping[str, Distribution],
+    count: int,
+    sampler: str,
+    seed: int,
+    correlations: np.ndarray | None = None,
+) -> Design:
+    """Draws points from distributions with these rank correlations `(n, n)`, or from independent ones."""
     in_sample = len(distributions) + SAMPLES[sampler][1] if sampler in SAMPLES else 1
     _require_possible([count, in_sample])
     fractions = SAMPLERS[sampler](count, len(distributions), np.random.default_rng(seed))
+    if correlations is not None:
+        fractions = correlated(fractions, correlations)
     columns = [_drawn(each, column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
     return _beside(tuple(distributions), columns)
 
@@ -159,6 +172,9 @@ def _require_alone(
         raise UsageError(f"{sampler} requires a distribution, as in {option('vary')} NAME=uniform(0,1)")
     others = [name for name in ("points", "where") if getattr(options, name)]
     others += ["repeats"] if options.repeats > 1 else []
+    if options.correlate:
+        reason = "sensitivities are shares of the effects of independent parameters"
+        raise UsageError(f"{option('correlate')} excludes {sampler}: {reason}", ("correlate",))
     if others or lists:
         wrong = option(others[0]) if others else f"the list of {option('vary')} {clean(next(iter(lists)))}"
         raise UsageError(f"{sampler} varies distributions only, without {wrong}")

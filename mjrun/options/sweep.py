@@ -146,6 +146,11 @@ class VariationOptions(Options):
         default="sobol",
         help="Sampling method: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
     )
+    correlate: tuple[tuple[str, str], ...] = option(
+        converter=Settings("NAME,NAME=R", "mass,friction=0.7"),
+        default=(),
+        help="Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its distribution.",
+    )
     repeats: int = option(
         converter=Integer(1),
         default=1,
