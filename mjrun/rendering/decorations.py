@@ -43,7 +43,7 @@ class Decoration(Protocol):
     def add(self, scene: mujoco.MjvScene, index: int) -> None:
         """Adds the geoms of frame `index` of the video to `scene`, after mjv_updateScene.
 
-        Geoms that do not fit in the scene are omitted. They do not appear in a segmentation.
+        Each is detached from the model with `detach`. Geoms that do not fit in the scene are omitted.
         """
         ...
 
@@ -102,7 +102,7 @@ class Trail:
             geom = geoms[scene.ngeom]
             mujoco.mjv_initGeom(geom, CAPSULE, np.zeros(3), np.zeros(3), np.zeros(9), rgba[k])
             mujoco.mjv_connector(geom, CAPSULE, radii[k], points[k], points[k + 1])
-            _detach(geom)
+            detach(geom)
             geom.emission, geom.specular = 0.1, 0.1
             scene.ngeom += 1
 
@@ -189,7 +189,7 @@ class Ghost:
             geom.rgba = [*((geom.rgba[:3] + TINT) / 2), geom.rgba[3] * self.opacity]
             geom.matid = geom.texid = -1
             geom.reflectance = 0
-            _detach(geom)
+            detach(geom)
 
     def _copy(self, scene: mujoco.MjvScene) -> None:
         """Adds copies of the scene's geoms that can move."""
@@ -257,7 +257,7 @@ def ramp(pace: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(pace, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T])
 
 
-def _detach(geom: mujoco.MjvGeom) -> None:
+def detach(geom: mujoco.MjvGeom) -> None:
     """Detaches a geom from the model, so that it has no segment, label or shadow."""
     geom.category, geom.objtype, geom.objid, geom.segid = DECOR, UNKNOWN, -1, -1
     geom.label, geom.castshadow = "", 0
