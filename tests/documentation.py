@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,6 +77,11 @@ class Execution:
             if done[-1].returncode:
                 break
         return Done(done[-1].returncode, "".join(d.stdout for d in done), "".join(d.stderr for d in done))
+
+    def planned(self, command: str) -> Done:
+        """Turns a video or an image into a document, and that into a plan, which finds all that the command names."""
+        steps = f"{command} --print-document > document.yaml && mjrun run document.yaml --dry-run"
+        return replace(self, smaller={})(steps)
 
     def in_shell(self, command: str) -> Done:
         """Executes a command line by a shell, whose `mjrun` is that of `shell_environment`."""

@@ -25,6 +25,8 @@ CELLS = json.loads(make_docs.NOTEBOOK.read_text("utf-8"))["cells"]
 SMALLER = {
     "size, fps = (480, 360), 30": "size, fps = (64, 48), 1",
     "wide = (800, 480)": "wide = (400, 240)",
+    "size=(900, 700)": "size=(450, 350)",
+    "episodes=5": "episodes=2",
     "perturb=1e-7, duration=10": "perturb=1e-7, duration=2",
     "9}, duration=10": "9}, duration=1",
     # The camera looks for the throw at every step; with longer ones it takes place too.
