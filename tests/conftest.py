@@ -264,11 +264,12 @@ class Command:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error::ResourceWarning"}
         for name in ("MUJOCO_GL", "COLUMNS"):
             environment.pop(name, None)
-        environment.update(settings.pop("env", {}))  # type: ignore[call-overload]
-        return subprocess.Popen(
+        given = cast(dict[str, str], settings.pop("env", {}))
+        may_be_a_copy = sys.platform == "linux" and "PYTHONPATH" not in given  # of what has imported from elsewhere
+        return (PreparedPopen if may_be_a_copy else subprocess.Popen)(
             [sys.executable, "-m", "mjrun", *map(str, arguments)],
             cwd=self.folder,
-            env=environment,
+            env={**environment, **given},
             stdin=subprocess.DEVNULL,
             stdout=settings.pop("stdout", subprocess.PIPE),  # type: ignore[call-overload]
             stderr=subprocess.PIPE,

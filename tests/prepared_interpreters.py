@@ -1,6 +1,6 @@
-"""Worker processes as copies of interpreters that have already imported what such a worker begins with.
+"""Commands and worker processes as copies of interpreters that have already imported what such a process begins with.
 
-Importing numpy and mujoco takes most of the time of a worker in tests, which start hundreds. A copy runs the same code
+Importing numpy and mujoco takes most of the time of a process in tests, which start hundreds. A copy runs the same code
 with the same arguments, variables, folder and descriptors as a new interpreter would, and is a child of this process
 too.
 """
@@ -25,9 +25,10 @@ from typing import Any, cast
 
 from mjrun.child_process import python_call
 
-# What each kind of worker imports before it does anything, by its function or server.
-CHECK = "mjrun.check.worker:serve"
+# What each kind of process imports before it does anything: commands, and workers by their function or server.
+COMMAND, CHECK = "mjrun", "mjrun.check.worker:serve"
 MODULES = {
+    COMMAND: ("mjrun.cli.main", "mjrun.outputs.trace", "mjrun.outputs.video", "mjrun.rendering.compositor", "mujoco"),
     CHECK: ("mjrun.check.worker",),
     "mjrun.rendering.filament_worker:FilamentServer": ("mjrun.rendering.filament_worker",),
     "mjrun.rendering.worker_process:PaintServer": ("mjrun.rendering.worker_process", "mujoco"),
@@ -87,11 +88,12 @@ class PreparedInterpreter:
 
 
 _interpreters = OrderedDict[object, PreparedInterpreter]()  # the last used at the end
+_commands_seen = set[object]()  # the environments in which a command was started
 _lock = threading.Lock()
 
 
 class PreparedPopen(subprocess.Popen[Any]):
-    """A worker process that is a copy of a prepared interpreter, where there is one that suits."""
+    """A command or worker process that is a copy of a prepared interpreter, where there is one that suits."""
 
     def _execute_child(self, *values: Any) -> None:
         start = super()._execute_child  # type: ignore[misc]
@@ -104,7 +106,7 @@ class PreparedPopen(subprocess.Popen[Any]):
             streams = (("p2cread", 0), ("c2pwrite", 1), ("errwrite", 2))
             numbers = [number if arguments[name] < 0 else arguments[name] for name, number in streams]
             names = ("args", "env", "pass_fds")
-            folder = os.open(".", os.O_PATH | os.O_CLOEXEC)
+            folder = os.open(arguments["cwd"] or ".", os.O_PATH | os.O_CLOEXEC)
             try:
                 descriptors = [folder, *numbers, *arguments["pass_fds"]]
                 self.pid = interpreter.copy({name: arguments[name] for name in names}, descriptors)
@@ -116,16 +118,23 @@ class PreparedPopen(subprocess.Popen[Any]):
 
 
 def _may_be_a_copy(arguments: Mapping[str, Any]) -> bool:
-    """Returns whether a worker is to be started in a separate session, by the process that runs the tests."""
-    is_plain = arguments["start_new_session"] and arguments["preexec_fn"] is None
-    return bool(is_plain and os.getpid() == OWNER and _modules(arguments["args"]))
+    """Returns whether the process that runs the tests starts a command, or a worker in a separate session."""
+    modules = _modules(arguments["args"])
+    is_plain = arguments["start_new_session"] or modules == MODULES[COMMAND]
+    return bool(modules and is_plain and arguments["preexec_fn"] is None and os.getpid() == OWNER)
 
 
-def _prepared(arguments: Mapping[str, Any]) -> PreparedInterpreter:
-    """Returns the interpreter for a worker, with its modules and the variables that libraries read on import."""
+def _prepared(arguments: Mapping[str, Any]) -> PreparedInterpreter | None:
+    """Returns the interpreter for a process, with its modules and the variables that libraries read on import.
+
+    For commands, it is made when an environment occurs again, since many tests have their own.
+    """
     modules = _modules(arguments["args"])
     environment = {name: value for name, value in arguments["env"].items() if name not in WITHOUT_EFFECT}
     key = (modules, frozenset(environment.items()))
+    if modules == MODULES[COMMAND] and key not in _commands_seen:
+        _commands_seen.add(key)
+        return None
     if key not in _interpreters:
         if len(_interpreters) == MOST:
             _interpreters.popitem(last=False)[1].close()
@@ -135,7 +144,9 @@ def _prepared(arguments: Mapping[str, Any]) -> PreparedInterpreter:
 
 
 def _modules(command: Sequence[str]) -> tuple[str, ...]:
-    """Returns the modules of the worker that a command starts; none if it starts something else."""
+    """Returns the modules of the process that a command line starts; none if it starts something else."""
+    if [*command[:3]] == [EXECUTABLE, "-m", "mjrun"]:
+        return MODULES[COMMAND]
     if [*command[:3]] != [EXECUTABLE, "-P", "-c"] or not command[4].isdecimal():
         return ()
     if command[3] == python_call(CHECK)[3]:
@@ -171,6 +182,7 @@ def serve(*arguments: str) -> None:
             if pid := os.fork():
                 parent.send(str(pid).encode())
                 os._exit(0)
+            parent.detach()
             _run(json.loads(request), descriptors)
             return
         os.waitpid(between, 0)
@@ -194,6 +206,12 @@ def _run(request: dict[str, Any], descriptors: Sequence[int]) -> None:
     COMM.write_text("python")
     os.environ.clear()
     os.environ.update(request["env"])
-    sys.argv[:] = ["-c", *request["args"][4:]]
     gc.enable()
-    exec(request["args"][3], vars(sys.modules["__main__"]))
+    _, option, code, *arguments = request["args"]
+    if option == "-m":
+        sys.argv[:] = [code, *arguments]
+        sys.path.insert(0, str(Path.cwd()))
+        import_module(f"{code}.__main__").main()
+    else:
+        sys.argv[:] = ["-c", *arguments[1:]]
+        exec(arguments[0], vars(sys.modules["__main__"]))

@@ -15,7 +15,7 @@ import pytest
 
 from mjrun.errors import DrawError, InvalidActionError, MjrunError, NoRendererError, UnknownNameError, UnstableError
 from mjrun.worker import PicklableException, Request, Worker, WorkerEndedError
-from tests.prepared_interpreters import CHECK, MODULES
+from tests.prepared_interpreters import CHECK, COMMAND, MODULES
 from tests.processes import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[1]
@@ -137,7 +137,7 @@ def test_warnings_of_mujoco_come_with_the_reply(worker: Worker) -> None:
 
 
 @pytest.mark.usefixtures("new_interpreters")
-@pytest.mark.parametrize("server", sorted({*MODULES} - {CHECK}))
+@pytest.mark.parametrize("server", sorted({*MODULES} - {COMMAND, CHECK}))
 def test_servers_that_other_tests_ask_in_prepared_interpreters_answer_in_new_ones(server: str) -> None:
     descriptors = os.pipe() if server.endswith("PaintServer") else ()
     with closing(Worker(server, descriptors=descriptors)) as worker:

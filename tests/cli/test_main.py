@@ -294,6 +294,14 @@ def test_a_run_within_another_program_leaves_signals_to_be_heard() -> None:
     assert b"KeyboardInterrupt" in done.stderr
 
 
+def test_a_copy_of_a_prepared_interpreter_does_what_a_new_one_does(mjrun: Command, swing: Path) -> None:
+    line = ["trace", str(swing), "--steps", "2", "--csv"]
+    new = subprocess.run([sys.executable, "-m", "mjrun", *line], cwd=mjrun.folder, capture_output=True)
+    for _ in range(2):  # the first start in an environment is a new interpreter
+        done = mjrun(*line)
+        assert (done.returncode, done.stdout, done.stderr) == (0, new.stdout, new.stderr)
+
+
 @pytest.mark.slow
 def test_a_reader_that_goes_away_ends_the_video_quietly(mjrun: Command, swing: Path) -> None:
     with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "100", "--jobs", "1", *SMALL) as child:
