@@ -13,6 +13,7 @@ from mjrun.cli.command_confinement import confinement_of
 from mjrun.cli.commands.diff import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
+from tests.conftest import Command
 from tests.demonstration_files import recorded_states, write_demonstrations
 from tests.processes import PATIENCE
 
@@ -117,9 +118,8 @@ def test_what_a_line_names_is_what_its_process_may_touch(
 
 
 def mjrun(*line: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "mjrun", *line]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=PATIENCE)
+    done = Command(Path.cwd())(*line)
+    return subprocess.CompletedProcess(done.args, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 def test_a_confined_process_measures_and_says_what_confined_it(place: Path) -> None:

@@ -74,7 +74,8 @@ WRONG = [("wrong.py", line) for line in range(2, len(REFUSED) + 2)]
 @pytest.mark.slow
 def test_mypy_accepts_what_is_right_and_finds_what_is_wrong(project: Path) -> None:
     # mujoco itself has no types; those of other libraries take most of the time, and pyright below reads them.
-    (project / "mypy.ini").write_text(f"[mypy]\n[mypy-{OTHERS}]\nfollow_imports = skip\n")
+    skipped = "follow_imports = skip\nfollow_imports_for_stubs = true\n"
+    (project / "mypy.ini").write_text(f"[mypy]\n[mypy-{OTHERS}]\n{skipped}")
     options = ["--strict", "--ignore-missing-imports", "--cache-dir", os.devnull]
     files = sorted(path.name for path in project.glob("*.py"))
     assert faults(project, "mypy", *options, *files) == WRONG
