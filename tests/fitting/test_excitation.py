@@ -17,7 +17,7 @@ LIMITED = PENDULUM.replace('axis="0 1 0"', 'axis="0 1 0" range="-60 60"').replac
     'joint="hinge"/></act', 'joint="hinge" ctrlrange="-4 4" forcerange="-3 3"/></act'
 )
 FREE = (("joint/hinge.damping", "log:1e-3..1"), ("joint/hinge.armature", "log:1e-3..1"))
-SECONDS, SPEED = 2.0, 3.0
+SECONDS, SPEED = 1.2, 3.0
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(tmp_path: Path, pe
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_another(pendulum: Fit) -> None:
-    short = replace(pendulum.simulation, duration=1)
+    short = replace(pendulum.simulation, duration=0.5)
     path = Path(excite(replace(pendulum, simulation=short)).files[0])
     first = path.read_bytes()
     excite(replace(pendulum, simulation=short))

