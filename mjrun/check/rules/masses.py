@@ -9,12 +9,15 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Violation, rule
 from mjrun.check.rules.extents import INFINITE, corners
+from mjrun.check.rules.fused_links import fused_links, loses_its_shape
 from mjrun.check.rules.meshes import geom_mass
 from mjrun.check.rules.physical_fixes import inferred_inertia
 from mjrun.check.rules.unnamed_objects import flex_bodies
+from mjrun.errors import listing
 
 NEGLIGIBLE = 1e-4  # mass and inertia of a body relative to the largest in the model
 EQUAL = 1e-3  # relative difference of equal inertias
+ROUND = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID))
 
 
 @rule("MJ203", "note", "geom without mass")
@@ -94,7 +97,7 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
     """Yields bodies whose explicit inertia does not fit their geoms and those of the bodies that are welded to them.
 
     The half trace less a principal inertia is the mass times the mean square distance along that axis, which cannot
-    exceed the square of how far the mass reaches.
+    exceed the square of how far the mass reaches. That is unknown for links of a URDF without <collision>.
     """
     model = context.model
     moves = (model.body_weldid != 0) | (model.nv == 0)  # without joints, it is a part of other models
@@ -105,8 +108,14 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
         inert = model.body_inertia[body].max() > NEGLIGIBLE * most_inert
         if not (moves[body] and model.body_mass[body] > 0 and (heavy or inert)):
             continue
+        links = fused_links(context, body)
+        if any(loses_its_shape(context, link) for link in links):
+            continue
         if problem := _inertia_problem(context, body):
-            remedy = "correct its <inertial>, or remove it so that MuJoCo infers it from the geoms; units are kg and m"
+            fixed = [link.attributes["name"] for link in links[1:] if any(e.tag == "inertial" for e in link.children)]
+            others = f" or those of the links fixed to it ({listing(fixed)})" if fixed else ""
+            removal = "or remove it so that MuJoCo infers it from the geoms; units are kg and m"
+            remedy = f"correct its <inertial>{others}, {removal}"
             fix = partial(inferred_inertia, context, body)
             yield context.violation("body", body, problem, remedy, fix=fix)
 
@@ -170,8 +179,8 @@ def _inertia_problem(context: LintContext, body: int) -> str:
 
 
 def _solid_inertia(context: LintContext, body: int) -> np.ndarray:
-    """Returns the inertia of the boxes around a body's geoms, filled with its mass, along its principal axes, `(3,)`
-    [kg m²].
+    """Returns the inertia of ellipsoids in place of the round geoms of a body, and of boxes around the others, filled
+    with its mass, along its principal axes, `(3,)` [kg m²].
     """
     model, data = context.model, context.data_at(None)
     geoms = np.flatnonzero(model.geom_bodyid == body)
@@ -183,7 +192,8 @@ def _solid_inertia(context: LintContext, body: int) -> np.ndarray:
     frames = data.ximat[body].reshape(3, 3).T @ data.geom_xmat[geoms].reshape(-1, 3, 3)
     centres = data.geom_xpos[geoms] @ data.ximat[body].reshape(3, 3)
     centres += np.einsum("gij,gj->gi", frames, model.geom_aabb[geoms, :3])
-    distances = (centres - shares @ centres) ** 2 + np.einsum("gij,gj->gi", frames**2, halves**2) / 3
+    parts = np.where(np.isin(model.geom_type[geoms], ROUND), 1 / 5, 1 / 3)[:, None]  # of the squares of half sizes
+    distances = (centres - shares @ centres) ** 2 + np.einsum("gij,gj->gi", frames**2, parts * halves**2)
     squares = shares @ distances
     return model.body_mass[body] * (squares.sum() - squares)
 

@@ -76,6 +76,12 @@ def test_the_geoms_of_a_body_and_of_those_welded_to_it_decide(inner: str, geom: 
     assert [f.object for f in lint(model) if f.code == "MJ206"] == ["body 'b'"] * reported
 
 
+@pytest.mark.parametrize(("factor", "reported"), [(0.9, True), (1.1, False)])
+def test_a_sphere_is_compared_with_a_solid_sphere(factor: float, reported: bool) -> None:
+    inertia = factor * Thresholds.min_inertia_share * 2 / 5 * 0.1**2
+    assert findings(body(inertial(1, np.full(3, inertia)), 'size="0.1"')) == ["body 'b'"] * reported
+
+
 @pytest.mark.parametrize(
     ("visual", "share", "more"),
     [
