@@ -452,7 +452,10 @@ class Dataset(_Dataset):
         distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
-      where: Include only points for which this condition holds: mass < 10.
+      when: Condition on other parameters under which a parameter exists: kd=kp > 0,
+        iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
+        equal points are one.
+      where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
         [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
@@ -489,6 +492,7 @@ class Dataset(_Dataset):
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
+        when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         where: str | Sequence[str] = ...,
         gl: str | None = ...,
         require_gpu: bool = ...,
@@ -745,7 +749,10 @@ class Evaluation(_Evaluation):
         distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
-      where: Include only points for which this condition holds: mass < 10.
+      when: Condition on other parameters under which a parameter exists: kd=kp > 0,
+        iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
+        equal points are one.
+      where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
         [default: 0, or that of the task]
       ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
@@ -817,6 +824,7 @@ class Evaluation(_Evaluation):
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
+        when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
@@ -1515,7 +1523,10 @@ class Study(_Study):
         distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
-      where: Include only points for which this condition holds: mass < 10.
+      when: Condition on other parameters under which a parameter exists: kd=kp > 0,
+        iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
+        equal points are one.
+      where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       confidence: Confidence level of all intervals. [default: 0.95]
       jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
         [default: 'auto']
@@ -1554,6 +1565,7 @@ class Study(_Study):
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
+        when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         where: str | Sequence[str] = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
@@ -1751,7 +1763,10 @@ class VariedPlot(_VariedPlot):
         distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
-      where: Include only points for which this condition holds: mass < 10.
+      when: Condition on other parameters under which a parameter exists: kd=kp > 0,
+        iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
+        equal points are one.
+      where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       probe: Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use
         adds a panel below the others; values with different units get separate panels. [default: the
         columns of y, or those of a trace]
@@ -1818,6 +1833,7 @@ class VariedPlot(_VariedPlot):
         sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
         correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         repeats: int = ...,
+        when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         where: str | Sequence[str] = ...,
         controllers: Mapping[str, Callable[..., object]] = ...,
     ) -> None: ...
@@ -2007,6 +2023,7 @@ def evaluate(
     sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
     correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     repeats: int = ...,
+    when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     where: str | Sequence[str] = ...,
     ctrl_noise: float | None = ...,
     ctrl_noise_time: float | None = ...,
@@ -2084,7 +2101,10 @@ def evaluate(
         distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
-      where: Include only points for which this condition holds: mass < 10.
+      when: Condition on other parameters under which a parameter exists: kd=kp > 0,
+        iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
+        equal points are one.
+      where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
         [default: 0, or that of the task]
       ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
@@ -2574,6 +2594,7 @@ def sweep(
     sampler: Literal["sobol", "halton", "lhs", "random", "saltelli", "morris"] = ...,
     correlate: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     repeats: int = ...,
+    when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     where: str | Sequence[str] = ...,
     confidence: float = ...,
     jobs: int | Literal["auto"] = ...,
@@ -2708,7 +2729,10 @@ def sweep(
         distribution.
       repeats: Number of simulations per point, each with the next seed; the table of means,
         repeats.csv, has confidence intervals. [default: 1]
-      where: Include only points for which this condition holds: mass < 10.
+      when: Condition on other parameters under which a parameter exists: kd=kp > 0,
+        iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
+        equal points are one.
+      where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       confidence: Confidence level of all intervals. [default: 0.95]
       jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
         [default: 'auto']

@@ -131,7 +131,7 @@ def preview_report(preview: "StudyPreview") -> str:
 
 def _sample(preview: "StudyPreview") -> list[Column]:
     """Returns the first and the last points, with a row for the omitted ones between them."""
-    rows = [[str(each.point), *(clean(each.values[name]) for name in preview.names)] for each in preview.sample]
+    rows = [[str(each.point), *(clean(each.values.get(name, "")) for name in preview.names)] for each in preview.sample]
     if len(rows) < preview.points:
         rows.insert(len(rows) // 2, ["…"] * len(rows[0]))
     headings = ["point", *map(clean, preview.names)]
@@ -188,10 +188,13 @@ def _extremes(result: "StudyResult") -> list[Column]:
 
 def _repeats(result: "StudyResult") -> list[Column]:
     """Returns the first means over repeats, with a row for each combination of the other parameters."""
+    from mjrun.study.repeats import SEED
+
     groups, level = result.repeats, f"{100 * result.confidence:g} %"
     columns = [
-        Column(clean(name), [clean(_short(group.values[name])) for group in groups], right=True)
-        for name in groups[0].values
+        Column(clean(name), [clean(_short(group.values.get(name, ""))) for group in groups], right=True)
+        for name in result.names
+        if name != SEED
     ]
     columns.append(Column("points", [str(group.points) for group in groups], right=True))
     for name, summary in result.metrics.items():

@@ -198,7 +198,7 @@ RENAMED = {
 }
 # Places whose keys are names that may contain dots.
 NAMED = (
-    *("set", "qpos", "qvel", "ctrl", "vary", "correlate", "metrics", "free", "changes"),
+    *("set", "qpos", "qvel", "ctrl", "vary", "correlate", "when", "metrics", "free", "changes"),
     *("reset.qpos", "reset.qvel", "reset.ctrl", "reset.noise", "reset.set", "reset.vary"),
 )
 

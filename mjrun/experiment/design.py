@@ -12,10 +12,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.correlations import correlated, rank_correlations
-from mjrun.experiment.design_points import LARGEST_INTEGER, DesignColumn, GridPoints, NumberTexts, Values, numbers
+from mjrun.experiment.design_points import LARGEST_INTEGER, Design, GridPoints, NumberTexts, numbers
+from mjrun.experiment.point_conditions import chosen, parameter_names, with_conditional
 from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
@@ -25,8 +25,6 @@ from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.physics.random_distribution import Distribution, parse_distribution
-from mjrun.probe.row_expression import Condition, parse_condition
-from mjrun.probe.scanner import Vocabulary
 
 EACH = "each:"
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
@@ -35,40 +33,6 @@ SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<coun
 MOST_IN_SPAN = 1_000_000
 DRAWN = 2**16  # samples whose values are computed at once
 DIGITS = 50  # far more than a float has, so that 1e-4..1e-1:4 contains 0.001
-
-
-@dataclass(frozen=True)
-class Design:
-    """The points of a study or an evaluation.
-
-    Attributes:
-      names: parameters that vary, as written: `geom/floor.friction[0]`, `seed`.
-      points: values of each point as texts, in the order of `names`; they may be made on demand.
-    """
-
-    names: tuple[str, ...]
-    points: Sequence[Values]
-
-    @property
-    def grid(self) -> GridPoints:
-        """The points as columns."""
-        if isinstance(self.points, GridPoints):
-            return self.points
-        columns = [([values[number] for values in self.points], 1) for number in range(len(self.names))]
-        return GridPoints(columns, len(self.points))
-
-    def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
-        """Returns the values of points."""
-        points = self.points
-        return points.at(indices) if isinstance(points, GridPoints) else [points[index] for index in indices]
-
-    def column(self, number: int) -> DesignColumn:
-        """Returns the values of a parameter, given by its place in `names`."""
-        return self.grid.column(number)
-
-    def values(self, index: int) -> dict[str, str]:
-        """Returns the values of a point by parameter."""
-        return dict(zip(self.names, self.points[index], strict=True))
 
 
 def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Design:
@@ -109,7 +73,8 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
         _require_possible([options.repeats])
         seeds = NumberTexts(np.arange(seed, seed + options.repeats, dtype=float), has_integers=True)
         parts.append(_beside(("seed",), [seeds]))
-    return _chosen(_product([part for part in parts if part.names]), options.where)
+    whole = with_conditional(_product([part for part in parts if part.names]), options.when)
+    return chosen(whole, options.where)
 
 
 def _expanded(path: str, model: mujoco.MjModel) -> list[str]:
@@ -170,7 +135,7 @@ def _require_alone(
     sampler = f"{option('sampler')} {options.sampler}"
     if not distributions:
         raise UsageError(f"{sampler} requires a distribution, as in {option('vary')} NAME=uniform(0,1)")
-    others = [name for name in ("points", "where") if getattr(options, name)]
+    others = [name for name in ("points", "where", "when") if getattr(options, name)]
     others += ["repeats"] if options.repeats > 1 else []
     if options.correlate:
         reason = "sensitivities are shares of the effects of independent parameters"
@@ -293,38 +258,7 @@ def _decimal(value: Fraction) -> str:
     return str(value) if value.denominator == 1 else repr(float(value))
 
 
-# --- conditions on points ----------------------------------------------------------------------------
-
-
-def parameter_names(paths: Sequence[str]) -> dict[str, str]:
-    """Returns the paths of parameters by their names: each path, and its last part (`mass`) where that is unique."""
-    short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
-    own = dict(zip(paths, paths, strict=True))
-    return {name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own
-
-
-def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
-    """Returns the points for which all conditions hold."""
-    if not conditions:
-        return whole
-    is_chosen = np.ones(len(whole.points), bool)
-    for index, text in enumerate(conditions):
-        with concerning("where", index):
-            condition = parse_condition(text, Vocabulary(parameter_names(whole.names)), option("where"))
-            is_chosen &= _holds(condition, whole)
-    if not is_chosen.any():
-        raise UsageError(f"{option('where')}: none of the {len(whole.points)} points satisfies it")
-    assert isinstance(whole.points, GridPoints)
-    return Design(whole.names, whole.points.only(np.flatnonzero(is_chosen)))
-
-
-def _holds(condition: Condition, whole: Design) -> np.ndarray:
-    columns = {name: whole.column(number).numbers for number, name in enumerate(whole.names)}
-    usable = {name: values for name, values in columns.items() if values is not None}
-    try:
-        return np.broadcast_to(condition.holds(usable), len(whole.points))
-    except KeyError as error:
-        raise UsageError(f"{quoted(str(error.args[0]))} has values that are not numbers") from None
+# --- options of simulations ---------------------------------------------------------------------------
 
 
 def is_whole(name: str) -> bool:

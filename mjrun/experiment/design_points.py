@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import overload
@@ -11,6 +12,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 
 Values = tuple[str, ...]
+ABSENT = ""  # in place of the value of a parameter that does not exist at a point; NaN among numbers
 BLOCK = 4096  # points that are made at once
 LARGEST_INTEGER = 2.0**53  # up to which floats are exact
 
@@ -19,12 +21,12 @@ class NumberTexts(Sequence[str]):
     """Numbers as texts, which are made on demand: `0.3`, and `2.0` or `2`.
 
     Args:
-      numbers: float64 `(n,)`.
+      numbers: float64 `(n,)`; NaN is `ABSENT`.
       has_integers: whole numbers are written as integers.
     """
 
     def __init__(self, numbers: np.ndarray, *, has_integers: bool = False) -> None:
-        self.numbers, self._has_integers = numbers, has_integers
+        self.numbers, self.has_integers = numbers, has_integers
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -45,18 +47,20 @@ class NumberTexts(Sequence[str]):
     def at(self, places: np.ndarray) -> list[str]:
         """Returns the texts at these places."""
         numbers = self.numbers[places].tolist()
-        if not self._has_integers:
-            return list(map(repr, numbers))
-        return [str(int(number)) if number.is_integer() else repr(number) for number in numbers]
+        if not self.has_integers:
+            texts = list(map(repr, numbers))
+        else:
+            texts = [str(int(number)) if number.is_integer() else repr(number) for number in numbers]
+        return [ABSENT if text == "nan" else text for text in texts]
 
     def only(self, places: np.ndarray) -> "NumberTexts":
         """Returns the numbers at these places."""
-        return NumberTexts(self.numbers[places], has_integers=self._has_integers)
+        return NumberTexts(self.numbers[places], has_integers=self.has_integers)
 
     @property
     def content(self) -> bytes:
         """Bytes that determine the texts."""
-        return bytes([self._has_integers]) + self.numbers.tobytes()
+        return bytes([self.has_integers]) + self.numbers.tobytes()
 
 
 @dataclass(frozen=True)
@@ -176,12 +180,48 @@ class GridPoints(Sequence[Values]):
         return texts, indices // repeat % len(texts)
 
 
+@dataclass(frozen=True)
+class Design:
+    """The points of a study or an evaluation.
+
+    Attributes:
+      names: parameters that vary, as written: `geom/floor.friction[0]`, `seed`.
+      points: values of each point as texts, in the order of `names`; they may be made on demand. `ABSENT` represents a
+        parameter that does not exist at a point.
+    """
+
+    names: tuple[str, ...]
+    points: Sequence[Values]
+
+    @property
+    def grid(self) -> GridPoints:
+        """The points as columns."""
+        if isinstance(self.points, GridPoints):
+            return self.points
+        columns = [([values[number] for values in self.points], 1) for number in range(len(self.names))]
+        return GridPoints(columns, len(self.points))
+
+    def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
+        """Returns the values of points."""
+        points = self.points
+        return points.at(indices) if isinstance(points, GridPoints) else [points[index] for index in indices]
+
+    def column(self, number: int) -> DesignColumn:
+        """Returns the values of a parameter, given by its place in `names`."""
+        return self.grid.column(number)
+
+    def values(self, index: int) -> dict[str, str]:
+        """Returns the values of a point by parameter, of those that exist there."""
+        values = zip(self.names, self.points[index], strict=True)
+        return {name: text for name, text in values if text != ABSENT}
+
+
 def numbers(texts: Sequence[str]) -> np.ndarray | None:
-    """Converts the values of a parameter to numbers `(n,)`; returns None if they are not numbers."""
+    """Converts the values of a parameter to numbers `(n,)`, NaN for `ABSENT`; returns None if they are not numbers."""
     if isinstance(texts, NumberTexts):
         return texts.numbers
     try:
-        return np.fromiter(map(float, texts), float, len(texts))
+        return np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
     except ValueError:
         return None
 

@@ -94,7 +94,8 @@ class ResultsTable:
             if found is None:
                 self.add_coded(name, values.places[rows], values.texts, text_meaning)
             else:
-                column = Column(name, units.get(name, ""), "what varies", integer=is_whole(name))
+                unit, has_gaps = units.get(name, ""), bool(np.isnan(found).any())
+                column = Column(name, unit, "what varies", integer=is_whole(name), has_gaps=has_gaps)
                 self.add(column, found[rows])
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:

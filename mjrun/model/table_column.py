@@ -19,6 +19,7 @@ class Column:
       id: the MuJoCo id of that object; −1 for none.
       labels: the texts of a text column, whose numbers are indices into them; −1 means no text. Tables show the texts.
       integer: true if all numbers are whole; formats that distinguish integers write them as such.
+      has_gaps: true if NaN means that no number exists, as in an empty cell.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Column:
     id: int = -1
     labels: tuple[str, ...] = ()
     integer: bool = False
+    has_gaps: bool = False
 
 
 def with_unit(name: str, unit: str | None) -> str:

@@ -157,10 +157,16 @@ class VariationOptions(Options):
         help="Number of simulations per point, each with the next seed; the table of means, repeats.csv, has "
         "confidence intervals.",
     )
+    when: tuple[tuple[str, str], ...] = option(
+        converter=Settings("NAME=EXPR", "iterations=cone == 'elliptic'"),
+        default=(),
+        help="Condition on other parameters under which a parameter exists: kd=kp > 0, iterations=integrator == "
+        "'rk4'. Elsewhere the model keeps its own value, the cell is empty, and equal points are one.",
+    )
     where: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),
         default=(),
-        help="Include only points for which this condition holds: mass < 10.",
+        help="Include only points for which this condition holds: mass < 10, integrator != 'rk4'.",
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError
-from mjrun.experiment.design import Design
+from mjrun.experiment.design_points import ABSENT, Design
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_folder
@@ -101,13 +101,11 @@ def point_keys(
     keys = list[str]()
     files = {index: _file_hashes(spec, name) for index, name in enumerate(spec.names) if name in FILES}
     for values in points:
-        changes = zip(spec.names, values, strict=True)
-        if files or own:
-            changes = [
-                (name, files[i](text) if i in files else text)
-                for i, (name, text) in enumerate(changes)
-                if i not in own or text not in own[i]
-            ]
+        changes = [
+            (name, files[i](text) if i in files else text)
+            for i, (name, text) in enumerate(zip(spec.names, values, strict=True))
+            if text != ABSENT and (i not in own or text not in own[i])
+        ]
         digest = base.copy()
         digest.update(json.dumps(sorted(changes)).encode())
         keys.append(digest.hexdigest()[:32])
@@ -135,6 +133,8 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
 
     @cache
     def hashed(text: str) -> str:
+        if text == ABSENT:
+            return text
         try:
             varied = simulation_at(base, (name,), (text,))
             files = varied.source.files if name == MODEL else [Path(text)]

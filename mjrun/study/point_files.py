@@ -17,7 +17,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.experiment.design import parameter_names
+from mjrun.experiment.point_conditions import parameter_names
 from mjrun.experiment.results_table import TableNames
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.study_reader import NAME, read_point, values_in_words

@@ -24,7 +24,7 @@ from mjrun.errors import (
     option,
 )
 from mjrun.experiment.design import Design, simulation_kinds
-from mjrun.experiment.design_points import numbers
+from mjrun.experiment.design_points import ABSENT, numbers
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import demonstration_in, source_of
@@ -85,8 +85,8 @@ class StudySpec:
         return simulation_at(self.base, names, values, dict(self.controllers))
 
     def values(self, point: "StudyPoint") -> dict[str, str]:
-        """Returns the values of a point, by parameter."""
-        return dict(zip(self.names, point.values, strict=True))
+        """Returns the values of a point, by parameter, of those that exist there."""
+        return {name: text for name, text in zip(self.names, point.values, strict=True) if text != ABSENT}
 
     def stored_at(self, root: Path) -> Self:
         """Returns the same specification, whose files are in the folder `root`."""
@@ -102,7 +102,7 @@ class StudySpec:
     def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
         """Returns the model of the base simulation, and those that the values of points name instead."""
         place = self.names.index(MODEL) if MODEL in self.names else None
-        texts = {} if place is None else dict.fromkeys(values[place] for values in points)
+        texts = {} if place is None else dict.fromkeys(values[place] for values in points if values[place] != ABSENT)
         return [source_of(self.base.model), *map(source_of, texts)]
 
     @property
@@ -217,6 +217,8 @@ def simulation_at(
     if MODEL in names and base.replay is not None and base.replay == demonstration_in(base.model):
         changes["replay"] = None  # another demonstration has other states
     for name, text in zip(names, values, strict=True):
+        if text == ABSENT:
+            continue
         if is_path(name):
             overrides.append((name, text))
             continue
@@ -247,6 +249,8 @@ def require_values(
         if has_cameras and name.startswith(CAMERA):
             continue
         for text in _representative(points.column(index).distinct):
+            if text == ABSENT:
+                continue
             if not is_path(name):
                 _change(name, text, controllers)
             elif spec is not None:
@@ -289,10 +293,10 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
 def _representative(distinct: Sequence[str]) -> Sequence[str]:
     """Selects values that show whether any of many is invalid: the extremes and a fraction of numbers."""
     values = numbers(distinct)
-    if values is None or np.isnan(values).any():
+    if values is None or np.isnan(values).all():
         return distinct[:MANY]
-    is_broken = values != np.floor(values)
-    chosen = [0, int(is_broken.argmax()), int(values.argmin()), int(values.argmax())]
+    is_broken = ~np.isnan(values) & (values != np.floor(values))
+    chosen = [0, int(is_broken.argmax()), int(np.nanargmin(values)), int(np.nanargmax(values))]
     return [distinct[place] for place in dict.fromkeys(chosen)]
 
 

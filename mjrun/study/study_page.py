@@ -20,6 +20,7 @@ from mjrun.options.page import PageOptions
 from mjrun.options.sweep import MANIFEST
 from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER
+from mjrun.study.repeats import SEED
 
 if TYPE_CHECKING:
     from mjrun.study.study import StudyResult
@@ -83,10 +84,10 @@ def _metrics(result: "StudyResult") -> list[PageFactTable]:
 def _repeats(result: "StudyResult") -> list[PageFactTable]:
     if not result.repeats:
         return []
-    names, level = list(result.repeats[0].values), f"{100 * result.confidence:g} % interval"
+    names, level = [name for name in result.names if name != SEED], f"{100 * result.confidence:g} % interval"
     rows = [
         (
-            *(group.values[name] for name in names),
+            *(group.values.get(name, "") for name in names),
             f"{group.points:,}",
             *(text for each in group.metrics.values() for text in (number(each.mean), interval(each.interval))),
         )

@@ -482,3 +482,18 @@ def test_warnings_of_mujoco_are_reported_once(tmp_path: Path, capfd: pytest.Capt
     assert [text for text in reporter.warnings if "empty prefix" in text] == reporter.warnings
     assert len(reporter.warnings) == 1
     assert "WARNING" not in capfd.readouterr().err
+
+
+def test_a_parameter_that_does_not_exist_at_a_point_is_an_empty_cell(simulation: Simulation, tmp_path: Path) -> None:
+    vary = {"opt.integrator": "rk4,euler", "opt.timestep": "0.001,0.004", "qvel/ball/vx": "1,2"}
+    when = {"timestep": "integrator == 'rk4'", "vx": "timestep > 0.002"}
+    result = study(simulation, tmp_path / "when", vary=vary, when=when).run()
+    assert (result.points, result.simulated) == (4, 4)
+    lines = (tmp_path / "when" / "results.csv").read_text().splitlines()
+    cells = [line.split(",")[1:4] for line in lines[1:]]
+    assert cells == [["rk4", "0.001", ""], ["rk4", "0.004", "1.0"], ["rk4", "0.004", "2.0"], ["euler", "", ""]]
+    read = pd.read_parquet(tmp_path / "when" / "results.parquet")
+    assert read["qvel/ball/vx"].isna().tolist() == [True, False, False, True]
+    alone = study(replace(simulation, integrator="euler"), tmp_path / "alone", vary={"seed": "0"}).run()
+    np.testing.assert_array_equal(alone.table.columns["low"], read["low"][3:])
+    assert study(simulation, tmp_path / "when", vary={"opt.integrator": "euler"}).run().simulated == 0

@@ -235,7 +235,9 @@ def _policy_column(policies: Sequence[str]) -> list[Column]:
 def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level: str) -> list[Column]:
     own = [point.policies[0] for point in points]
     columns = [Column("point", [str(point.point) for point in points], right=True)]
-    columns += [Column(clean(name), [clean(point.values[name]) for point in points], right=True) for name in names]
+    columns += [
+        Column(clean(name), [clean(point.values.get(name, "")) for point in points], right=True) for name in names
+    ]
     if own[0].success:
         shares = [each.success for each in own]
         columns.append(Column("success", [_percent(each.share) if each else "" for each in shares], right=True))

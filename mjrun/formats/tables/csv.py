@@ -54,12 +54,14 @@ class CsvWriter(RowWriter):
             columns, lambda label: _cell(LABEL_FORMULA.sub(r"\1'", clean(label))), b""
         )
         self._integers = {i for i, column in enumerate(columns) if column.integer}
+        self._gaps = {i for i, column in enumerate(columns) if column.has_gaps}
 
     def write(self, block: np.ndarray) -> None:
         self._write_header()
         for piece in number_text.pieces(block):
-            mixed = self._labels or self._integers
-            self._file.write(_mixed_lines(piece, self._labels, self._integers) if mixed else _lines(piece))
+            mixed = self._labels or self._integers or self._gaps
+            lines = _mixed_lines(piece, self._labels, self._integers, self._gaps) if mixed else _lines(piece)
+            self._file.write(lines)
 
     def finish(self, manifest: str) -> None:
         self._write_header()
@@ -99,15 +101,19 @@ def _lines(piece: np.ndarray) -> bytes:
     return b"".join(parts)
 
 
-def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: Set[int]) -> bytes:
-    """Returns the lines of a piece with texts and integers; the cells between integers are printed together."""
+def _mixed_lines(
+    piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: Set[int], gaps: Set[int] = frozenset()
+) -> bytes:
+    """Returns the lines of a piece with texts, integers and gaps; the cells between these are printed together."""
     cells: list[list[bytes]] = []
-    kinds = ((i in labels, i if i in integers else -1) for i in range(piece.shape[1]))
-    for (are_texts, integer), run in itertools.groupby(enumerate(kinds), key=lambda each: each[1]):
+    kinds = ((i in labels, i if i in integers or i in gaps else -1) for i in range(piece.shape[1]))
+    for (are_texts, alone), run in itertools.groupby(enumerate(kinds), key=lambda each: each[1]):
         columns = [index for index, _ in run]
         values = np.ascontiguousarray(piece[:, columns])
-        if integer >= 0:
-            cells.append(number_text.integer_text(values[:, 0], b"nan"))
+        if alone in integers:
+            cells.append(number_text.integer_text(values[:, 0], b"" if alone in gaps else b"nan"))
+        elif alone in gaps:
+            cells.append([b"" if cell == b"nan" else cell for cell in _lines(values).splitlines()])
         elif are_texts:
             cells.append(_label_lines(values, [labels[column].tolist() for column in columns]))
         else:
