@@ -47,12 +47,10 @@ def _mounts(text: str) -> Iterator[tuple[int, str, Path]]:
     """Yields version, root and mount point of the file systems of control groups in `/proc/self/mountinfo`."""
     for line in text.splitlines():
         before, _, after = line.partition(" - ")
-        root, point = (_unescaped(field) for field in before.split(" ")[3:5])
         kind, _, options = after.split(" ", 2)
-        if kind == "cgroup2":
-            yield 2, root, Path(point)
-        elif kind == "cgroup" and CONTROLLER in options.split(","):
-            yield 1, root, Path(point)
+        if kind == "cgroup2" or (kind == "cgroup" and CONTROLLER in options.split(",")):
+            root, point = (_unescaped(field) for field in before.split(" ")[3:5])
+            yield 2 if kind == "cgroup2" else 1, root, Path(point)
 
 
 def _unescaped(field: str) -> str:

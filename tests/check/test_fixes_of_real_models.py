@@ -17,8 +17,8 @@ SCENES = Path(__file__).parents[2] / "scenes"
 GYM = importlib.util.find_spec("gymnasium")
 ASSETS = Path(str(GYM.origin)).parent / "envs/mujoco/assets" if GYM else Path()
 MODELS = [
-    *(SCENES / f"{name}.xml" for name in ("arm", "humanoid")),
-    *(ASSETS / f"{name}.xml" for name in ("half_cheetah", "humanoid", "reacher")),
+    SCENES / "arm.xml",
+    *(ASSETS / f"{name}.xml" for name in ("half_cheetah", "humanoid")),
 ]
 NUMBER = r"[-+.\deE]+"
 RANGE = re.compile(rf'(\s(?:range|ctrlrange|forcerange)=["\'])\s*({NUMBER})(\s+)({NUMBER})\s*(["\'])')
