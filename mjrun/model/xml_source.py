@@ -3,6 +3,7 @@
 MuJoCo's parser stops at the first mistake, forgets the lines of included files, and reports little about the elements.
 """
 
+import codecs
 import re
 import stat
 from collections.abc import Callable, Iterator
@@ -219,6 +220,9 @@ def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Eleme
     except OSError:
         return None
     source.texts[path] = text
+    if text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        source.errors.append(XmlError(path, 1, "the file is in UTF-16, which MuJoCo does not read", "save it as UTF-8"))
+        return None
     parser = XmlParser(path, encoding)
     try:
         parser.expat.Parse(text, True)

@@ -90,3 +90,13 @@ def test_a_keyframe_without_a_name_is_told_by_its_place() -> None:
     (finding,) = [f for f in lint(text) if f.severity == "error"]
     assert (finding.code, finding.line) == ("MJ405", 13)
     assert finding.message == "ctrl of the keyframe has 2 numbers, but the model has 1"
+
+
+@pytest.mark.parametrize("name", ["model.xml", "part.xml"])
+def test_a_file_in_utf_16_is_to_be_saved_as_utf_8(name: str) -> None:
+    Path("model.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
+    Path("part.xml").write_text("<mujocoinclude/>")
+    Path(name).write_text(Path(name).read_text(), encoding="utf-16")
+    (finding,) = lint_file(Path("model.xml"))
+    assert (finding.file, finding.line, finding.code) == (name, 1, "MJ101")
+    assert finding.remedy == "save it as UTF-8"
