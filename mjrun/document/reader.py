@@ -119,7 +119,7 @@ def assign(
         key, equals, text = assignment.partition("=")
         try:
             if not equals:
-                raise _InvalidPathError("write key=value")
+                raise _InvalidPathError("write key=value; switches such as --json and --markdown take no value")
             path = _path(key, named)
             if path[0] in fixed:
                 raise _InvalidPathError(f"{path[0]} is set in the document only")

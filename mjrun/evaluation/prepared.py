@@ -11,6 +11,7 @@ from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
+from mjrun.experiment.sample_designs import SAMPLES
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
 from mjrun.options.disturbance import DisturbanceOptions, Disturbances
@@ -171,6 +172,9 @@ def points_of(options: EvaluationOptions, task: Source) -> Design:
     """
     if options.repeats != 1:
         raise UsageError(f"{option('repeats')}: use {option('episodes')} to repeat each point")
+    if options.sampler in SAMPLES:
+        sampler = f"{option('sampler')} {options.sampler}"
+        raise UsageError(f"{sampler} is for studies, which compute sensitivities; use sobol, halton or random")
     if not options.vary and options.points is None:
         return Design((), [()])
     if any(path == SEED for path, _ in options.vary):

@@ -41,7 +41,7 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
 @pytest.mark.parametrize(
     ("assignment", "lines"),
     [
-        ("duration", ["duration: write key=value"]),
+        ("duration", ["duration: write key=value; switches such as --json and --markdown take no value"]),
         (f"a{'.a' * 2000}=5", [f"{'a.' * 29}a…: a path can have at most 50 parts"]),
         ("=5", [f"=5: '' {PLACES}"]),
         ("[0]=5", [f"[0]=5: '[0]' {PLACES}"]),
@@ -86,5 +86,5 @@ def test_faults_of_the_document_come_before_those_of_settings_and_a_good_setting
     assert problems(lambda: read(path, Run, ["model=5", "nothing", "duration=2"])) == [
         "d.yaml:2:8: steps: expected a whole number, got 'x'",
         "model=5: expected text, got 5; to write text, use quotes: '5'",
-        "nothing: write key=value",
+        "nothing: write key=value; switches such as --json and --markdown take no value",
     ]

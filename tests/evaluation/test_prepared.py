@@ -42,9 +42,15 @@ def test_points_are_those_of_a_study(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "match"),
-    [({"vary": {"seed": "1,2"}}, "a separate seed"), ({"repeats": 2}, "to repeat each point")],
+    [
+        ({"vary": {"seed": "1,2"}}, "a separate seed"),
+        ({"repeats": 2}, "to repeat each point"),
+        ({"vary": {"body/cart.mass": "uniform(1,2)"}, "sampler": "saltelli"}, "use sobol, halton or random"),
+    ],
 )
-def test_seeds_are_those_of_episodes(tmp_path: Path, arguments: dict[str, object], match: str) -> None:
+def test_variations_that_only_studies_have_are_refused(
+    tmp_path: Path, arguments: dict[str, object], match: str
+) -> None:
     with pytest.raises(UsageError, match=match):
         points_of(options(**arguments), cart_task(tmp_path))
 
