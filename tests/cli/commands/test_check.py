@@ -54,7 +54,7 @@ def models(mjrun_here: Command) -> Command:
         (["broken.xml"], 3),
         (["fine.xml", "broken.xml", "warned.xml", "--fail-on", "warning"], 3),
         (["gone.xml"], 3),
-        (["fine.xml", "--timeout", "0.001"], 3),
+        (["fine.xml", "--timeout", "0.001", "--steps", "100000000"], 3),
         (["."], 3),
         ([], 2),
         (["fine.xml", "--select", "MJ9"], 2),
