@@ -75,11 +75,9 @@ def test_a_second_evaluation_replaces_the_first_and_nothing_else(tmp_path: Path)
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("options", [{"policy": "random"}, {"vary": {"geom/box.mass": "1,2"}, "compare": "zero"}])
-def test_an_interrupted_evaluation_continues_to_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]
-) -> None:
-    options = {**options, "episodes": 5, "chunk": 2, "command": "mjrun eval"}
+def test_an_interrupted_evaluation_continues_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    varied: dict[str, Any] = {"policy": "random", "compare": "zero", "vary": {"geom/box.mass": "1,2"}}
+    options = {**varied, "episodes": 5, "chunk": 2, "command": "mjrun eval"}
     whole = evaluation(tmp_path, "whole", **options).run()
     run_chunk, left = executors.run_chunk, [2]
 

@@ -90,11 +90,22 @@ def test_it_is_the_episode_of_the_worlds_however_one_looks_at_it(actions: list[A
 
 
 ASLEEP = '<option timestep="0.01" sleep_tolerance="1"><flag sleep="enable"/></option>'
+RK4, EULER = '<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>'
+CASES = pytest.mark.parametrize(
+    ("values", "derived", "option"),
+    [
+        pytest.param(DISTURBED, "current", RK4, id="disturbed RK4"),
+        pytest.param(FORCED, "lagged", RK4, id="forced RK4"),
+        pytest.param(DISTURBED, "lagged", EULER, id="disturbed Euler"),
+        pytest.param(FORCED, "current", EULER, id="forced Euler"),
+        pytest.param({}, "lagged", EULER, id="plain Euler"),
+        pytest.param({}, "current", ASLEEP, id="plain asleep"),
+        pytest.param(DISTURBED, "lagged", ASLEEP, id="disturbed asleep"),
+    ],
+)
 
 
-@pytest.mark.parametrize("option", ['<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>', ASLEEP])
-@pytest.mark.parametrize("derived", ["current", "lagged"])
-@pytest.mark.parametrize("values", [DISTURBED, FORCED, {}], ids=["disturbed", "forced", "plain"])
+@CASES
 def test_what_a_task_measures_is_that_of_the_worlds(
     tmp_path: Path, values: Mapping[str, object], derived: str, option: str
 ) -> None:
@@ -202,9 +213,7 @@ def test_an_unstable_simulation_is_told_with_its_first_bad_step(every: int) -> N
 FIELDS = ("qpos", "qvel", "ctrl", "qacc", "sensordata", "energy", "xpos", "qfrc_constraint", "ncon", "xfrc_applied")
 
 
-@pytest.mark.parametrize("option", ['<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>', ASLEEP])
-@pytest.mark.parametrize("derived", ["current", "lagged"])
-@pytest.mark.parametrize("values", [DISTURBED, FORCED, {}], ids=["disturbed", "forced", "plain"])
+@CASES
 def test_rows_in_blocks_are_instants_of_a_bare_loop(
     tmp_path: Path, values: Mapping[str, object], derived: str, option: str
 ) -> None:
