@@ -25,6 +25,8 @@ MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 PACKAGE = str(Path(__file__).parents[2])
 FIX_TIME = 600.0  # [s] in addition to the time limit of a check, for fixes that compute for minutes
+# glibc keeps what one model has freed for the next one, as the system maps and clears memory page by page.
+MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**30)}
 END_GRACE = 1.0  # [s] for an idle process to end, so that its computing time is counted
 TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
@@ -130,7 +132,7 @@ class CheckProcess:
         reading, writing = os.pipe()
         try:
             self._process = ChildProcess(
-                command, environment=ENVIRONMENT | {"MALLOC_ARENA_MAX": "2"}, fed=True, stdout=writing, stderr="capture"
+                command, environment=ENVIRONMENT | MALLOC, fed=True, stdout=writing, stderr="capture"
             )
         except BaseException:
             os.close(reading)
