@@ -1,10 +1,10 @@
 """Reads the results of a study: a row for each point, with numbers and texts."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -23,9 +23,43 @@ SENSITIVITY = "sensitivity.parquet"  # file of a study
 FIRST, STATUS = "point", "status"  # columns around the parameters and the metrics
 NAME = "point.json"  # the manifest of a point
 Numbers = Mapping[str, np.ndarray]  # columns (n,), by name
-Texts = Mapping[str, Sequence[str]]
 NO_UNITS: Mapping[str, str] = {}
 _HINT = "a study is a folder that mjrun sweep has written"
+
+
+class TextColumn(Sequence[str]):
+    """A column of texts, each of which is in memory once.
+
+    Args:
+      codes: place of each text in `words`, `(n,)`.
+      words: the different texts.
+    """
+
+    def __init__(self, codes: np.ndarray, words: Sequence[str]) -> None:
+        place = {word: index for index, word in enumerate(dict.fromkeys(words))}
+        self.words, self.codes = [*place], codes
+        if len(place) < len(words):
+            self.codes = np.array([place[word] for word in words], codes.dtype)[codes]
+
+    @classmethod
+    def of(cls, texts: Sequence[str]) -> "TextColumn":
+        """Returns the column of these texts."""
+        return cls(np.arange(len(texts), dtype=np.int32), texts)
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        if isinstance(index, slice):
+            return [self.words[code] for code in self.codes[index].tolist()]
+        return self.words[int(self.codes[index])]
+
+
+Texts = Mapping[str, TextColumn]
 
 
 @dataclass(frozen=True)
@@ -48,7 +82,7 @@ class StudyResults:
     parameters: Sequence[str]
     metrics: Sequence[str]
     numbers: Mapping[str, np.ndarray]
-    texts: Mapping[str, Sequence[str]]
+    texts: Texts
     metric_columns: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     sensitivity: Mapping[str, Mapping[str, Mapping[str, float]]] = field(
@@ -62,7 +96,7 @@ class StudyResults:
     @property
     def status(self) -> np.ndarray:
         """The outcome of each point `(n,)`: `ok`, `unstable`, …"""
-        return np.array(self.texts[STATUS])
+        return np.array(self.texts[STATUS].words)[self.texts[STATUS].codes]
 
     @property
     def traces(self) -> Mapping[int, Path]:
@@ -135,22 +169,25 @@ def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, An
     with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
         text_columns = [field.name for field in parquet.read_schema(stream) if _is_text(field.type)]
         table = read_whole_parquet(path, stream, text_columns)
-    numbers, texts = dict[str, np.ndarray](), dict[str, Sequence[str]]()
+    numbers, texts = dict[str, np.ndarray](), dict[str, TextColumn]()
     for name, column in zip(table.column_names, table.columns, strict=True):
         if _is_text(column.type):
-            texts[name] = [text for chunk in column.chunks for text in _texts(chunk)]
+            texts[name] = _text_column(column)
         else:
-            numbers[name] = column.to_numpy().astype(float)
+            numbers[name] = column.to_numpy().astype(float, copy=False)
     manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
     known = units(table.schema, dict(zip(table.column_names, range(len(table.column_names)), strict=True)))
     return numbers, texts, table.column_names, manifest, {name: unit for name, unit in known.items() if unit}
 
 
-def _texts(column: "pyarrow.DictionaryArray") -> Iterator[str]:
-    """Yields the texts of a column; equal texts are in memory once."""
-    words = [word or "" for word in column.dictionary.to_pylist()]
-    for index in column.indices.to_pylist():
-        yield "" if index is None else words[index]
+def _text_column(column: "pyarrow.ChunkedArray") -> TextColumn:
+    """Returns a column of texts; null becomes empty."""
+    codes, words = list[np.ndarray](), list[str]()
+    for chunk in column.chunks:
+        found = chunk.indices.fill_null(len(chunk.dictionary)).to_numpy(zero_copy_only=False)
+        codes.append(found.astype(np.int32) + len(words))
+        words += [*(word or "" for word in chunk.dictionary.to_pylist()), ""]
+    return TextColumn(np.concatenate([np.array([], np.int32), *codes]), words)
 
 
 def _is_text(kind: "pyarrow.DataType") -> bool:

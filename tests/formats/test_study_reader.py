@@ -38,7 +38,7 @@ def test_numbers_and_texts_are_those_that_pandas_reads(tmp_path: Path) -> None:
         np.testing.assert_array_equal(values, frame[name])
     assert list(study.texts["model"]) == frame["model"].tolist()
     assert study.status.tolist() == ["ok", "failed"]
-    assert study.texts["message"] == ["", "no mesh"]
+    assert [*study.texts["message"]] == ["", "no mesh"]
 
 
 def test_a_folder_that_is_no_study_is_reported(tmp_path: Path) -> None:

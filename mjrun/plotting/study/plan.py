@@ -37,8 +37,8 @@ from mjrun.plotting.study.statistics import (
     SEED,
     Parameter,
     dependences,
-    grouped,
     is_grid,
+    medians,
     parameter_of,
     rank_correlations,
     ranks,
@@ -269,9 +269,7 @@ class StudyFigurePlan:
         count = np.bincount(cells, minlength=shape[0] * shape[1])
         panels: list[StudyPanel] = []
         for metric in self._shown(self._metrics):
-            values = np.full(len(count), np.nan)
-            for cell, inside in grouped(cells, metric.values):
-                values[int(cell)] = np.median(inside)
+            values = medians(cells, metric.values, len(count))
             failed = (count > 0) & np.isnan(values)
             ends = scale(metric.name, values, log=metric.log, edge=0.0)
             colours = replace(ends, log=metric.log and ends.low > 0)

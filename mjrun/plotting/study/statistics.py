@@ -69,9 +69,11 @@ def parameter_of(results: StudyResults, name: str) -> Parameter:
     if name in results.numbers:
         values = results.numbers[name]
         return Parameter(name, values, np.unique(values), label=results.with_unit(name))
-    categories = list(dict.fromkeys(results.texts[name]))
-    places = {text: float(index) for index, text in enumerate(categories)}
-    values = np.array([places[text] for text in results.texts[name]])
+    texts = results.texts[name]
+    used, first, codes = np.unique(texts.codes, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    categories = [texts.words[int(code)] for code in used[order]]
+    values = np.argsort(order)[codes].astype(float)
     return Parameter(name, values, np.arange(len(categories), dtype=float), categories)
 
 
@@ -103,6 +105,22 @@ def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.
     order = np.argsort(keys, kind="stable")
     different, starts = np.unique(keys[order], return_index=True)
     return list(zip(different.tolist(), np.split(values[order], starts[1:]), strict=False))
+
+
+def medians(groups: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Returns the median of the finite values of each group `(count,)`; NaN for groups without any.
+
+    Args:
+      groups: number of the group of each value `(n,)`.
+    """
+    groups, values = groups[np.isfinite(values)], values[np.isfinite(values)]
+    values = values[np.lexsort((values, groups))]
+    sizes = np.bincount(groups, minlength=count)
+    starts, some = np.cumsum(sizes) - sizes, sizes > 0
+    middle = np.full(count, np.nan)
+    low, high = (values[(starts + each)[some]] for each in ((sizes - 1) // 2, sizes // 2))
+    middle[some] = (low + high) / 2
+    return middle
 
 
 def ranks(values: np.ndarray) -> np.ndarray:

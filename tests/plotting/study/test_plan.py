@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import BadValueError, MissingExtraError, UnknownNameError, UsageError
-from mjrun.formats.study_reader import StudyResults
+from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan
-from mjrun.plotting.study.statistics import dependences, rank_correlations
+from mjrun.plotting.study.statistics import dependences, medians, rank_correlations
 
 Columns = Mapping[str, "np.ndarray | list[str]"]
 
@@ -22,8 +22,8 @@ Columns = Mapping[str, "np.ndarray | list[str]"]
 def results(parameters: Columns, metrics: Mapping[str, np.ndarray], status: np.ndarray | None = None) -> StudyResults:
     count = len(next(iter(parameters.values())))
     numbers = {name: values for name, values in parameters.items() if isinstance(values, np.ndarray)}
-    texts = {name: values for name, values in parameters.items() if not isinstance(values, np.ndarray)}
-    states = ["ok"] * count if status is None else status.tolist()
+    texts = {name: TextColumn.of(values) for name, values in parameters.items() if not isinstance(values, np.ndarray)}
+    states = TextColumn.of(["ok"] * count if status is None else status.tolist())
     return StudyResults(
         Path("study"), list(parameters), list(metrics), {**numbers, **metrics}, {**texts, "status": states}
     )
@@ -218,3 +218,12 @@ def test_without_scipy_the_extra_is_reported(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="scipy"):
         rank_correlations([], np.empty(0))
+
+
+def test_medians_are_those_of_the_finite_values_of_each_group() -> None:
+    rng = np.random.default_rng(0)
+    groups, values = rng.integers(0, 9, 60), rng.normal(size=60)
+    values[::7], values[groups == 4] = np.nan, np.inf
+    expected = [values[(groups == group) & np.isfinite(values)] for group in range(11)]
+    made = [np.median(each) if len(each) else np.nan for each in expected]
+    np.testing.assert_array_equal(medians(groups, values, 11), made)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.formats.study_reader import StudyResults
+from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study import trajectories
 from mjrun.plotting.study.figure_data import GraphPanel, StudyDrawing
@@ -26,7 +26,7 @@ def results(folder: Path, count: int) -> StudyResults:
         (home / "point.json").write_text(json.dumps({"values": {"seed": str(point)}}))
         trace = pd.DataFrame({"time": TIMES, "qpos/hip": np.sin(TIMES + point), "qpos/knee": TIMES, "ctrl/m": TIMES})
         trace.to_parquet(home / "trace.parquet")
-    seeds, texts = np.arange(count, dtype=float), {"status": ["ok"] * count}
+    seeds, texts = np.arange(count, dtype=float), {"status": TextColumn.of(["ok"] * count)}
     return StudyResults(folder, ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, ["qpos/knee", "xpos/hip/x"])
 
 
