@@ -15,7 +15,7 @@ SCRIPT = r'''
 import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.request
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
-from mjrun.viewer.window import Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+from mjrun.viewer.window import Edit, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
 from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
 from websockets.exceptions import InvalidStatus
@@ -46,7 +46,7 @@ with socket.socket() as free:
 hooks, threads = (sys.excepthook, threading.excepthook), threading.active_count()
 
 # Whoever comes before the first frame, as a tab that is still open does, is put off: frames wait for that here.
-first_frame, prepare, early = threading.Event(), studio.LocalViewer.prepare_next_frame, []
+first_frame, prepare, early = threading.Event(), studio.LoopbackViewer.prepare_next_frame, []
 
 def wait_and_prepare(viewer):
     assert first_frame.wait(1800)
@@ -68,7 +68,7 @@ def come_early():
             time.sleep(0.01)  # it does not listen yet
     first_frame.set()
 
-studio.LocalViewer.prepare_next_frame = wait_and_prepare
+studio.LoopbackViewer.prepare_next_frame = wait_and_prepare
 visitor = threading.Thread(target=come_early)
 visitor.start()
 page = studio.StudioPage(model, data, port, 0.5)
