@@ -13,12 +13,12 @@ pytestmark = pytest.mark.skipif(not seccomp.is_known(), reason="there is no filt
 
 TRY = """
 import os, socket, sys, threading, time
-from mjrun.confinement import connector, seccomp
+from mjrun.confinement import loopback_connector, seccomp
 free = socket.socket()
 free.bind(("127.0.0.1", 0))
 free.listen()
 elsewhere = free.getsockname()
-made = connector.Connector()
+made = loopback_connector.Connector()
 helper = int(open(f"/proc/self/task/{os.getpid()}/children").read())
 own = made.bound.getsockname()
 made.listen(seccomp.restrict(serves=True))

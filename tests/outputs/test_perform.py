@@ -30,7 +30,6 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.interruption import interrupt
 from mjrun.outputs.image import Image
-from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
@@ -146,8 +145,8 @@ def test_all_that_is_wrong_with_jobs_is_reported_at_once(swing: Path, tmp_path: 
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
     with pytest.raises(FaultyJobsError) as caught:  # each front end spells options in its own way
-        preview([video, Keyframe(simulation, f"{tmp_path}/key.txt")])
-    assert "--save-key" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
+        preview([trace, replace(video, camera=["side", "side"])])
+    assert "--camera" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
         preview([replace(plot, simulation=replace(simulation, qpos={}))])
     assert [*tmp_path.iterdir()] == [swing]
