@@ -144,9 +144,10 @@ def test_all_that_is_wrong_with_jobs_is_reported_at_once(swing: Path, tmp_path: 
         "no probe 'enrgy' (did you mean 'energy'?)",
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
+    called = Simulation(swing, control_dt=0.01)
     with pytest.raises(FaultyJobsError) as caught:  # each front end spells options in its own way
-        preview([trace, replace(video, camera=["side", "side"])])
-    assert "--camera" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
+        preview([Trace(called, f"{tmp_path}/t.csv"), Recording(called, f"{tmp_path}/r.npz")])
+    assert "--control-dt" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
         preview([replace(plot, simulation=replace(simulation, qpos={}))])
     assert [*tmp_path.iterdir()] == [swing]
