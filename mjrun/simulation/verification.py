@@ -19,7 +19,7 @@ from mjrun.physics.recorded_states import RecordedStates, ReplayStepper
 from mjrun.probe.fields import state_columns
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import origin
-from mjrun.simulation.simulation import Simulation
+from mjrun.simulation.simulation import Simulation, require_whole
 
 SCHEMA = "mjrun-verify-1"
 VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "machine": "machine"}  # which determine the bits
@@ -106,6 +106,7 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
       FailedStepError: MuJoCo could not complete a step.
     """
     reporter = reporter or WarningReporter()
+    require_whole(simulation, "a verification")
     if simulation.replay is None:
         raise UsageError(f"{option('verify')} requires a recording: name it with {option('replay')}")
     if not is_recording(Path(simulation.replay)):
