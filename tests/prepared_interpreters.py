@@ -36,7 +36,7 @@ MODULES = {
     "mjrun.study.point_server:PointSimulationServer": ("mjrun.study.point_server", "mjrun.study.simulate"),
 }
 OWNER = os.getpid()
-EXECUTABLE = sys.executable  # which tests change
+EXECUTABLE, SEARCHED = sys.executable, [*sys.path]  # which tests change
 WITHOUT_EFFECT = ("PYTEST_CURRENT_TEST",)
 MOST = 6  # interpreters at a time
 REQUEST = 2**17  # bytes, at most
@@ -59,7 +59,7 @@ class PreparedInterpreter:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
-                python_call("tests.prepared_interpreters:serve", *modules, str(theirs.fileno())),
+                python_call("tests.prepared_interpreters:serve", *modules, str(theirs.fileno()), path=SEARCHED),
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -179,6 +179,7 @@ def serve(*arguments: str) -> None:
         if not request:
             return
         if not (between := os.fork()):
+            COMM.write_text("python")  # of the copy, too, before anybody can look at it
             if pid := os.fork():
                 parent.send(str(pid).encode())
                 os._exit(0)
@@ -203,7 +204,6 @@ def _run(request: dict[str, Any], descriptors: Sequence[int]) -> None:
     for copy, number in zip(copies, numbers, strict=True):
         os.dup2(copy, number)
         os.close(copy)
-    COMM.write_text("python")
     os.environ.clear()
     os.environ.update(request["env"])
     gc.enable()
