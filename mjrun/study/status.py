@@ -79,7 +79,7 @@ class StudyStatus:
         elif not self.running:
             facts.append("no process works on it")
         if self.rate:
-            facts.append(f"{self.rate:.3g} points/s")
+            facts.append(f"{self.rate:,.0f} points/s" if self.rate >= 100 else f"{self.rate:.3g} points/s")
         if self.remaining:
             facts.append(f"about {span_of_time(self.remaining)} left")
         return f"{clean(self.path)}: {', '.join(facts)}"
@@ -180,9 +180,9 @@ def write_status_page(path: str, status: StudyStatus) -> None:
     page = Page(
         title=f"{clean(Path(status.path).name)}: progress",
         maker=MAKER,
-        verdict=(not status.failed, status.text),
+        verdict=(not status.failed, f"{100 * status.done / status.points:.1f} % done"),
         facts=tables,
-        notes=[time.strftime("%Y-%m-%d %H:%M:%S")],
+        notes=[status.text, time.strftime("%Y-%m-%d %H:%M:%S")],
         refresh=REFRESH if status.running and not status.is_finished else None,
     )
     with PageWriter(path) as writer:
