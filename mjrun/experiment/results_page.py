@@ -62,10 +62,10 @@ def parameters_table(design: Design) -> list[PageFactTable]:
         else:
             shown = f"{number(float(values.min()))} … {number(float(values.max()))}"
         rows.append((name, f"{len(texts):,}", shown))
-    caption = f"What varies over {len(design.points):,} points"
-    return (
-        [PageFactTable("Parameters", caption, ("Parameter", "Different values", "Values"), rows, (1,))] if rows else []
-    )
+    if not rows:
+        return []
+    caption, headings = f"What varies over {len(design.points):,} points", ("Parameter", "Different values", "Values")
+    return [PageFactTable("Parameters", caption, headings, rows, (1,))]
 
 
 def study_figures(folder: str | Path) -> tuple[list[PageFigure], list[str]]:
