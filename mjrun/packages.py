@@ -196,14 +196,19 @@ def _requirements() -> list[PackageRequirement]:
 
 
 def _read(distribution: "Distribution") -> list[PackageRequirement]:
-    """Reads a package's requirements from its headers alone, as parsing a whole README is slow."""
-    headers, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
-    texts = [line.removeprefix(FIELD) for line in headers.splitlines() if line.startswith(FIELD)]
+    """Reads a package's requirements."""
+    texts = _fields(distribution, FIELD)
     matches = [match for match in (re.match(_REQUIREMENT, text) for text in texts) if match]
     return [
         PackageRequirement(_normalized(name), specifier.strip(), (marker or "").strip())
         for name, specifier, marker in (match.groups() for match in matches)
     ]
+
+
+def _fields(distribution: "Distribution", name: str) -> list[str]:
+    """Returns the values of a field of a package's metadata, from its headers alone: parsing a whole README is slow."""
+    headers, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
+    return [line.removeprefix(name).strip() for line in headers.splitlines() if line.startswith(name)]
 
 
 def _normalized(name: str) -> str:
@@ -213,10 +218,10 @@ def _normalized(name: str) -> str:
 
 def installed_version(package: str) -> str:
     """Returns the version of a package; empty if it is not installed."""
-    from importlib.metadata import PackageNotFoundError, version
+    from importlib.metadata import PackageNotFoundError, distribution
 
     try:
-        return version(package)
+        return next(iter(_fields(distribution(package), "Version: ")), "")
     except PackageNotFoundError:
         return ""
 

@@ -22,9 +22,7 @@ from mjrun.options.console import ConsoleOptions
 from mjrun.options.model import ServoOptions
 from mjrun.options.output import LAST_INSTANT, CommandOptions
 from mjrun.options.policy import ZERO
-from mjrun.options.sweep import VariationOptions
 from mjrun.options.trace import TraceOptions
-from mjrun.python_code import RedirectedFunction, load_code, made
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
@@ -112,6 +110,8 @@ def load_controller(code: str) -> Callable[..., object]:
       FileError: the file does not exist.
       ControllerError: its code failed.
     """
+    from mjrun.python_code import RedirectedFunction, load_code, made
+
     controller = made(load_code(code, "controller", CONTROLLER), code, "controller")
     if not callable(controller):
         kind = type(controller).__name__
@@ -122,6 +122,7 @@ def load_controller(code: str) -> Callable[..., object]:
 def varied_controllers(command_line: CommandLine) -> dict[str, Callable[..., object]]:
     """Loads the controllers among the values of parameters, by what names them."""
     from mjrun.experiment.design import value_list
+    from mjrun.options.sweep import VariationOptions
 
     varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]
     return {name: load_controller(name) for text in varied for name in value_list("controller", text, "vary")}

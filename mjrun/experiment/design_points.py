@@ -92,11 +92,9 @@ class DesignColumn:
     @cached_property
     def distinct(self) -> Sequence[str]:
         """The values of points, in the order of `texts`."""
-        is_used = np.zeros(len(self.texts), bool)
-        is_used[self.places] = True
-        if is_used.all():
+        used = self._used
+        if len(used) == len(self.texts):
             return self.texts
-        used = np.flatnonzero(is_used)
         return self.texts.only(used) if isinstance(self.texts, NumberTexts) else texts_at(self.texts, used)
 
     @property
@@ -104,13 +102,20 @@ class DesignColumn:
         """The value of each point `(n,)`; None if they are not numbers."""
         if isinstance(self.texts, NumberTexts):
             return self.texts.numbers[self.places]
-        used = np.unique(self.places)
+        used = self._used
         values = numbers(texts_at(self.texts, used))
         if values is None:
             return None
         spread = np.empty(len(self.texts))
         spread[used] = values
         return spread[self.places]
+
+    @property
+    def _used(self) -> np.ndarray:
+        """The places of texts that a point has, ascending."""
+        is_used = np.zeros(len(self.texts), bool)
+        is_used[self.places] = True
+        return np.flatnonzero(is_used)
 
 
 class GridPoints(Sequence[Values]):

@@ -13,7 +13,6 @@ same seeds at every point, and equally many episodes.
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
@@ -295,6 +294,8 @@ def share(cases: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE, cl
 
 def wilson_interval(count: float, of: float, confidence: float = CONFIDENCE) -> Interval:
     """Returns Wilson's score interval of the share `count / of`."""
+    from statistics import NormalDist
+
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     share, weight = count / of, z * z / of
     centre = (share + weight / 2) / (1 + weight)

@@ -164,6 +164,27 @@ def array_validity(array: pyarrow.Array) -> np.ndarray:
     return valid[array.offset : array.offset + len(array)]
 
 
+def cast_texts(table: pyarrow.Table, schema: pyarrow.Schema) -> pyarrow.Table:
+    """Returns a table whose dictionaries of texts are plain texts where `schema`, of the same columns, says so.
+
+    Its method `cast` does the same, but imports `pyarrow.compute`, which takes longer than a small study.
+    """
+    columns = list[pyarrow.ChunkedArray]()
+    for column, kind in zip(table.columns, schema.types, strict=True):
+        if column.type == kind:
+            columns.append(column)
+        elif types.is_dictionary(column.type) and not column.null_count:
+            columns.append(pyarrow.chunked_array([_plain_texts(chunk) for chunk in column.chunks], kind))
+        else:
+            columns.append(column.cast(kind))
+    return pyarrow.Table.from_arrays(columns, schema=schema)
+
+
+def _plain_texts(array: pyarrow.DictionaryArray) -> pyarrow.Array:
+    texts = array.dictionary.to_pylist()
+    return text_array([texts[code] for code in array_numbers(array.indices, np.int32)])
+
+
 def text_array(texts: Sequence[str]) -> pyarrow.Array:
     """Returns an Arrow array of texts."""
     encoded = [text.encode() for text in texts]

@@ -287,6 +287,8 @@ class ChunkFiles:
     def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> Path:
         import pyarrow.parquet
 
+        from mjrun.formats.arrow_columns import cast_texts
+
         digest = hashlib.sha256(content.encode()).hexdigest()[:NAMED]
         path = self.folder / f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
         schema = _schema(self._metrics, self.study)
@@ -297,7 +299,7 @@ class ChunkFiles:
                 pyarrow.parquet.ParquetWriter(stream, schema, compression="zstd") as writer,
             ):
                 for table in tables:
-                    writer.write_table(table.cast(schema))
+                    writer.write_table(cast_texts(table, schema))
             output.publish()
         self._parts.add(path)
         return path

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from mjrun.camera.script import CameraScript
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import Encoding
 from mjrun.options.rendering import ViewOptions
@@ -59,6 +58,8 @@ class EpisodeSpec:
 
 def camera_keys(cameras: Sequence[object]) -> tuple[str, ...]:
     """Returns a name for each camera that paths and names of features can contain, each only once."""
+    from mjrun.camera.script import CameraScript  # which only datasets need
+
     names = [each.name if isinstance(each, CameraScript) else str(each).partition(",")[0] for each in cameras]
     plain_names = [re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "camera" for name in names]
     keys = list[str]()

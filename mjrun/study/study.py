@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -32,7 +33,6 @@ from mjrun.formats.study_reader import read_study
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
-from mjrun.plotting.table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
@@ -46,6 +46,9 @@ from mjrun.study.result_columns import STATUSES
 from mjrun.study.results import FailureGroup, point_failures, study_table, with_flags
 from mjrun.study.spec import StudySpec, versions, with_end
 from mjrun.version import __version__
+
+if TYPE_CHECKING:
+    from mjrun.plotting.table import Table
 
 SCHEMA = "mjrun-sweep-1"
 READ = (*versions(), "model", "files", "code", "environment", "controllers")  # parts of an identity beside options
@@ -289,12 +292,14 @@ class StudyResult:
     schema: str = SCHEMA
 
     @property
-    def table(self) -> Table:
+    def table(self) -> "Table":
         """The numbers of the points, a row for each: its parameters and metrics.
 
         Raises:
           FileError: the folder has been removed.
         """
+        from mjrun.plotting.table import Table
+
         results = read_study(self.path)
         return Table(dict(results.numbers), dict(results.units))
 

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.arrow_columns import read_whole_parquet
+from mjrun.formats.arrow_columns import cast_texts, read_whole_parquet
 from tests.formats.table_files import bits, lists, write
 
 
@@ -80,3 +80,13 @@ def test_a_whole_table_is_what_pyarrow_reads_unless_it_would_fill_the_memory(
     monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with path.open("rb") as file, pytest.raises(FileError, match=r"a\.parquet: would expand to [\d.]+ GB in memory"):
         read_whole_parquet(path, file)
+
+
+def test_casting_texts_gives_the_table_that_arrow_casts() -> None:
+    codes = pa.array([1, 0, 1, 2], pa.int32())
+    texts = pa.DictionaryArray.from_arrays(codes, pa.array(["µ", "ab", ""]))
+    with_null = pa.DictionaryArray.from_arrays(pa.array([0, None, 0, 0], pa.int32()), ["x"])
+    parts = [pa.table({"a": texts, "b": with_null, "c": [1, 2, 3, 4]})] * 2
+    table = pa.concat_tables([parts[0], parts[1].slice(1, 2)])
+    schema = pa.schema({"a": pa.string(), "b": pa.string(), "c": pa.int64()}, {"study": "s"})
+    assert cast_texts(table, schema).equals(table.cast(schema), check_metadata=True)
