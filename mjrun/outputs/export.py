@@ -408,7 +408,8 @@ class ExportOutput(output.Output[ExportResult]):
             taps.append(self._detector.tap(self._context.timeline.steps))
         return taps
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def draw(self) -> None:
+        """Writes the scene, and draws its images as the format asks for them."""
         self._frames.keep_recorded()
         marks, self._verdicts = self._detector.finish() if self._detector else ((), ())
         self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
@@ -420,6 +421,8 @@ class ExportOutput(output.Output[ExportResult]):
             write(scene, self._file)
             self._file.flush()
             self._size = self._file.tell() if self._file.seekable() else 0
+
+    def finish(self) -> Sequence[OutputWriter]:
         self.facts = {**self.facts, "frames": len(self._frames.states)}
         self._writer.finish()
         return [self._writer]

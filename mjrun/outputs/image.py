@@ -151,22 +151,22 @@ class ImageOutput(FrameOutput[ImageResult]):
             labels = Segmentation(plan.context.model, job.seg_by).legend if "seg" in job.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def draw(self) -> None:
         compositor = self.compositor(self._job.legend)
         pictures = self._pictures(compositor)
         for index in range(len(self._writers)):
             self._write(index, compositor, pictures)
-        writers = [*self._writers, *self.calibrate()]
         if self._pointcloud:
-            writers.append(self._pointcloud)
             for picture in pictures:
                 self._pointcloud.write(picture)
-
-        for writer in writers:
-            writer.finish()
         if self._clipped:
             text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
             self._reporter.warn(text)
+
+    def finish(self) -> Sequence[OutputWriter]:
+        writers = [*self._writers, *self.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
+        for writer in writers:
+            writer.finish()
         return writers
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> ImageResult:

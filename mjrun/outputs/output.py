@@ -1,7 +1,8 @@
 """An output in two phases: a plan, with everything checked and nothing open, and an output, whose files are open.
 
 A *job* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
-An *output* observes the simulation through its taps. `finish` completes its files, which can then be published.
+An *output* observes the simulation through its taps. Then it draws what they recorded, and finishes its files, which
+can be published.
 """
 
 from abc import ABC, abstractmethod
@@ -205,11 +206,17 @@ class Output(ABC, Generic[R_co]):
         """Runs the simulation up to step `until` for this output alone."""
         observe(stepper, self.taps({}), until)
 
+    def draw(self) -> None:
+        """Draws frames and figures into the files after the simulation, from what the taps recorded.
+
+        Raises:
+          MjrunError: a frame cannot be rendered, or a file cannot be written.
+        """
+        return
+
     @abstractmethod
     def finish(self) -> Sequence[OutputWriter]:
-        """Completes and verifies all files after the simulation, and returns the writers, which remain to be published.
-
-        Frames are drawn here, from the states that the taps recorded.
+        """Completes and verifies all files, and returns the writers, which remain to be published.
 
         Raises:
           MjrunError: the output cannot be completed.

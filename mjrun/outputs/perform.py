@@ -3,7 +3,7 @@
 import copy
 import os
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -16,7 +16,7 @@ from mjrun.formats.atomic_output import OutputWriter, publish_together, publishi
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.end_condition import final_timeline
-from mjrun.outputs.output import Context, Job, OutputResult, PassRenderers, PassSummary, Plan, Preview
+from mjrun.outputs.output import Context, Job, Output, OutputResult, PassRenderers, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.physics.observe import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
@@ -37,8 +37,8 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
     """Performs all `jobs` of one simulation in one pass, and returns their results.
 
     Errors that can be detected early are raised before the first step; nothing is made then. Later, a failing output
-    does not affect the others: all are finished before any is published, those that are complete are published, and
-    `published` is called for each.
+    does not affect the others: all are drawn and finished before any is published, those that are complete are
+    published, and `published` is called for each.
 
     Raises:
       PartlyDoneError: some outputs were made and others failed.
@@ -52,6 +52,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
         with doing("simulating"), collected_warnings() as warnings, without_timers():
             current: Pass[R] = Pass(jobs, reporter, stack)
             current.simulate()
+            current.draw()
             current.finish()
         if current.instability is None:  # which describes it better
             pass_on(warnings, reporter)
@@ -154,13 +155,17 @@ class Pass(Generic[R]):
             return None
         return episode.result(stepper)
 
+    def draw(self) -> None:
+        """Draws what the outputs recorded."""
+        for index, output in self._completed():
+            with self._failing(index):
+                output.draw()
+
     def finish(self) -> None:
         """Completes the outputs that can be completed."""
-        for index, output in enumerate(self.outputs):
-            wanted = self.instability is None or self._jobs[index].keeps_partial
-            if wanted and index not in self.failures:
-                with self._failing(index):
-                    self._writers[index] = output.finish()
+        for index, output in self._completed():
+            with self._failing(index):
+                self._writers[index] = output.finish()
 
     def publish(self, warnings: Sequence[str], published: Published | None) -> None:
         """Publishes the outputs that are complete, each only together with its manifest; signals wait."""
@@ -196,6 +201,12 @@ class Pass(Generic[R]):
             for other in others:
                 main.add_note(other.spelled(errors.option))
         return main
+
+    def _completed(self) -> Iterator[tuple[int, Output[R]]]:
+        """Yields the outputs that can be completed: those that have not failed, and keep what an instability left."""
+        for index, output in enumerate(self.outputs):
+            if index not in self.failures and (self.instability is None or self._jobs[index].keeps_partial):
+                yield index, output
 
     def _verdicts(self) -> list[errors.MjrunError]:
         """Returns the errors of complete outputs with failed assertions or golden differences."""

@@ -152,11 +152,13 @@ class PlotOutput(output.Output[PlotResult]):
             self.feed(0, self._table.names, block().values)
         stepper.advance(until)
 
-    def finish(self) -> Sequence[FigureWriter]:
+    def draw(self) -> None:
         self._buffer.flush()
         for text in (*self._figure.notes, *(text for collector in self._collectors for text in collector.notes())):
             self._context.reporter.note(text)
         self._writer.write(self._figure.drawing(self._collectors), self._figure.grid, self._job.style)
+
+    def finish(self) -> Sequence[FigureWriter]:
         self._writer.finish()
         return [self._writer]
 

@@ -1,4 +1,4 @@
-"""Video output: saves the state of every frame during the simulation, then renders the states into the encoder."""
+"""Video output: saves the state of every frame during the simulation, then draws the states into the encoder."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -168,22 +168,36 @@ class VideoOutput(DrawnFrames[VideoResult]):
         self.open_calibration(numbers=job.style == "exact")
         self.start_drawing()
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def draw(self) -> None:
+        """Renders every frame into the files."""
         start = perf_counter()
-        compositor = self.compositor()
-        self._draw(compositor)
-        calibration = self.calibrate()
+        compositor, count = self.compositor(), len(self.states)
+        for writer in self._writers:
+            writer.count = count
+        is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
+        clipped = 0
+        for parts in self.drawn(compositor):
+            for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
+                writer.write(part)
+                clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
+        if clipped:
+            share = clipped / (count * sum(is_depth) * prod(self._job.size))
+            self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
+
         for labels, stream in zip(self._labels, compositor.streams, strict=True):
             if labels:
                 assert compositor.segmentation
                 colours = None if stream.exact else compositor.colors
                 labels.write(stream.size, compositor.segmentation.legend, colours)
-
-        writers = [*self._writers, *filter(None, self._labels), *calibration]
-        for writer in writers:
-            writer.finish()
-        self.facts = {**self.facts, "frames": len(self.schedule.steps)}
         self._draw_wall = perf_counter() - start
+
+    def finish(self) -> Sequence[OutputWriter]:
+        start = perf_counter()
+        writers = [*self._writers, *filter(None, self._labels), *self.calibrate()]
+        for writer in writers:
+            writer.finish()  # the encoder may have frames left
+        self.facts = {**self.facts, "frames": len(self.schedule.steps)}
+        self._draw_wall += perf_counter() - start
         return writers
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> VideoResult:
@@ -220,21 +234,6 @@ class VideoOutput(DrawnFrames[VideoResult]):
             more = f" and {len(older) - 1} more" if len(older) > 1 else ""
             texts.append(f"{clean(older[0])}{more} already existed and follow the last frame: not part of this video")
         return texts
-
-    def _draw(self, compositor: SceneCompositor) -> None:
-        """Renders every frame into the files."""
-        states = self.states
-        for writer in self._writers:
-            writer.count = len(states)
-        is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
-        clipped = 0
-        for parts in self.drawn(compositor):
-            for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
-                writer.write(part)
-                clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
-        if clipped:
-            share = clipped / (len(states) * sum(is_depth) * prod(self._job.size))
-            self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
 
     def _note_padding(self, encoded: Encoding, size: tuple[int, int]) -> None:
         right, bottom = encoded.padding(*size)

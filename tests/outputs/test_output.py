@@ -66,6 +66,7 @@ def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind:
 
         output = plan.open(stack, stack.enter_context(closing(PassRenderers())))
         output.simulate(simulation.stepper(context.model), plan.until)
+        output.draw()
         writers = output.finish()
         assert visible(tmp_path) == ["swing.xml"]
 
@@ -76,7 +77,7 @@ def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind:
 
 
 @pytest.mark.parametrize("kind", JOBS)
-@pytest.mark.parametrize("until", ["open", "simulate", "finish"])
+@pytest.mark.parametrize("until", ["open", "simulate", "draw", "finish"])
 def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, kind: str, until: str) -> None:
     simulation = Simulation(swing, steps=5)
     context = context_of(simulation)
@@ -85,6 +86,8 @@ def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, 
         output = plan.open(stack, stack.enter_context(closing(PassRenderers())))
         if until != "open":
             output.simulate(simulation.stepper(context.model), plan.until)
+        if until in ("draw", "finish"):
+            output.draw()
         if until == "finish":
             output.finish()
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
@@ -95,7 +98,9 @@ def test_a_plan_is_frozen_and_is_only_opened(swing: Path, tmp_path: Path, kind: 
     plan = JOBS[kind](simulation := Simulation(swing, steps=5), tmp_path).plan(context_of(simulation))
     with pytest.raises(FrozenInstanceError):
         plan.until = 3
-    assert {name for name in ("check", "plan", "open", "taps", "finish", "result") if hasattr(plan, name)} == {"open"}
+    assert {name for name in ("check", "plan", "open", "taps", "draw", "finish", "result") if hasattr(plan, name)} == {
+        "open"
+    }
     assert {name for name in ("check", "plan", "open") if hasattr(Output, name)} == set()
 
 
