@@ -54,6 +54,7 @@ class Thresholds:
     side_inertia: float = _threshold("MJ309", 0.05, "relative difference of principal inertias")
     side_size: float = _threshold("MJ309", 0.05, "relative difference of the sizes of colliding geoms")
     side_axis: float = _threshold("MJ309", 0.2, "difference between components of joint axes")
+    side_force: float = _threshold("MJ309", 0.02, "relative difference of gears, gains and forceranges")
     side_range: float = _threshold("MJ309", 0.02, "relative difference of joint ranges")
 
     link_turn: float = _threshold("MJ313", pi, "turn of a hinge that can pass through its parent [rad]")

@@ -37,6 +37,15 @@ def elements_without_file(source: xml_source.XmlSource) -> set[xml_source.Elemen
     return {element for element, *_ in _missing(source)}
 
 
+def asset_of_other_file(source: xml_source.XmlSource, kind: str, name: str) -> xml_source.Element | None:
+    """Returns the element that would be called `name`, if its missing file were the one beside it; None without one."""
+    for element, _, paths in _missing(source):
+        named = element.tag != kind or "name" in element.attributes
+        if not named and any(Path(file).stem == name for path in paths for file in _siblings(path.parent)):
+            return element
+    return None
+
+
 def _missing(source: xml_source.XmlSource) -> Iterator[tuple[xml_source.Element, str, list[Path]]]:
     """Yields the elements that refer to missing files, the names of these files, and the paths that MuJoCo tries.
 

@@ -36,7 +36,6 @@ REMEDIES = (
     (r"free joint can only be used on top level", "move the body directly into <worldbody>, or give it other joints"),
     (r"size \d must be positive", "give it a size, or fromto: a sphere has 1 number, a capsule 2, a box 3"),
     (r"plugin .* not found", "mjrun supports only the plugins that come with MuJoCo"),
-    (r"already included", "a file is included once; put what repeats into <default>, or attach it as a <model>"),
     (
         r"no decoder found for mesh",
         "MuJoCo reads meshes in STL, OBJ and MSH; convert it to one of them, as Blender does",
@@ -142,6 +141,46 @@ def _files(error: CompileError, match: re.Match[str]) -> Findings:
 
 def _special_file(error: CompileError, match: re.Match[str]) -> Findings:
     yield error.finding(asset_files.MISSING_FILE, error.text, "name a regular file", match[1])
+
+
+def _included_again(error: CompileError, match: re.Match[str]) -> Findings:
+    name = match[1]
+    again = [
+        e for e in error.source.elements() if e.tag == "include" and Path(e.attributes.get("file", "")).name == name
+    ]
+    remedy = "a file is included once, and not by itself; put what repeats into <default>, or attach it as a <model>"
+    for element in again:
+        yield COMPILE_ERROR.in_element(element, f"the model does not load: {error.text}", remedy)
+
+
+def _mesh(error: CompileError, match: re.Match[str]) -> Findings:
+    """Yields a finding for the mesh, whose file may be damaged."""
+    name, message = match["name"], f"the model does not load: {match['text']}"
+    message += f", in mesh {quoted(name)}" if name not in match["text"] else ""
+    remedy = "look at its file: it is flat, incomplete or damaged"
+    meshes = [e for e in error.source.elements() if e.tag == "mesh" and _name(e, "mesh") == name]
+    for mesh in meshes[:1]:
+        yield COMPILE_ERROR.in_element(mesh, message, remedy)
+
+
+def _not_finite(error: CompileError, match: re.Match[str]) -> Findings:
+    """Yields a finding for each attribute with a number like that in mjrun's message."""
+    value = float(match[1])
+    for element in error.source.elements():
+        for attribute, text in element.attributes.items():
+            if attribute not in ("name", "file", *REFERENTS) and any(_is_same(word, value) for word in text.split()):
+                message = f"{attribute} must be finite: {quoted(text)}"
+                yield BAD_VALUE.in_element(
+                    element, message, "write finite numbers; MuJoCo's reference has the defaults"
+                )
+
+
+def _is_same(word: str, value: float) -> bool:
+    """Returns whether a word is the number `value`, which may be NaN."""
+    try:
+        return repr(float(word)) == repr(value)
+    except ValueError:
+        return False
 
 
 def _circle(error: CompileError, match: re.Match[str]) -> Findings:
@@ -265,6 +304,8 @@ def _unknown_name(error: CompileError, match: re.Match[str]) -> Findings:
     missing = asset_files.elements_without_file(error.source)
     candidates = [e for e in _candidates(error, element, kind) if e not in missing]
     hint, remedy = _valid_names(name, kind, candidates)
+    if kind in NAMED_BY_FILE and (asset := asset_files.asset_of_other_file(error.source, kind, name)):
+        hint, remedy = "", f"correct the file of the <{kind}> on line {asset.line}, which gives it its name"
     yield error.finding(UNKNOWN_NAME, f"{error.text}{hint}", remedy, name)
 
 
@@ -334,6 +375,13 @@ EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]
     (r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not", _files),
     (r"'(.*)' is .*; a model is read from regular files", _special_file),
     (r"or attaches this model again", _circle),
+    (r"File '(.*)' already included", _included_again),
+    (
+        r"(?P<text>(?:qhull error|at least \d+ vertices|mesh '.*' has|mesh volume|mesh surface).*); Element name "
+        r"'(?P<name>.*)', id",
+        _mesh,
+    ),
+    (r"must be finite, not (nan|-?inf)", _not_finite),
     (r"invalid keyword: '(.*?)'", _keyword),
     (r"required attribute missing: '(?P<attribute>\w+)'", _missing_attribute),
     (r"(?:bad format in|problem reading|error in)? ?attribute '(?P<attribute>\w+)'", _value),

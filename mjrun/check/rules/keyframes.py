@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -129,19 +130,32 @@ def _normalized(context: LintContext, key: int, start: int) -> Fix | None:
 
 @rule("MJ405", "error", "keyframe of the wrong size")
 def incomplete_keyframes(context: LintContext) -> Iterator[Violation]:
-    """Yields keyframes in the model's own file with fewer numbers than the model has; MuJoCo completes them.
+    """Yields keyframes with fewer numbers than the model has, or than the file needs that the model includes.
 
-    Attached models may add numbers: a keyframe need not be complete in a model that attaches any.
-    Keyframes with too many numbers do not load, and MuJoCo rejects some incomplete ones: see `compile_errors`.
+    MuJoCo completes them. Attached models may add numbers: a keyframe need not be complete in a model that attaches
+    any. Those with too many numbers do not load, and MuJoCo rejects some incomplete ones: see `compile_errors`.
     """
     for key in range(0 if context.source.attached else context.model.nkey):
-        if context.place("keyframe", key).file != context.path:
-            continue
+        file = context.place("keyframe", key).file
         for field, filled in FIELDS.items():
             count, size = len(_words(context, key, field)), getattr(context.model, f"key_{field}").shape[1]
+            if 0 < count < size and file != context.path:
+                size = _size_within(context, file, field)
             if 0 < count < size:
                 message = f"{size_message(field, count, size)}; MuJoCo uses {filled} for the rest"
                 yield context.violation("keyframe", key, message, SIZE_REMEDY, "warning")
+
+
+def _size_within(context: LintContext, file: Path, field: str) -> int:
+    """Returns the number of values up to the last object of an included file; 0 without such objects."""
+    model = context.model
+    kind, ends = {
+        "qpos": ("joint", [*model.jnt_qposadr[1:], model.nq]),
+        "qvel": ("joint", [*model.jnt_dofadr[1:], model.nv]),
+        "ctrl": ("actuator", [*np.cumsum(model.actuator_ctrlnum)]),
+    }.get(field, ("", []))
+    inside = [int(end) for i, end in enumerate(ends) if context.place(kind, i).file == file]
+    return max(inside, default=0)
 
 
 def size_message(field: str, count: int, size: int) -> str:

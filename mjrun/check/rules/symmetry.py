@@ -13,6 +13,7 @@ from mjrun.errors import clean
 # The words for sides: left and right anywhere, L and R alone or beside front, rear, hind, back and middle.
 SIDES = re.compile(r"left|right|(?<![a-z])(?:[frhbm][lr]|[lr][fhbm]|[lr])(?![a-z])", re.IGNORECASE)
 ALIGNED = 0.9  # cosine between an axis and the line between both sides
+JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 OTHER_SIDE = str.maketrans("lrLR", "rlRL")
 
 
@@ -73,6 +74,7 @@ def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
         return
     for pair in zip(*joints, strict=True):
         yield from _joint_differences(context, *pair)
+        yield from _actuator_differences(context, *pair)
 
 
 def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
@@ -95,6 +97,35 @@ def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[
             yield f"{name} turns the other way: its range is mirrored, but its axis is not"
         elif _turns_like(context, left, right, -1) and mirrored > allowed:
             yield f"{name} turns the other way: its axis is mirrored, but its range is not"
+
+
+def _actuator_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
+    """Yields the differences of the actuators of two joints, if both joints have as many."""
+    model, limits = context.model, context.thresholds
+    drives = [_actuators(model, joint) for joint in (left, right)]
+    for one, other in zip(*drives, strict=False) if len(drives[0]) == len(drives[1]) else ():
+        name = clean(context.name("actuator", one))
+        gears = model.actuator_gear[[one, other], 0]
+        if _difference(*abs(gears)) > limits.side_force:
+            yield f"gears of {name}, {gears[0]:.4g} and {gears[1]:.4g}"
+        elif gears[0] * gears[1] < 0 and _counts_alike(model, left, right):
+            yield f"{name} pulls the other way: its gear is {gears[0]:.4g}, and {gears[1]:.4g} on the other side"
+        forces = [abs(model.actuator_forcerange[i]).max() * model.actuator_forcelimited[i] for i in (one, other)]
+        if _difference(*forces) > limits.side_force:
+            yield f"forceranges of {name}, up to {forces[0]:.4g} and {forces[1]:.4g}"
+        gains = [abs(model.actuator_gainprm[i, 0]) for i in (one, other)]
+        if _difference(*gains) > limits.side_force:
+            yield f"gains of {name}, {gains[0]:.4g} and {gains[1]:.4g}"
+
+
+def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
+    return [int(i) for i in np.flatnonzero(model.actuator_trnid[:, 0] == joint) if model.actuator_trntype[i] in JOINT]
+
+
+def _counts_alike(model: mujoco.MjModel, left: int, right: int) -> bool:
+    """Returns whether the ranges of two joints show that their angles have the same sign."""
+    one, other = model.jnt_range[left], model.jnt_range[right]
+    return bool(model.jnt_limited[left] and abs(one - other).max() < 0.1 * abs(one + other[::-1]).max())
 
 
 def _turns_like(context: LintContext, left: int, right: int, sense: int = 1) -> bool:

@@ -100,3 +100,35 @@ def test_a_file_in_utf_16_is_to_be_saved_as_utf_8(name: str) -> None:
     (finding,) = lint_file(Path("model.xml"))
     assert (finding.file, finding.line, finding.code) == (name, 1, "MJ101")
     assert finding.remedy == "save it as UTF-8"
+
+
+PLANE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n"
+SHOWN = '<geom type="mesh" mesh="{}"/>'
+
+
+@pytest.mark.parametrize(
+    ("part", "code", "line", "message", "remedy"),
+    [
+        ('<mujoco><worldbody>\n<geom size="1" pos="0 nan 0"/></worldbody></mujoco>', "MJ110", 2, "'0 nan 0'", "finite"),
+        ('<mujoco>\n\n<include file="model.xml"/></mujoco>', "MJ100", 3, "'model.xml' already included", "by itself"),
+        (
+            f'<mujoco><asset>\n<mesh file="flat.obj"/></asset><worldbody>{SHOWN.format("flat")}</worldbody></mujoco>',
+            *("MJ100", 2, "mesh 'flat' has coplanar vertices", "look at its file"),
+        ),
+    ],
+)
+def test_errors_in_included_files_have_a_line(part: str, code: str, line: int, message: str, remedy: str) -> None:
+    Path("flat.obj").write_text(PLANE)
+    Path("part.xml").write_text(part)
+    (finding,) = lint('<mujoco><include file="part.xml"/></mujoco>')
+    assert (finding.code, finding.file, finding.line) == (code, "part.xml", line)
+    assert message in finding.message
+    assert remedy in finding.remedy
+
+
+def test_a_mesh_that_has_its_name_from_a_misspelt_file_is_not_renamed() -> None:
+    text = f'<mujoco><asset>\n<mesh file="yess.obj"/></asset>\n<worldbody>{SHOWN.format("yes")}</worldbody></mujoco>'
+    missing, unknown = lint(text)
+    assert (missing.code, missing.line, unknown.code, unknown.line) == ("MJ107", 2, "MJ109", 3)
+    assert "'yes.obj'" in missing.remedy
+    assert unknown.remedy == "correct the file of the <mesh> on line 2, which gives it its name"

@@ -31,8 +31,23 @@ def test_a_keyframe_need_not_be_complete_where_other_files_add_joints(where: str
     key = '<keyframe><key name="k" qpos="1"/></keyframe>'
     if where == "included":
         Path("arm.xml").write_text(hinged(after=key))
-        text = mjcf(more, '<include file="arm.xml"/>')
+        text = mjcf(more, before='<include file="arm.xml"/>')
     else:
         text = arms(more + attaching("l_"), joint="").replace("</mujoco>", f"{key}</mujoco>")
     assert lint(text) == []
     assert load(Path("model.xml")).nq > 1
+
+
+@pytest.mark.parametrize(("qpos", "needed"), [("0 0", 0), ("0", 2)])
+@pytest.mark.parametrize("before", [True, False])
+def test_a_keyframe_of_an_included_file_fits_the_joints_up_to_its_last(qpos: str, needed: int, before: bool) -> None:
+    two = '<body pos="0 0 5"><joint name="i"/><geom size=".1"/></body>'
+    Path("arm.xml").write_text(hinged(world=two, after=f'<keyframe><key name="k" qpos="{qpos}"/></keyframe>'))
+    include, other = '<include file="arm.xml"/>', '<body><freejoint/><geom size=".1" pos="9 0 0"/></body>'
+    text = mjcf(other, before=include) if before else mjcf(other, after=include)
+    needed = needed if before else 9  # those of the other body come first
+    messages = [finding.message for finding in lint(text) if finding.code == "MJ405"]
+    count = f"{len(qpos.split())} number{'s' * (qpos != '0')}"
+    expected = f"qpos of the keyframe has {count}, but the model has {needed}; MuJoCo uses qpos0 for the rest"
+    assert messages == [expected] * bool(needed)
+    assert load(Path("model.xml")).nq == 9

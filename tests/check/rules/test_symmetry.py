@@ -92,3 +92,22 @@ def test_knees_on_both_sides_bend_the_same_way(axis: str, joint: str, difference
 @pytest.mark.parametrize(("axis", "joint"), [("1 0 0", 'range="-20 50"'), ("-1 0 0", 'range="-20 50"')])
 def test_hips_may_be_mirrored_or_moved_to_the_other_side(axis: str, joint: str) -> None:
     assert messages(side("left", "1 0 0"), side("right", axis, joint, y=-1)) == []
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "ranges", "difference"),
+    [
+        ("gear='2'", "gear='2'", DEGREES, ""),
+        ("gear='2'", "gear='-2'", DEGREES, "pulls the other way: its gear is 2, and -2 on the other side"),
+        ("gear='2'", "gear='-2'", 'range="-20 20"', ""),  # either sense may be meant
+        ("gear='2'", "gear='3'", DEGREES, "gears of left, 2 and 3"),
+        ("forcerange='-5 5'", "forcerange='-5 9'", DEGREES, "forceranges of left, up to 5 and 9"),
+        ("", "", DEGREES, ""),
+    ],
+)
+def test_actuators_on_both_sides_are_alike(left: str, right: str, ranges: str, difference: str) -> None:
+    sides = "".join((side("left", joint=ranges), side("right", joint=ranges, y=-1)))
+    motors = f'<motor name="left" joint="left_joint" {left}/><motor name="right" joint="right_joint" {right}/>'
+    found = [f.message for f in lint(mjcf(sides, f"<actuator>{motors}</actuator>")) if f.code == "MJ309"]
+    assert len(found) == bool(difference)
+    assert not difference or difference in found[0]
