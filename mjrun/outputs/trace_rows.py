@@ -317,9 +317,10 @@ def blocks(
     while not is_done:
         first = stepper.step
         rows = _InstantRows(recorder.templates, min(size, end + 1 - first))
+        enough = min(ROWS, rows.size)
         try:
-            while not is_done and rows.count < min(ROWS, rows.size):
-                is_done = recorder.add(rows, end)
+            while not is_done and rows.count < enough:
+                is_done = recorder.add(rows, enough, end)
         except SimulationError:
             if rows.count:
                 yield first, rows.count, rows.fields
@@ -373,12 +374,19 @@ class _InstantRecorder:
         self._least = SHORT if int(model.opt.integrator) != RK4 and not model.nflex else LONG
         self._least = NEVER if model.opt.enableflags & SLEEP else self._least
 
-    def add(self, rows: _InstantRows, end: int) -> bool:
-        """Takes some steps, and adds the instants before them; returns whether that at step `end` has been added."""
+    def add(self, rows: _InstantRows, enough: int, end: int) -> bool:
+        """Takes some steps, and adds the instants before them; returns whether that at step `end` has been added.
+
+        Args:
+          enough: the number of rows that need not be exceeded.
+        """
         stepper = self._stepper
         if stepper.step == end:
             rows.add(stepper.instant())
             return True
+        if stepper.always_differs:
+            self._add_single(rows, min(enough - rows.count, end - stepper.step))
+            return False
         count = min(rows.size - rows.count, end - stepper.step, stepper.steps_alike())
         if count < self._least:
             self._add_single(rows, 1)
@@ -387,9 +395,10 @@ class _InstantRecorder:
         return False
 
     def _add_single(self, rows: _InstantRows, count: int) -> None:
+        stepper = self._stepper
         for _ in range(count):
-            rows.add(self._stepper.instant())
-            self._stepper.advance(self._stepper.step + 1)
+            rows.add(stepper.instant())
+            stepper.advance(stepper.step + 1)
 
     def _add_recorded(self, rows: _InstantRows, count: int) -> bool:
         """Adds steps that are taken in C; returns False if one of them fails."""

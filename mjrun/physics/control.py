@@ -59,6 +59,7 @@ class PeriodicController:
 
     Attributes:
       name: the name of the controller, for messages.
+      is_always_due: whether it is called at every step.
 
     Raises:
       ControllerError: it does not take (model, data).
@@ -70,6 +71,7 @@ class PeriodicController:
         self._reset = getattr(controller, "reset", None)
         self._ratio = period / timestep
         self._stride = self._ratio.numerator if self._ratio.denominator == 1 else 0
+        self.is_always_due = self._stride == 1
         self.name = getattr(controller, "__qualname__", type(controller).__qualname__)
         if self._ratio < 1:
             raise UsageError(
@@ -95,7 +97,7 @@ class PeriodicController:
 
     def is_due(self, step: int) -> bool:
         """Returns whether the controller is called at `step`."""
-        return step == 0 or self.next_change(step - 1) == step
+        return self.is_always_due or step == 0 or self.next_change(step - 1) == step
 
     def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Calls the controller's own `reset`, if it has one, at the start of a simulation."""

@@ -187,6 +187,11 @@ class PhysicsStepper:
         """Returns the number of steps before a controller is called or inputs other than controls change."""
         return min((source.next_change(self.step) for source in self._sources), default=NEVER) - self.step
 
+    @property
+    def always_differs(self) -> bool:
+        """True if a controller is called at each step."""
+        return self.control.controller is not None and self.control.controller.is_always_due
+
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, computed elsewhere."""
         state.restore(self.model, self._data, to)
