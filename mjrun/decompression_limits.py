@@ -2,7 +2,9 @@
 decoded.
 """
 
+import os
 from pathlib import Path
+from typing import BinaryIO
 
 from mjrun.errors import FileError
 
@@ -16,19 +18,26 @@ def largest_expansion(size: int) -> int:
     return max(FREE, RATIO * size)
 
 
-def excess(path: Path, size: int) -> str:
-    """Returns what is wrong with a file that takes `size` bytes in memory; empty if nothing is."""
-    own = path.stat().st_size
+def excess(path: Path, size: int, file: BinaryIO | None = None) -> str:
+    """Returns what is wrong with a file that takes `size` bytes in memory; empty if nothing is.
+
+    Args:
+      file: the open file, where its path does not lead to it.
+    """
+    own = (os.fstat(file.fileno()) if file else path.stat()).st_size
     if size <= largest_expansion(own):
         return ""
     return f"would expand to {size / 1e9:,.3g} GB in memory, {size / max(1, own):,.0f} times its size"
 
 
-def require_expandable(path: Path, size: int) -> None:
+def require_expandable(path: Path, size: int, file: BinaryIO | None = None) -> None:
     """Checks that a file which takes `size` bytes in memory does not fill it out of proportion to its own size.
+
+    Args:
+      file: the open file, where its path does not lead to it.
 
     Raises:
       FileError: it does.
     """
-    if fault := excess(path, size):
+    if fault := excess(path, size, file):
         raise FileError(path, fault, HINT)

@@ -72,6 +72,7 @@ LIBRARIES = {
         "formats.study_reader",
         "study.chunk_files",
     ),
+    "fsspec": ("formats.folders",),
     "distributed": ("study.executors",),
     "submitit": ("study.executors",),
     "scipy": (

@@ -102,7 +102,7 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
     content = pyarrow.parquet.ParquetFile(file, read_dictionary=[*repeated])
     numbers = 8 * content.metadata.num_rows * content.metadata.num_columns  # bytes
     names = content.schema_arrow.names
-    require_expandable(path, numbers + sum(row_group_sizes(content.metadata, names)))
+    require_expandable(path, numbers + sum(row_group_sizes(content.metadata, names)), file)
     return content.read()
 
 
@@ -125,7 +125,7 @@ def parquet_groups(
     names = [name for name in content.schema_arrow.names if name not in without]
     sizes = row_group_sizes(metadata, names)
     for index, size in enumerate(sizes):
-        require_expandable(path, size + 8 * metadata.row_group(index).num_rows * metadata.num_columns)
+        require_expandable(path, size + 8 * metadata.row_group(index).num_rows * metadata.num_columns, file)
         yield content.read_row_group(index, names)
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar
 
 from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError
-from mjrun.formats.destinations import Destination, StagedFile, unwritable
+from mjrun.formats.destinations import Destination, unwritable
+from mjrun.formats.folders import destination_at
 from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
 from mjrun.shared_status import completing
@@ -109,13 +110,13 @@ class OutputWriter:
             file.write(content)
 
 
-def written_file(path: Path, content: bytes) -> OutputWriter:
-    """Writes a file that is still to be published.
+def written_file(path: Path | str, content: bytes) -> OutputWriter:
+    """Writes a file, given by its path or its URL, that is still to be published.
 
     Raises:
       FileError: it cannot be written.
     """
-    output = OutputWriter(StagedFile(path))
+    output = OutputWriter(destination_at(path))
     with output.opening():
         output.write_file(content)
     return output

@@ -27,13 +27,13 @@ class Destination:
 
     Attributes:
       path: path to write to.
-      shown: path in messages.
+      shown: path in messages, or the URL.
       folder: folder of its final place, if that is a file or a folder.
       stdout: file descriptor to write to, if this is standard output.
     """
 
     path: str
-    shown: Path
+    shown: Path | str
     folder: Path | None = None
     stdout: int | None = None
 
@@ -60,7 +60,7 @@ class _Staged(Destination):
     """An output that is written beside its place: a file, or a folder of frames."""
 
     def __init__(self, shown: Path, target: Path, *, is_folder: bool) -> None:
-        self.shown, self.folder = shown, target.parent
+        self.shown, self._shown, self.folder = shown, shown, target.parent
         self._target, self._parents = target, _parents(shown, target)
         with self._parents.opening():
             try:
@@ -109,9 +109,9 @@ class StagedFile(_Staged):
         except FileNotFoundError:
             return
         if not stat.S_ISREG(mode):
-            raise FileError(self.shown, "exists and is not a regular file")
+            raise FileError(self._shown, "exists and is not a regular file")
         if not os.access(self._target, os.W_OK):
-            raise FileError(self.shown, "exists and is read-only")
+            raise FileError(self._shown, "exists and is read-only")
 
     def sync(self) -> None:
         with self._temporary.path.open("r+b") as file:  # Windows syncs only files that are open for writing
@@ -122,8 +122,8 @@ class StagedFile(_Staged):
         try:
             self._older = crash_safe_replacement.replace_file(self._temporary.path, self._target)
         except OSError as error:
-            raise unwritable(self.shown, error) from None
-        return [self.shown]
+            raise unwritable(self._shown, error) from None
+        return [self._shown]
 
     def take_back(self) -> None:
         if self._older:
@@ -158,15 +158,15 @@ class StagedFolder(_Staged):
                 crash_safe_replacement.restore_folder(path, self._target)
                 remove(path)
         if self._target.exists():
-            _check_only_frames(self.shown, self._target)
+            _check_only_frames(self._shown, self._target)
 
     def publish(self) -> list[Path]:
         try:
             crash_safe_replacement.replace_folder(self._temporary.path, self._target)
-            return sorted(self.shown.iterdir(), key=crash_safe_replacement.frame_number)
+            return sorted(self._shown.iterdir(), key=crash_safe_replacement.frame_number)
         except OSError as error:
             hint = "its frames are in a hidden folder beside it; the next run with this name restores them"
-            raise unwritable(self.shown, error, hint if self.is_between() else "") from None
+            raise unwritable(self._shown, error, hint if self.is_between() else "") from None
 
     def take_back(self) -> None:
         crash_safe_replacement.take_back_folder(self._temporary.path, self._target)
@@ -193,8 +193,8 @@ class StagedFrames(_Staged):
 
     def prepare(self) -> None:
         folder = self._target.parent
-        self._before, self._width, self._after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
-        with one_at_a_time(folder), left_behind(folder, self.shown) as leftovers:
+        self._before, self._width, self._after = re.split(r"%(\d*)d", self._shown.name, maxsplit=1)
+        with one_at_a_time(folder), left_behind(folder, self._shown) as leftovers:
             for path in leftovers:
                 if (path / crash_safe_replacement.MOVING).exists():
                     crash_safe_replacement.finish_frames(path, self._place)
@@ -209,14 +209,14 @@ class StagedFrames(_Staged):
             names = [path.name for path in self._target.parent.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
-            raise unwritable(self.shown, error, hint if self.is_between() else "") from None
+            raise unwritable(self._shown, error, hint if self.is_between() else "") from None
 
         places = [self._place(crash_safe_replacement.frame_number(frame)) for frame in self._frames]
         numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
         matches = [match for name in names if (match := numbered.fullmatch(name))]
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
         self.others = [self._place(number).name for number in later if number >= len(places)]
-        return [self.shown.parent / place.name for place in places]
+        return [self._shown.parent / place.name for place in places]
 
     def take_back(self) -> None:
         crash_safe_replacement.take_back_frames(
@@ -319,6 +319,6 @@ def _check_only_frames(shown: Path, folder: Path) -> None:
         )
 
 
-def unwritable(shown: Path, error: OSError, hint: str = "") -> FileError:
+def unwritable(shown: Path | str, error: OSError, hint: str = "") -> FileError:
     """Returns the error that states why the operating system refused an output."""
     return FileError(shown, f"cannot be written: {error.strerror or error}", hint)

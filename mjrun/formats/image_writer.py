@@ -96,7 +96,7 @@ class ImageWriter(OutputWriter):
         self.check_segments(len(legend))
         self._written += 1
         if not self._format.encoder:
-            stem = self.destination.shown.stem if self.destination.stdout is None else "image"
+            stem = Path(self.destination.shown).stem if self.destination.stdout is None else "image"
             self._coco.add(pixels, legend, {"file_name": f"{stem}.png", **(image or {})})
             return
         if self._written > 1:

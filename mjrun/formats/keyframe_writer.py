@@ -87,7 +87,7 @@ class KeyframeWriter(OutputWriter):
         return _differences(model, last, state.save(loaded, data))
 
     def _compiled(self, text: bytes) -> mujoco.MjModel:
-        shown = self.destination.shown
+        shown = Path(self.destination.shown)
         beside = Path(self.destination.path).with_name(shown.name)
         with self.writing(), temporary_file(beside, text, ".xml") as path:
             try:

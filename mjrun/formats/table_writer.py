@@ -17,7 +17,8 @@ import numpy as np
 from mjrun.formats import tables
 from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.csv_sidecar import metadata, metadata_path
-from mjrun.formats.destinations import StagedFile, StandardOutput
+from mjrun.formats.destinations import StandardOutput
+from mjrun.formats.folders import destination_at
 from mjrun.model.table_column import Column
 from mjrun.options.trace import COMMENT, METADATA
 
@@ -180,7 +181,7 @@ class TableWriter(OutputWriter):
     Opening it checks that the output can be written.
 
     Args:
-      output: a file, or None for standard output, which for a table may be a terminal.
+      output: a file, the URL of one, or None for standard output, which for a table may be a terminal.
       format: a name in `tables.FORMATS`.
       columns: one for each number of a row; no two have the same name.
       manifest: how the table was made; plain values, for JSON. Embedded where the format can hold it.
@@ -202,7 +203,7 @@ class TableWriter(OutputWriter):
         units: str | None = None,
     ) -> None:
         assert len({column.name for column in columns}) == len(columns) > 0
-        super().__init__(StandardOutput(terminal=True) if output is None else StagedFile(Path(output)))
+        super().__init__(StandardOutput(terminal=True) if output is None else destination_at(output))
         self.rows = 0
         self._width = len(columns)
         self._manifest = _json(manifest)

@@ -23,9 +23,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError
 from mjrun.experiment.design_points import ABSENT, Design
 from mjrun.formats.atomic_output import OutputWriter
-from mjrun.formats.destinations import StagedFile
-from mjrun.formats.input_file import is_folder
-from mjrun.formats.temporary_output import remove_left_behind
+from mjrun.formats.folders import Folder, folder_at
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
@@ -161,17 +159,17 @@ class ChunkFiles:
       folder: folder of the parts.
       width: number of metrics.
       bounds: ascending points where new parts begin, since different processes work on either side.
-      damaged: parts that the last `read` could not read.
+      damaged: names of the parts that the last `read` could not read.
       adopted: places of the results that the last `read` has found by keys, ascending.
     """
 
-    def __init__(self, folder: Path, metrics: Sequence[str], study: str) -> None:
-        self.folder, self._metrics, self.study = folder / PARTS, tuple(metrics), study
+    def __init__(self, folder: str | Path | Folder, metrics: Sequence[str], study: str) -> None:
+        self.folder, self._metrics, self.study = folder_at(folder) / PARTS, tuple(metrics), study
         self.width = len(self._metrics)
         self.bounds = np.array([], np.int64)
-        self.damaged = list[Path]()
+        self.damaged = list[str]()
         self.adopted = np.array([], np.intp)
-        self._parts = set[Path]()  # of this study whose results are known
+        self._parts = set[str]()  # of this study whose results are known
 
     def create(self) -> None:
         """Creates the folder of the parts if it does not exist.
@@ -180,18 +178,17 @@ class ChunkFiles:
           FileError: the folder cannot be created.
         """
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self.folder.create()
         except OSError as error:
-            raise FileError(self.folder, f"cannot be made: {error.strerror}") from None
-        remove_left_behind(self.folder)
+            raise FileError(self.folder.path(), f"cannot be made: {error.strerror}") from None
 
     def exist(self) -> bool:
         """Returns whether the folder of the parts exists."""
-        return is_folder(self.folder)
+        return self.folder.exists()
 
     def size(self) -> int:
         """Returns the size of all parts [bytes]."""
-        return sum(path.stat().st_size for path in self._paths())
+        return sum(map(self.folder.size, self._names()))
 
     def read(self, points: Sequence[int] | np.ndarray, keys: Callable[[np.ndarray], Sequence[str]]) -> ResultColumns:
         """Reads the results of points; of several results of a point, prefers one that is final.
@@ -204,20 +201,20 @@ class ChunkFiles:
           keys: function from the numbers of points to their keys, for parts of other designs of the study.
 
         Raises:
-          FileError: a part cannot be read for lack of permission.
+          FileError: a part cannot be opened.
         """
-        self.damaged, others, self.adopted = [], list[Path](), np.array([], np.intp)
-        known, seen = ResultColumns(points, len(self._metrics)), set[Path]()
+        self.damaged, others, self.adopted = [], list[str](), np.array([], np.intp)
+        known, seen = ResultColumns(points, len(self._metrics)), set[str]()
         self._parts = set()
-        while new := [path for path in self._paths() if path not in seen]:  # other processes merge parts
+        while new := [name for name in self._names() if name not in seen]:  # other processes merge parts
             seen.update(new)
-            for path in new:
-                part = _Name.of(path)
+            for name in new:
+                part = _Name.of(name)
                 if part is None or part.study != self.study[:NAMED]:
-                    others.append(path)
+                    others.append(name)
                     continue
-                if known.has_between(part.first, part.last) and not self._put(path, known):
-                    others.append(path)
+                if known.has_between(part.first, part.last) and not self._put(name, known):
+                    others.append(name)
         open_places = np.flatnonzero(~known.is_final)
         if others and len(open_places):
             self._read_by_key(others, known, open_places, _binary(keys(known.points[open_places])))
@@ -227,17 +224,17 @@ class ChunkFiles:
         """Adds the results in parts that other processes have published since, if their points overlap a range.
 
         Raises:
-          FileError: a part cannot be read for lack of permission.
+          FileError: a part cannot be opened.
         """
-        for path in self._paths():
-            part = _Name.of(path)
-            if part is None or part.study != self.study[:NAMED] or path in self._parts:
+        for name in self._names():
+            part = _Name.of(name)
+            if part is None or part.study != self.study[:NAMED] or name in self._parts:
                 continue
             if part.first <= last and first <= part.last:
-                self._put(path, known)
+                self._put(name, known)
 
-    def write(self, points: Sequence[int] | np.ndarray, keys: Sequence[str], results: ResultRows) -> Path:
-        """Publishes a part in one step, and returns its path.
+    def write(self, points: Sequence[int] | np.ndarray, keys: Sequence[str], results: ResultRows) -> str:
+        """Publishes a part in one step, and returns its name.
 
         Args:
           points: numbers of the points.
@@ -248,21 +245,20 @@ class ChunkFiles:
         table = _part(np.asarray(points, np.int64), keys, results, self._metrics)
         return self._publish([table], min(points), max(points), "".join(keys))
 
-    def merge(self, parts: Sequence[Path]) -> Path | None:
+    def merge(self, parts: Sequence[str]) -> str | None:
         """Replaces parts of this study by one; returns None if some are damaged, or merged by another process.
 
         Raises:
           FileError: the new part cannot be written.
         """
-        names = [_Name.of(path) for path in parts]
-        ranges = [(name.first, name.last) for name in names if name]
+        ranges = [(part.first, part.last) for part in map(_Name.of, parts) if part]
         first, last = min(first for first, _ in ranges), max(last for _, last in ranges)
         try:
-            made = self._publish(_grouped(parts), first, last, "".join(path.name for path in parts))
+            made = self._publish(_grouped(self.folder, parts), first, last, "".join(parts))
         except _UnreadablePartError:
             return None
-        for path in parts:
-            path.unlink(missing_ok=True)
+        for name in parts:
+            self.folder.remove(name)
         return made
 
     def merge_all(self) -> None:
@@ -271,28 +267,28 @@ class ChunkFiles:
         Raises:
           FileError: a part cannot be written.
         """
-        usable = [path for path in self._paths() if path not in self.damaged]
-        ours = [path for path in usable if (name := _Name.of(path)) and name.study == self.study[:NAMED]]
-        group, size = list[Path](), 0
-        for path in [*ours, None]:
-            own = path.stat().st_size if path and path.exists() else 0
-            if path and own < PART_BYTES // 2 and size + own <= PART_BYTES:
-                group.append(path)
+        usable = [name for name in self._names() if name not in self.damaged]
+        ours = [name for name in usable if (part := _Name.of(name)) and part.study == self.study[:NAMED]]
+        group, size = list[str](), 0
+        for name in [*ours, None]:
+            own = self.folder.size(name) if name else 0
+            if name and own < PART_BYTES // 2 and size + own <= PART_BYTES:
+                group.append(name)
                 size += own
                 continue
             if len(group) > 1:
                 self.merge(group)
-            group, size = [path] if path and own < PART_BYTES // 2 else [], own
+            group, size = [name] if name and own < PART_BYTES // 2 else [], own
 
-    def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> Path:
+    def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> str:
         import pyarrow.parquet
 
         from mjrun.formats.arrow_columns import cast_texts
 
         digest = hashlib.sha256(content.encode()).hexdigest()[:NAMED]
-        path = self.folder / f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
+        name = f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
         schema = _schema(self._metrics, self.study)
-        with OutputWriter(StagedFile(path)) as output, output.writing():
+        with OutputWriter(self.folder.destination(name)) as output, output.writing():
             # as a path, the name would have to be UTF-8
             with (
                 Path(output.destination.path).open("wb") as stream,
@@ -301,55 +297,62 @@ class ChunkFiles:
                 for table in tables:
                     writer.write_table(cast_texts(table, schema))
             output.publish()
-        self._parts.add(path)
-        return path
+        self._parts.add(name)
+        return name
 
-    def _paths(self) -> list[Path]:
+    def _names(self) -> list[str]:
         """Lists the files that may be parts.
 
         Raises:
           FileError: the folder cannot be read.
         """
         try:
-            return sorted(self.folder.glob(f"*{SUFFIX}"))
+            return self.folder.names(SUFFIX)
         except OSError as error:
-            raise FileError(self.folder, f"cannot be read: {error.strerror}") from None
+            raise FileError(self.folder.path(), f"cannot be read: {error.strerror or error}") from None
 
-    def _put(self, path: Path, known: ResultColumns) -> bool:
+    def _put(self, name: str, known: ResultColumns) -> bool:
         """Adds the results in a part; returns False for one of another study whose hash begins with the same digits."""
-        self._parts.add(path)
-        for rows in self._rows(path, has_keys=False):
+        self._parts.add(name)
+        for rows in self._rows(name, has_keys=False):
             if rows.study != self.study:
                 return False
             known.put_points(rows.points, rows.results)
         return True
 
-    def _rows(self, path: Path, *, has_keys: bool = True) -> Iterator["_PartRows"]:
-        """Yields the valid rows of a part in groups; nothing if it is damaged, or not a part of a study."""
+    def _rows(self, name: str, *, has_keys: bool = True) -> Iterator["_PartRows"]:
+        """Yields the valid rows of a part in groups; nothing if it is damaged, or not a part of a study.
+
+        Raises:
+          FileError: it cannot be opened, as for lack of permission.
+        """
         import pyarrow
 
         from mjrun.formats.arrow_columns import parquet_groups
 
+        path = self.folder.path(name)
         try:
-            with path.open("rb") as stream:
-                for table in parquet_groups(path, stream, TEXTS, () if has_keys else ("key",)):
+            stream = self.folder.open(name)
+        except FileNotFoundError:  # merged by another process: the new part is read instead
+            return
+        except OSError as error:
+            raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+        try:
+            with stream:
+                for table in parquet_groups(Path(path), stream, TEXTS, () if has_keys else ("key",)):
                     if not _is_part(table.schema, self._metrics, has_keys=has_keys):
                         return
                     yield _part_rows(table, self._metrics)
-        except FileNotFoundError:  # merged by another process: the new part is read instead
-            return
-        except PermissionError as error:
-            raise FileError(path, f"cannot be read: {error.strerror}") from None
         except (OSError, pyarrow.ArrowException):
-            self.damaged.append(path)
+            self.damaged.append(name)
 
-    def _read_by_key(self, paths: Sequence[Path], known: ResultColumns, places: np.ndarray, keys: np.ndarray) -> None:
+    def _read_by_key(self, names: Sequence[str], known: ResultColumns, places: np.ndarray, keys: np.ndarray) -> None:
         """Adds the results of the points at `places`, whose keys are `keys`, from parts of other designs."""
         was_missing = known.is_missing
         order = np.argsort(keys, kind="stable")
         places, keys = places[order], keys[order]
-        for path in paths:
-            for rows in self._rows(path):
+        for name in names:
+            for rows in self._rows(name):
                 first, end = (np.searchsorted(keys, rows.keys, side) for side in ("left", "right"))
                 counts = end - first  # points with the key of each row
                 row = np.repeat(np.arange(len(counts)), counts)
@@ -367,8 +370,8 @@ class _Name:
     last: int
 
     @classmethod
-    def of(cls, path: Path) -> "_Name | None":
-        match = PART.fullmatch(path.name)
+    def of(cls, name: str) -> "_Name | None":
+        match = PART.fullmatch(name)
         return cls(match[1], int(match[2]), int(match[3])) if match else None
 
 
@@ -401,7 +404,7 @@ class PartWriter:
         self._files, self._interval, self._published = files, interval, published
         # Points, keys and results by block, see `ChunkFiles.bounds`, and host.
         self._waiting = dict[tuple[int, str], tuple[list[int], list[str], list[PointResult]]]()
-        self._levels = dict[tuple[int, int], list[Path]]()  # parts, by block and the number of their merges
+        self._levels = dict[tuple[int, int], list[str]]()  # parts, by block and the number of their merges
         self._written = time.monotonic()
 
     def add(self, points: Sequence[int], keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
@@ -438,11 +441,11 @@ class PartWriter:
             self._published(points)
         self._written = time.monotonic()
 
-    def _keep(self, part: Path, block: int, level: int) -> None:
+    def _keep(self, part: str, block: int, level: int) -> None:
         """Adds a part to those of its block that were merged `level` times, and merges them once they are many."""
         parts = self._levels.setdefault((block, level), [])
         parts.append(part)
-        if len(parts) < TOGETHER or sum(path.stat().st_size for path in parts if path.exists()) > PART_BYTES:
+        if len(parts) < TOGETHER or sum(map(self._files.folder.size, parts)) > PART_BYTES:
             return
         del self._levels[block, level]
         if merged := self._files.merge(parts):
@@ -568,7 +571,7 @@ def _binary(keys: Sequence[str]) -> np.ndarray:
     return np.array([bytes.fromhex(key) for key in keys], KEYS)
 
 
-def _grouped(paths: Sequence[Path]) -> "Iterator[pyarrow.Table]":
+def _grouped(folder: Folder, names: Sequence[str]) -> "Iterator[pyarrow.Table]":
     """Yields the rows of parts in groups of about `GROUP` rows.
 
     Raises:
@@ -579,10 +582,10 @@ def _grouped(paths: Sequence[Path]) -> "Iterator[pyarrow.Table]":
     from mjrun.formats.arrow_columns import parquet_groups
 
     waiting, count = list[pyarrow.Table](), 0
-    for path in paths:
+    for name in names:
         try:
-            with path.open("rb") as stream:
-                for table in parquet_groups(path, stream):
+            with folder.open(name) as stream:
+                for table in parquet_groups(Path(folder.path(name)), stream):
                     waiting.append(table)
                     count += table.num_rows
                     if count >= GROUP:

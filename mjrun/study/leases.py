@@ -22,6 +22,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.formats.destinations import unwritable
+from mjrun.formats.folders import Folder, folder_at
 from mjrun.platform import system
 from mjrun.study.chunk_files import NAMED, ChunkFiles
 from mjrun.study.result_columns import ResultColumns
@@ -42,16 +43,16 @@ SHARES = 4  # ranges for each process, of the points that are free: ranges becom
 class Lease:
     """A lease of the points from `first` to `last`, which is included."""
 
-    path: Path
+    name: str
     first: int
     last: int
     owner: str
 
     @classmethod
-    def of(cls, path: Path, study: str) -> "Lease | None":
+    def of(cls, name: str, study: str) -> "Lease | None":
         """Returns the lease that a file represents; None if it is not a lease of this study."""
-        match = NAME.fullmatch(path.name)
-        return cls(path, int(match[2]), int(match[3]), match[4]) if match and match[1] == study[:NAMED] else None
+        match = NAME.fullmatch(name)
+        return cls(name, int(match[2]), int(match[3]), match[4]) if match and match[1] == study[:NAMED] else None
 
     def overlaps(self, first: int, last: int) -> bool:
         """Returns whether any of these points is in the range."""
@@ -77,14 +78,14 @@ class LeaseContent:
     seconds: float = 0.0
 
     @classmethod
-    def read(cls, path: Path) -> "LeaseContent":
+    def read(cls, folder: Folder, name: str) -> "LeaseContent":
         """Reads a lease; one that is being written, or is not a lease, is empty.
 
         Raises:
           FileNotFoundError: its owner has released it.
         """
         try:
-            with path.open("rb") as stream:
+            with folder.open(name) as stream:
                 values = json.loads(stream.read(MOST))
             host, process = str(values["host"]), str(values["process"])
             return cls(host, process, int(values["beat"]), int(values["points"]), float(values["seconds"]))
@@ -102,10 +103,10 @@ class Leases:
       study: hash of everything that determines the results of all points.
     """
 
-    def __init__(self, folder: Path, study: str) -> None:
-        self._folder, self._study, self._owner = folder, study, secrets.token_hex(4)
+    def __init__(self, folder: str | Path | Folder, study: str) -> None:
+        self._folder, self._study, self._owner = folder_at(folder), study, secrets.token_hex(4)
         self._own = dict[Lease, int]()  # the points of each that are not published
-        self._seen = dict[Path, tuple[LeaseContent, float]]()  # of others, and the time since which it is the same
+        self._seen = dict[str, tuple[LeaseContent, float]]()  # of others, and the time since which it is the same
         self._read = 0.0  # time of the last reading of their contents
         self._host, self._process = system.machine_name(), system.process_identity()
         self._start, self._beat, self.points = time.monotonic(), 0, 0
@@ -122,13 +123,12 @@ class Leases:
           FileError: the lease cannot be written.
         """
         name = f"{self._study[:NAMED]}-{first}-{last}-{self._owner}{SUFFIX}"
-        lease = Lease(self._folder / name, first, last, self._owner)
+        lease = Lease(name, first, last, self._owner)
         with self._lock:
             try:
-                with lease.path.open("xb") as stream:
-                    stream.write(self._content())
+                self._folder.create_file(name, self._content())
             except OSError as error:
-                raise unwritable(lease.path, error) from None
+                raise unwritable(self._folder.path(name), error) from None
             self._own[lease] = points
         if self._thread.ident is None:
             self._thread.start()
@@ -139,12 +139,12 @@ class Leases:
 
     def others(self) -> list[Lease]:
         """Returns the leases of other processes that are still valid."""
-        leases = [lease for path in self._folder.glob(f"*{SUFFIX}") if (lease := Lease.of(path, self._study))]
+        leases = [lease for name in self._folder.names(SUFFIX) if (lease := Lease.of(name, self._study))]
         others = [lease for lease in leases if lease.owner != self._owner]
-        paths, now = {lease.path for lease in others}, time.monotonic()
+        names, now = {lease.name for lease in others}, time.monotonic()
         is_due = now - self._read >= BEAT
         self._read = now if is_due else self._read
-        self._seen = {path: seen for path, seen in self._seen.items() if path in paths}
+        self._seen = {name: seen for name, seen in self._seen.items() if name in names}
         return [lease for lease in others if self._is_valid(lease, now, is_due=is_due)]
 
     def hosts(self) -> list[str]:
@@ -174,27 +174,27 @@ class Leases:
 
     def _is_valid(self, lease: Lease, now: float, *, is_due: bool) -> bool:
         """Returns whether a process still works on a range; removes the lease of one that does not."""
-        before, since = self._seen.get(lease.path, (None, now))
+        before, since = self._seen.get(lease.name, (None, now))
         if before is not None and not is_due:
             return True
         try:
-            content = LeaseContent.read(lease.path)
+            content = LeaseContent.read(self._folder, lease.name)
         except FileNotFoundError:
             return False
         if content != before:
             since = now
-        self._seen[lease.path] = content, since
+        self._seen[lease.name] = content, since
         if now - since < EXPIRY and not system.has_ended(content.process):
             return True
         with suppress(OSError):
-            lease.path.unlink()
+            self._folder.remove(lease.name)
         return False
 
     def _release(self, lease: Lease) -> None:
         with self._lock:
             self._own.pop(lease, None)
             with suppress(OSError):  # another process has taken it
-                lease.path.unlink()
+                self._folder.remove(lease.name)
 
     def _renew(self) -> None:
         while not self._closed.wait(BEAT):
@@ -203,9 +203,8 @@ class Leases:
                 content = self._content()
                 for lease in self._own:
                     # Another process may have taken it, or the disk may be full.
-                    with suppress(OSError), lease.path.open("r+b") as stream:
-                        stream.write(content)
-                        stream.truncate()
+                    with suppress(OSError):
+                        self._folder.rewrite(lease.name, content)
 
     def _content(self) -> bytes:
         seconds = round(time.monotonic() - self._start, 3)

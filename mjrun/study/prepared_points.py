@@ -112,8 +112,9 @@ class PreparedPoints(ABC):
     def warn_of_damaged(self, reporter: Reporter) -> None:
         """Warns of parts that cannot be read, whose points count as not simulated."""
         assert self.known
-        for path in self.files.damaged:
-            reporter.warn(f"{clean(str(path))} is damaged: its points count as not simulated; it can be removed")
+        for name in self.files.damaged:
+            path = self.files.folder.path(name)
+            reporter.warn(f"{clean(path)} is damaged: its points count as not simulated; it can be removed")
 
     def adopt(self) -> int:
         """Publishes results of other designs of the study as those of this one, which will be read without keys.

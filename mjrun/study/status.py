@@ -148,13 +148,10 @@ def _facts(folder: Path) -> tuple[int, list[str], str]:
 
 def _leases(files: ChunkFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
     """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
-    for path in files.folder.glob(f"*{SUFFIX}"):
+    for name in files.folder.names(SUFFIX):
         try:
-            lease, content, silent = (
-                Lease.of(path, files.study),
-                LeaseContent.read(path),
-                time.time() - path.stat().st_mtime,
-            )
+            lease = Lease.of(name, files.study)
+            content, silent = LeaseContent.read(files.folder, name), files.folder.age(name)
         except OSError:  # its owner has released it
             continue
         if lease and not system.has_ended(content.process):

@@ -39,7 +39,8 @@ def keys_of(points: np.ndarray) -> list[str]:
 
 
 def write(files: ChunkFiles, points: Sequence[int], results: Sequence[PointResult]) -> Path:
-    return files.write(points, keys_of(np.array(points)), ResultRows.of(results, files.width, "host"))
+    name = files.write(points, keys_of(np.array(points)), ResultRows.of(results, files.width, "host"))
+    return Path(files.folder.path(name))
 
 
 def read(files: ChunkFiles, points: range = range(len(KEYS))) -> dict[int, str]:
@@ -81,7 +82,7 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFil
     cut.write_bytes(cut.read_bytes()[:-9])
     assert part != cut
     assert read(files) == {0: "ok"}
-    assert {*files.damaged} == {tmp_path / "parts" / "broken.parquet", cut}
+    assert {*files.damaged} == {"broken.parquet", cut.name}
 
 
 def test_a_part_is_opened_only_for_its_points(files: ChunkFiles) -> None:
@@ -127,7 +128,7 @@ def test_merged_parts_have_the_same_results(files: ChunkFiles, tmp_path: Path) -
     parts = [write(files, [point, 7], [RESULTS[point % 2], RESULTS[0]]) for point in range(6)]
     other = write(files_in(tmp_path, "cd" * 32), [0], RESULTS[:1])
     before = read(files)
-    assert files.merge([*parts[:2], tmp_path / "parts" / "gone.parquet"]) is None
+    assert files.merge([*(part.name for part in parts[:2]), "gone.parquet"]) is None
     files.merge_all()
     merged = [path for path in (tmp_path / "parts").iterdir() if path != other]
     assert len(merged) == 1

@@ -1,0 +1,335 @@
+"""Folders of results: of a file system, and of object stores, which fsspec reaches by the scheme of their URL.
+
+Both offer what a store can do: a file appears whole in one step, may be created only where none exists, and is never
+renamed. An error of a store is tried again a few times before it is raised.
+"""
+
+import errno
+import os
+import re
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+from mjrun.confinement.confinement import require_unconfined
+from mjrun.errors import UsageError, clean
+from mjrun.formats.destinations import Destination, StagedFile, unwritable
+from mjrun.formats.input_file import is_file, is_folder
+from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
+from mjrun.packages import require
+
+URL = re.compile(r"([a-z][a-z0-9+.-]+)://.+", re.IGNORECASE)
+DELAYS = (1.0, 4.0)  # [s] before each new try; the libraries of most stores try several times themselves
+LASTING = (FileNotFoundError, FileExistsError, PermissionError, NotImplementedError, ImportError, TypeError, ValueError)
+UNCONDITIONAL = (errno.ENOSYS, errno.EINVAL)  # errors of a store that does not know conditional requests
+EXTRA = "cloud"
+
+T = TypeVar("T")
+
+
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Returns whether `path` is the URL of a folder or a file, such as `s3://bucket/study`."""
+    return isinstance(path, str) and URL.fullmatch(path) is not None
+
+
+class Folder(ABC):
+    """A folder. Its methods raise OSError where they fail."""
+
+    @abstractmethod
+    def path(self, name: str = "") -> str:
+        """Returns the path or the URL of the folder, or of a file in it."""
+
+    @abstractmethod
+    def __truediv__(self, name: str) -> "Folder":
+        """Returns the folder of this name in this one."""
+
+    @abstractmethod
+    def create(self) -> None:
+        """Creates the folder if it does not exist, and removes what ended processes have left in it."""
+
+    @abstractmethod
+    def exists(self) -> bool:
+        """Returns whether the folder exists."""
+
+    @abstractmethod
+    def has(self, name: str) -> bool:
+        """Returns whether a file exists."""
+
+    @abstractmethod
+    def names(self, suffix: str) -> list[str]:
+        """Returns the names of the files that end with `suffix`, sorted; none if the folder does not exist."""
+
+    @abstractmethod
+    def size(self, name: str) -> int:
+        """Returns the size of a file [bytes]; 0 if it does not exist."""
+
+    @abstractmethod
+    def age(self, name: str) -> float:
+        """Returns the time since a file was changed, by the clock of this machine [s]."""
+
+    @abstractmethod
+    def open(self, name: str) -> BinaryIO:
+        """Opens a file for reading at any place."""
+
+    @abstractmethod
+    def create_file(self, name: str, content: bytes) -> None:
+        """Creates a small file.
+
+        Raises:
+          FileExistsError: it exists.
+        """
+
+    @abstractmethod
+    def rewrite(self, name: str, content: bytes) -> None:
+        """Replaces the content of a small file.
+
+        Raises:
+          FileNotFoundError: it does not exist.
+        """
+
+    @abstractmethod
+    def remove(self, name: str) -> None:
+        """Removes a file if it exists."""
+
+    @abstractmethod
+    def destination(self, name: str) -> Destination:
+        """Returns the destination of a file that is written whole."""
+
+
+def folder_at(path: "str | Path | Folder") -> Folder:
+    """Returns the folder of a path or a URL.
+
+    Raises:
+      UsageError: no library reads such URLs, or this process is confined.
+    """
+    if isinstance(path, Folder):
+        return path
+    if isinstance(path, str) and (match := URL.fullmatch(path)):
+        if match[1].lower() == "file":
+            return LocalFolder(Path(path.partition("://")[2]))
+        return StoredFolder(path.rstrip("/"))
+    return LocalFolder(Path(path))
+
+
+def destination_at(path: str | Path) -> Destination:
+    """Returns the destination of a file at a path or a URL.
+
+    Raises:
+      FileError: it cannot be written.
+      UsageError: no library writes to such URLs.
+    """
+    if not is_url(path):
+        return StagedFile(Path(path))
+    folder, _, name = str(path).rpartition("/")
+    return folder_at(folder).destination(name)
+
+
+class LocalFolder(Folder):
+    """A folder of a file system."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def path(self, name: str = "") -> str:
+        return str(self._path / name)
+
+    def __truediv__(self, name: str) -> "LocalFolder":
+        return LocalFolder(self._path / name)
+
+    def create(self) -> None:
+        self._path.mkdir(parents=True, exist_ok=True)
+        remove_left_behind(self._path)
+
+    def exists(self) -> bool:
+        return is_folder(self._path)
+
+    def has(self, name: str) -> bool:
+        return is_file(self._path / name)
+
+    def names(self, suffix: str) -> list[str]:
+        try:
+            return sorted(name for name in os.listdir(self._path) if name.endswith(suffix))  # noqa: PTH208  (names)
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+
+    def size(self, name: str) -> int:
+        try:
+            return (self._path / name).stat().st_size
+        except FileNotFoundError:
+            return 0
+
+    def age(self, name: str) -> float:
+        return time.time() - (self._path / name).stat().st_mtime
+
+    def open(self, name: str) -> BinaryIO:
+        return (self._path / name).open("rb")
+
+    def create_file(self, name: str, content: bytes) -> None:
+        with (self._path / name).open("xb") as stream:
+            stream.write(content)
+
+    def rewrite(self, name: str, content: bytes) -> None:
+        with (self._path / name).open("r+b") as stream:
+            stream.write(content)
+            stream.truncate()
+
+    def remove(self, name: str) -> None:
+        (self._path / name).unlink(missing_ok=True)
+
+    def destination(self, name: str) -> StagedFile:
+        return StagedFile(self._path / name)
+
+
+class StoredFolder(Folder):
+    """A folder of an object store, or of anything else that fsspec reaches.
+
+    Args:
+      url: its URL, without a slash at the end.
+
+    Raises:
+      UsageError: no library reads such URLs, or this process is confined.
+    """
+
+    def __init__(self, url: str) -> None:
+        require_unconfined(f"{clean(url)} is not a folder of this machine")
+        require(f"{clean(url)}", EXTRA, "fsspec")
+        import fsspec
+
+        self._url, (scheme, _, _) = url, url.partition("://")
+        try:
+            # Other processes change the folder: what it contained earlier does not count.
+            self._store, self._key = fsspec.url_to_fs(url, use_listings_cache=False)
+        except ImportError:
+            raise _missing_library(url, scheme) from None
+        except ValueError as error:
+            raise UsageError(f"{clean(url)}: {clean(str(error))}") from None
+
+    def path(self, name: str = "") -> str:
+        return f"{self._url}/{name}" if name else self._url
+
+    def __truediv__(self, name: str) -> "StoredFolder":
+        return StoredFolder(self.path(name))
+
+    def create(self) -> None:
+        # Some file systems need it, object stores do not; buckets are not made.
+        with suppress(Exception):
+            self._store.mkdir(self._key, create_parents=False)
+
+    def exists(self) -> bool:
+        return self._call(lambda: self._store.exists(self._key))
+
+    def has(self, name: str) -> bool:
+        return self._call(lambda: self._store.isfile(self._place(name)))
+
+    def names(self, suffix: str) -> list[str]:
+        try:
+            places: list[str] = self._call(lambda: self._store.ls(self._key, detail=False, refresh=True))
+        except FileNotFoundError:
+            return []
+        return sorted(name for place in places if (name := place.rpartition("/")[2]).endswith(suffix))
+
+    def size(self, name: str) -> int:
+        try:
+            return self._call(lambda: self._store.size(self._place(name)))
+        except FileNotFoundError:
+            return 0
+
+    def age(self, name: str) -> float:
+        changed = self._call(lambda: self._store.modified(self._place(name)))
+        return time.time() - changed.timestamp()
+
+    def open(self, name: str) -> BinaryIO:
+        with scratch_folder() as folder:
+            copy = folder / "copy"
+            self._call(lambda: self._store.get_file(self._place(name), str(copy)))
+            return copy.open("rb")  # which stays readable without its name
+
+    def create_file(self, name: str, content: bytes) -> None:
+        tries = 0
+
+        def create() -> None:
+            nonlocal tries
+            tries += 1
+            try:
+                self._store.pipe_file(self._place(name), content, mode="create")
+            except FileExistsError:
+                if tries == 1:  # a later one finds what the first has created in spite of its error
+                    raise
+
+        try:
+            self._call(create)
+        except OSError as error:
+            if error.errno not in UNCONDITIONAL or self.has(name):
+                raise
+            self._call(lambda: self._store.pipe_file(self._place(name), content))
+
+    def rewrite(self, name: str, content: bytes) -> None:
+        if not self.has(name):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        self._call(lambda: self._store.pipe_file(self._place(name), content))
+
+    def remove(self, name: str) -> None:
+        with suppress(FileNotFoundError):
+            self._call(lambda: self._store.rm_file(self._place(name)))
+
+    def destination(self, name: str) -> "UploadedFile":
+        return UploadedFile(self, name)
+
+    def upload(self, file: str, name: str) -> None:
+        """Writes the content of a local file as a file of the folder."""
+        self._call(lambda: self._store.put_file(file, self._place(name)))
+
+    def _place(self, name: str) -> str:
+        return f"{self._key}/{name}"
+
+    def _call(self, function: Callable[[], T]) -> T:
+        """Calls a function of the store, again where it fails for a reason that may pass.
+
+        Raises:
+          OSError: it fails still.
+        """
+        for delay in (*DELAYS, None):
+            try:
+                return function()
+            except OSError as error:
+                if delay is None or isinstance(error, LASTING) or error.errno in UNCONDITIONAL:
+                    raise
+            except Exception as error:  # of whatever library
+                if delay is None or isinstance(error, LASTING) or "Credential" in type(error).__name__:
+                    raise OSError(errno.EIO, f"{error or type(error).__name__}") from error
+            time.sleep(delay)
+        raise AssertionError
+
+
+class UploadedFile(Destination):
+    """A file that is written on this machine, and uploaded when it is complete."""
+
+    def __init__(self, folder: StoredFolder, name: str) -> None:
+        self._folder, self._name, self.shown = folder, name, folder.path(name)
+        self._scratch = scratch_folder()
+        self.path = str(self._scratch.__enter__() / "file")
+
+    def publish(self) -> list[Path]:
+        try:
+            self._folder.upload(self.path, self._name)
+        except OSError as error:
+            raise unwritable(self.shown, error) from None
+        return []  # which is not on this machine
+
+    def take_back(self) -> None:
+        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+
+    def discard(self) -> None:
+        self._scratch.__exit__(None, None, None)
+
+
+def _missing_library(url: str, scheme: str) -> UsageError:
+    """Returns the error for URLs whose library is not installed."""
+    from fsspec.registry import known_implementations
+
+    known: dict[str, Any] = known_implementations.get(scheme, {})
+    reason = str(known.get("err", "")).partition("\n")[0]
+    return UsageError(f"{clean(url)} needs a library for {clean(scheme)}://, which is not installed\n{clean(reason)}")

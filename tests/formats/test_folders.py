@@ -1,0 +1,136 @@
+"""Folders of file systems and of stores: files appear whole, may be created once, and errors that pass are survived."""
+
+import errno
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import fsspec
+import pytest
+from fsspec.implementations.memory import MemoryFileSystem
+
+from mjrun.errors import FileError, UsageError
+from mjrun.formats.atomic_output import OutputWriter, written_file
+from mjrun.formats.folders import DELAYS, Folder, destination_at, folder_at, is_url
+
+NUMBERS = itertools.count()
+
+
+class Unsteady(MemoryFileSystem):
+    """A store that answers some requests with errors.
+
+    Attributes:
+      faults: errors of the next requests, in order; None for a request that succeeds.
+    """
+
+    protocol = "unsteady"
+    faults: ClassVar[list[Exception | None]] = []
+
+    def pipe_file(self, path: str, value: bytes, mode: str = "overwrite", **_: Any) -> None:
+        fault = self.faults.pop(0) if self.faults else None
+        if not isinstance(fault, PermissionError):
+            super().pipe_file(path, value, mode=mode)
+        if fault:  # after the content was stored, as when the answer is lost
+            raise fault
+
+    def put_file(self, lpath: str, rpath: str, *_: Any, **__: Any) -> None:
+        if self.faults and (fault := self.faults.pop(0)):
+            raise fault
+        super().put_file(lpath, rpath)
+
+
+@pytest.fixture(params=["path", "file", "memory"])
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Folder:
+    place = f"{tmp_path}/a study"
+    urls = {"path": place, "file": f"file://{place}", "memory": f"memory://bucket{next(NUMBERS)}/a study/"}
+    return folder_at(urls[request.param])
+
+
+@pytest.fixture
+def unsteady(monkeypatch: pytest.MonkeyPatch) -> Iterator[Folder]:
+    fsspec.register_implementation("unsteady", Unsteady, clobber=True)
+    pauses = list[float]()
+    monkeypatch.setattr("mjrun.formats.folders.time.sleep", pauses.append)
+    yield folder_at(f"unsteady://bucket{next(NUMBERS)}")
+    assert not Unsteady.faults
+    assert pauses in ([], [*DELAYS], [DELAYS[0], *DELAYS])
+
+
+def content(folder: Folder, name: str) -> bytes:
+    with folder.open(name) as stream:
+        stream.seek(1)
+        rest = stream.read()
+        stream.seek(0)
+        return stream.read(1) + rest
+
+
+def test_every_folder_does_the_same(folder: Folder) -> None:
+    parts = folder / "parts"
+    assert parts.path("x") == f"{folder.path()}/parts/x"
+    assert not parts.exists()
+    assert parts.names("") == []
+    parts.create()
+    parts.create_file("b.lease", b"one")
+    with pytest.raises(FileExistsError):
+        parts.create_file("b.lease", b"other")
+    assert content(parts, "b.lease") == b"one"
+    parts.rewrite("b.lease", b"2")
+    assert content(parts, "b.lease") == b"2"
+    assert 0 <= parts.age("b.lease") + 1 < 60
+    with pytest.raises(FileNotFoundError):
+        parts.rewrite("a.lease", b"")
+    with pytest.raises(FileNotFoundError):
+        parts.open("a.lease")
+
+    with OutputWriter(parts.destination("a.parquet")) as output:
+        Path(output.destination.path).write_bytes(b"whole")
+        assert parts.names(".parquet") == []
+        output.publish()
+    with written_file(parts.path("c.parquet"), b"not published"):
+        pass
+    assert (parts.names(""), parts.names(".parquet")) == (["a.parquet", "b.lease"], ["a.parquet"])
+    assert (parts.size("a.parquet"), parts.size("c.parquet")) == (5, 0)
+    assert (parts.has("a.parquet"), parts.has("c.parquet"), folder.has("parts")) == (True, False, False)
+    assert parts.exists()
+    for _ in range(2):
+        parts.remove("a.parquet")
+    assert parts.names("") == ["b.lease"]
+
+
+def test_errors_that_pass_are_tried_again(unsteady: Folder) -> None:
+    busy = OSError(errno.EBUSY, "Please reduce your request rate")
+    Unsteady.faults = [busy, None]
+    unsteady.create_file("a", b"content")  # the first request has created it, though its answer was lost
+    assert content(unsteady, "a") == b"content"
+    Unsteady.faults = [busy, TimeoutError(), None]
+    with written_file(unsteady.path("b"), b"whole") as output:
+        output.publish()
+    assert content(unsteady, "b") == b"whole"
+
+
+def test_errors_that_stay_are_raised_and_nothing_is_published(unsteady: Folder) -> None:
+    Unsteady.faults = [OSError(errno.EBUSY, "Slow Down")] * (len(DELAYS) + 1)
+    with (
+        written_file(unsteady.path("table.csv"), b"1") as output,
+        pytest.raises(FileError, match=r"^unsteady://.*/table.csv: cannot be written: Slow Down$"),
+    ):
+        output.publish()
+    assert unsteady.names("") == []
+
+
+def test_an_error_that_cannot_pass_is_raised_at_once(unsteady: Folder) -> None:
+    Unsteady.faults = [PermissionError("Access Denied")]
+    with pytest.raises(PermissionError):
+        unsteady.create_file("a", b"")
+
+
+def test_urls_are_distinguished_from_paths_and_unknown_ones_refused() -> None:
+    assert [is_url(text) for text in ("s3://b/x", "S3://b", "a/b://c", "c:/x", "scene:dominos", "x://")] == [
+        *(True, True, False, False, False, False)
+    ]
+    assert not is_url(Path("s3://b"))
+    with pytest.raises(UsageError, match=r"^odd://x: Protocol not known: odd$"):
+        folder_at("odd://x")
+    with pytest.raises(UsageError, match=r"needs a library for oci://.*\nInstall ocifs"):
+        destination_at("oci://bucket/table.csv")
