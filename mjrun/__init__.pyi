@@ -456,13 +456,14 @@ class Dataset(_Dataset):
         iterations=integrator == 'rk4'. Elsewhere the model keeps its own value, the cell is empty, and
         equal points are one.
       where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
-      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
-        [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
+        default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
-        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
+        constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
+        [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -633,13 +634,14 @@ class EpisodeDataset(_EpisodeDataset):
         which requires Vulkan. One of classic, filament. [default: 'classic']
       gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
       require_gpu: Fail instead of rendering in software.
-      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
-        [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
+        default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
-        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
+        constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
+        [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -777,13 +779,14 @@ class Evaluation(_Evaluation):
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
-      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
-        [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
+        default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
-        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
+        constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
+        [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -1528,13 +1531,14 @@ class Study(_Study):
         equal points are one.
       where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       confidence: Confidence level of all intervals. [default: 0.95]
-      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
-        [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
+        default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
-        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
+        constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
+        [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -2129,13 +2133,14 @@ def evaluate(
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
         add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
-      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
-        [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
+        default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
-        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
+        constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
+        [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those
@@ -2734,13 +2739,14 @@ def sweep(
         equal points are one.
       where: Include only points for which this condition holds: mass < 10, integrator != 'rk4'.
       confidence: Confidence level of all intervals. [default: 0.95]
-      jobs: Number of processes on this machine; on Slurm, number of jobs in flight, by default 100.
-        [default: 'auto']
+      jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
+        default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
         dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
         concurrent.futures.Executor. [default: 'local']
-      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos
-        and constraint. Requires engine slurm. [default: time=5min, and what the cluster sets]
+      slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
+        constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
+        [default: time=5min, and what the cluster sets]
       chunk: Number of points or episodes per task of the engine. [default: a few seconds' worth]
       time_limit: Maximum wall time per point or episode [s]. [default: none]
       time_budget: Start no more points or episodes after this wall time [s], as in 2h or 50min; those

@@ -74,7 +74,7 @@ LIBRARIES = {
     ),
     "fsspec": ("formats.folders",),
     "distributed": ("study.executors",),
-    "submitit": ("study.executors",),
+    "submitit": ("study.slurm",),
     "scipy": (
         "formats.tables.mat",
         "experiment.statistics",

@@ -219,8 +219,9 @@ SLURM_SETTINGS = {
     "mem": r"[0-9]+[MGT]B?",
     "gpus": r"([\w.-]+:)?[0-9]+",
     "cpus": r"[1-9][0-9]*",
+    "array": r"[1-9][0-9]*",
 }
-SLURM_JOBS = 100  # in flight, unless --jobs sets their number
+SLURM_JOBS = 1000  # in flight, unless --jobs sets their number: an array of Slurm has at most 1001 by default
 
 
 class SlurmSetting(Kind[str, str]):
@@ -252,7 +253,8 @@ class ExecutionOptions(Options):
         converter=Processes("N", of="processes"),
         default="auto",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help=f"Number of processes on this machine; on Slurm, number of jobs in flight, by default {SLURM_JOBS}.",
+        help=f"Number of processes on this machine; on Slurm, largest number of jobs that run or wait, "
+        f"by default {SLURM_JOBS}, and as many as the cluster accepts.",
     )
     engine: str = option(
         converter=Text("ENGINE"),
@@ -266,8 +268,8 @@ class ExecutionOptions(Options):
         default=(),
         usual="time=5min, and what the cluster sets",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos and "
-        "constraint. Requires --engine slurm.",
+        help="Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos, "
+        "constraint, and array=N, the largest number of jobs that run at once. Requires --engine slurm.",
     )
     chunk: int | None = option(
         converter=Optional(Integer(1)),

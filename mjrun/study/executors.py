@@ -3,13 +3,11 @@
 Chunks run on this machine or on an existing distributed engine; each executor is a `concurrent.futures.Executor`.
 """
 
-import shutil
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -19,21 +17,21 @@ import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
-from mjrun.options.sweep import EXTRAS, SLURM_JOBS
+from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
 from mjrun.study.isolation import run_chunk
+from mjrun.study.slurm import SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"
 PATIENCE = 20  # [s] for a scheduler to answer
-POLL = 0.2  # [s] between two queries of Slurm jobs
 INTERVAL = 0.5  # [s] between two parts: results wait for others
 REFUSALS = 5  # refused results of a chunk, after which its points have failed
 SECONDS = 3.0  # wall time of a chunk, which is lost when it is killed
-LEAST_SECONDS = 0.2  # wall time of the last chunks, which are smaller so that all workers end together
+LEAST = 1 / 15  # share of this time that the last chunks take: they are smaller so that all workers end together
 GROWTH = 4  # from the largest measured chunk to the next, since a few points predict many badly
 MOST = 4096  # points in a chunk
 QUEUED = 3  # chunks that wait for each process in addition to the running one
@@ -70,7 +68,7 @@ class ChunkSizes:
             return min(self._largest, share)
         of_step = self._seconds / self._steps if self._steps else 0.0
         ends = np.cumsum(np.maximum(self._seconds / self._points, of_step * steps[:MOST]))
-        fair = max(share, int(np.searchsorted(ends, LEAST_SECONDS, "right")))
+        fair = max(share, int(np.searchsorted(ends, LEAST * self._target, "right")))
         return max(1, min(fair, int(np.searchsorted(ends, self._target, "right")), GROWTH * self._largest))
 
     def add(self, points: int, steps: int, seconds: float) -> None:
@@ -82,13 +80,19 @@ class ChunkSizes:
 
 
 def open_executor(
-    engine: str, jobs: int | str, folder: Path, stack: ExitStack, slurm: Sequence[str] = ()
+    engine: str,
+    jobs: int | str,
+    folder: Path,
+    stack: ExitStack,
+    slurm: Sequence[str] = (),
+    note: Callable[[str], None] = lambda _: None,
 ) -> tuple[Executor, int]:
     """Opens an executor, to be closed by `stack`, and returns it with the number of chunks to keep in flight.
 
     Args:
       folder: folder for the logs of Slurm.
       slurm: settings of Slurm jobs.
+      note: reports cancelled jobs of Slurm.
 
     Raises:
       UsageError: the engine is unknown.
@@ -103,19 +107,8 @@ def open_executor(
     if _is_dask(engine):
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
     if engine == SLURM:
-        import submitit
-        from submitit.core.utils import FailedJobError
-
-        submitter = submitit.AutoExecutor(folder=folder / "slurm")  # starts local processes where Slurm is missing
-        submitter.update_parameters(**slurm_parameters(slurm))
-
-        def submit(fn: Callable[..., Any], *arguments: Any) -> Any:
-            try:
-                return submitter.submit(fn, *arguments)
-            except FailedJobError as error:
-                raise UsageError(f"{option('engine')} slurm: {clean(str(error).strip())}") from None
-
-        return stack.enter_context(PollingExecutor(submit)), _slurm_jobs(jobs)
+        most = most_jobs(jobs, slurm)
+        return stack.enter_context(SlurmExecutor(folder, slurm, most, note)), most
     return stack.enter_context(_made_by(engine)), count * QUEUED
 
 
@@ -138,7 +131,7 @@ def check_engine(engine: str) -> None:
         _factory(engine)
 
 
-def process_count(engine: str, jobs: int | str) -> int | None:
+def process_count(engine: str, jobs: int | str, slurm: Sequence[str] = ()) -> int | None:
     """Returns the number of processes that simulate; None where another system decides.
 
     Raises:
@@ -147,29 +140,12 @@ def process_count(engine: str, jobs: int | str) -> int | None:
     if engine == WARP:
         return 1
     if engine == SLURM:
-        return _slurm_jobs(jobs)
+        return most_jobs(jobs, slurm)
     if engine in ("local", "dask"):
         return jobs if isinstance(jobs, int) else available_cores()
     if not _is_dask(engine):
         _factory(engine)
     return None
-
-
-def slurm_parameters(settings: Sequence[str]) -> dict[str, object]:
-    """Returns the parameters of submitit for settings such as `time=2h`."""
-    parameters = dict[str, object]()
-    for name, _, text in (setting.partition("=") for setting in settings):
-        if name == "time":
-            parameters["timeout_min"] = 60 * int(text[:-1]) if text.endswith("h") else int(text.removesuffix("min"))
-        else:
-            own = {"gpus": "gpus_per_node", "cpus": "cpus_per_task"}.get(name, name)
-            parameters[f"slurm_{own}"] = text.removesuffix("B") if name == "mem" else text
-    return parameters
-
-
-def _slurm_jobs(jobs: int | str) -> int:
-    """Returns the number of jobs in flight; those of submitit's stand-in for Slurm run on this machine."""
-    return jobs if isinstance(jobs, int) else SLURM_JOBS if shutil.which("srun") else available_cores()
 
 
 def completed(
@@ -194,16 +170,17 @@ def completed(
     again = deque[PointChunk]()
     is_first = True
     while True:
-        while is_waiting := not is_over() and len(running) < ahead:
-            try:
-                chunk = again.popleft() if again else next(chunks)
-            except StopIteration:
-                is_waiting = False
-                break
-            if chunk is None:
-                break
-            running[executor.submit(run_chunk, chunk)] = chunk
-        if is_over() and isinstance(executor, ThreadPoolExecutor):  # others cannot tell which chunks have begun
+        with executor.batch() if isinstance(executor, SlurmExecutor) else nullcontext():
+            while is_waiting := not is_over() and len(running) < ahead:
+                try:
+                    chunk = again.popleft() if again else next(chunks)
+                except StopIteration:
+                    is_waiting = False
+                    break
+                if chunk is None:
+                    break
+                running[executor.submit(run_chunk, chunk)] = chunk
+        if is_over() and isinstance(executor, ThreadPoolExecutor | SlurmExecutor):  # which know what has begun
             running = {future: chunk for future, chunk in running.items() if not future.cancel()}
         if is_first:
             yield []
@@ -259,47 +236,6 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
         raise UsageError(f"{option('engine')}: {reason}") from None
     workers = max(1, sum(client.nthreads().values()))
     return client.get_executor(pure=False), workers * QUEUED
-
-
-class PollingExecutor(Executor):
-    """An executor on jobs that have to be polled.
-
-    Args:
-      start: function that submits a call and returns its job, with the methods `done`, `result` and `cancel`.
-    """
-
-    def __init__(self, start: Callable[..., Any]) -> None:
-        self._start = start
-        self._waiting = dict[Future[Any], Any]()
-        self._lock, self._closed = threading.Lock(), threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="submitted jobs", daemon=True)
-        self._thread.start()
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future = Future[Any]()
-        future.set_running_or_notify_cancel()
-        with self._lock:
-            self._waiting[future] = self._start(fn, *args, **kwargs)
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        self._closed.set()
-        with self._lock:
-            for job in self._waiting.values():
-                job.cancel()
-            self._waiting.clear()
-
-    def _watch(self) -> None:
-        while not self._closed.wait(POLL):
-            with self._lock:
-                done = [(future, job) for future, job in self._waiting.items() if job.done()]
-                for future, _ in done:
-                    del self._waiting[future]
-            for future, job in done:
-                try:
-                    future.set_result(job.result())
-                except Exception as error:  # of whatever kind: the waiting thread raises it
-                    future.set_exception(error)
 
 
 def _factory(engine: str) -> tuple[str, str]:

@@ -190,7 +190,9 @@ class PreparedPoints(ABC):
             PartWriter(self.files, executors.INTERVAL, leases.publish) as parts,
             ExitStack() as stack,
         ):
-            executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack, options.slurm)
+            executor, ahead = executors.open_executor(
+                options.engine, options.jobs, self.folder, stack, options.slurm, reporter.note
+            )
             leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
             for arrived in self._completed(executor, leased, ahead, options, budget, reporter):
                 for chunk, result in arrived:

@@ -78,7 +78,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
     """
     missing = prepared.missing(options.retry_failed)
     steps = prepared.steps(missing)
-    processes = process_count(options.engine, options.jobs)
+    processes = process_count(options.engine, options.jobs, options.slurm)
     result, seconds = _measured(prepared, missing, options)
     of_step = seconds / result.steps if result and result.steps else 0.0
     sizes = _chunk_sizes(prepared, options, steps, processes or available_cores(), of_step)

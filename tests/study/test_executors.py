@@ -10,16 +10,14 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from threading import Event
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
-import submitit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import MissingExtraError, MjrunError, UsageError
-from mjrun.options.sweep import ExecutionOptions
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import (
     GROWTH,
@@ -30,12 +28,12 @@ from mjrun.study.executors import (
     completed,
     open_executor,
     process_count,
-    slurm_parameters,
 )
 from mjrun.study.isolation import run_chunk
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
 from tests.processes import PATIENCE
+from tests.study.slurm_stand_in import install
 
 
 @pytest.fixture
@@ -46,9 +44,13 @@ def chunks(ball: Simulation) -> list[PointChunk]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["local", "dask", "slurm", "tests.study.factories:threads"])
-def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[PointChunk], engine: str) -> None:
+def test_every_engine_gives_the_same_results(
+    tmp_path: Path, chunks: list[PointChunk], engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if engine == "slurm":  # which starts a process for each
         chunks = chunks[:2]
+        install(tmp_path / "cluster")
+        monkeypatch.setenv("PATH", str(tmp_path / "cluster"), prepend=os.pathsep)
     with ExitStack() as stack:
         executor, ahead = open_executor(engine, 2, tmp_path, stack)
         assert ahead >= 2
@@ -76,46 +78,6 @@ def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[PointC
 def test_an_engine_that_is_none_is_refused(tmp_path: Path, engine: str, expected: str) -> None:
     with ExitStack() as stack, pytest.raises(UsageError, match=expected):
         open_executor(engine, 1, tmp_path, stack)
-
-
-def test_settings_of_slurm_are_in_the_script_that_it_receives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    texts = "partition=long,account=lab,time=2h,mem=16GB,gpus=a100:2,cpus=4"
-    options = ExecutionOptions(engine="slurm", slurm=texts)  # type: ignore[arg-type]
-    monkeypatch.setattr("submitit.SlurmExecutor.affinity", classmethod(lambda cls: 2))
-    submitter = submitit.AutoExecutor(tmp_path, cluster="slurm")
-    submitter.update_parameters(**slurm_parameters(options.slurm))
-    slurm: Any = submitter._executor
-    lines = slurm._make_submission_file_text("true", "1").splitlines()
-    for each in ("partition=long", "account=lab", "time=120", "mem=16G", "gpus-per-node=a100:2", "cpus-per-task=4"):
-        assert f"#SBATCH --{each}" in lines
-    monkeypatch.setattr("shutil.which", lambda name: f"/bin/{name}")
-    assert (process_count("slurm", "auto"), process_count("slurm", 500)) == (100, 500)  # whatever this machine has
-
-
-def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("srun", "sbatch"):
-        (tmp_path / name).write_text("#!/bin/sh\necho invalid partition: typo >&2\nexit 1\n")
-        (tmp_path / name).chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    with ExitStack() as stack:
-        executor, ahead = open_executor("slurm", "auto", tmp_path, stack, ["partition=typo"])
-        assert ahead == 100
-        with pytest.raises(UsageError, match=r"engine slurm: .*invalid partition: typo"):
-            executor.submit(os.getpid)
-
-
-@pytest.mark.parametrize(
-    ("engine", "text", "expected"),
-    [
-        ("local", "time=2h", "slurm requires engine slurm"),
-        ("slurm", "partitoin=a", "not a setting of Slurm; settings: partition, account"),
-        ("slurm", "time=30", "time=90min"),
-        ("slurm", "account=a\n#SBATCH", "not a valid setting"),
-    ],
-)
-def test_settings_of_slurm_are_checked(engine: str, text: str, expected: str) -> None:
-    with pytest.raises(UsageError, match=expected):
-        ExecutionOptions(engine=engine, slurm=text)  # type: ignore[arg-type]
 
 
 def test_a_cluster_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

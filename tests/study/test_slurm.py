@@ -1,0 +1,110 @@
+"""Jobs of Slurm, run by a stand-in for it: the settings of arrays, limits of the queue, and cancelled jobs."""
+
+import operator
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import UsageError
+from mjrun.options.sweep import ExecutionOptions
+from mjrun.study import slurm
+from mjrun.study.executors import process_count
+from mjrun.study.slurm import SlurmExecutor, most_jobs
+from tests.processes import PATIENCE, wait_until
+from tests.study.slurm_stand_in import install, states
+
+
+@pytest.fixture
+def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the stand-in for Slurm, whose commands are found first."""
+    folder = tmp_path / "cluster"
+    install(folder)
+    monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
+    return folder
+
+
+def log(cluster: Path) -> list[str]:
+    return (cluster / "log").read_text().splitlines()
+
+
+def test_calls_that_arrive_together_are_one_array_with_the_settings(tmp_path: Path, cluster: Path) -> None:
+    texts = "partition=long,account=lab,time=2h,mem=16GB,gpus=a100:2,cpus=4,array=2"
+    settings = ExecutionOptions(engine="slurm", slurm=texts).slurm  # type: ignore[arg-type]
+    with SlurmExecutor(tmp_path, settings, most_jobs("auto", settings), print) as executor:
+        with executor.batch():
+            futures = [executor.submit(operator.floordiv, 7, divisor) for divisor in (1, 2, 0)]
+        wait_until(lambda: [*tmp_path.glob("slurm/*/1000_submission.sh")])
+        (script,) = tmp_path.glob("slurm/*/1000_submission.sh")
+        lines = script.read_text().splitlines()
+        assert [future.result(PATIENCE) for future in futures[:2]] == [7, 3]
+        with pytest.raises(Exception, match="ZeroDivisionError"):
+            futures[2].result(PATIENCE)
+    wanted = ["partition=long", "account=lab", "time=120", "mem=16G", "gpus-per-node=a100:2", "cpus-per-task=4"]
+    for each in [*wanted, "array=0-2%2"]:
+        assert f"#SBATCH --{each}" in lines
+    assert log(cluster) == ["sbatch 0-2%2"]
+    assert {path.name for path in tmp_path.glob("slurm/*/*_log.err")} == {"1000_2_0_log.err"}  # of the failed one
+
+
+def test_the_jobs_in_flight_are_as_many_as_the_queue_accepts(
+    tmp_path: Path, cluster: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(slurm, "BUSY", 0)
+    monkeypatch.setattr(slurm, "EVERY", 0)
+    (cluster / "limit").write_text("2")
+    with SlurmExecutor(tmp_path, (), 100, print) as executor:
+        with executor.batch():
+            futures = [executor.submit(operator.neg, number) for number in range(5)]
+        assert [future.result(PATIENCE) for future in futures] == [0, -1, -2, -3, -4]
+    assert log(cluster)[:2] == ["sbatch 0-4%5", "sbatch 0-1%2"]
+    wait_until(lambda: [*states(cluster).values()] == ["COMPLETED"] * 5)
+    assert not (tmp_path / "slurm").exists()
+
+
+def test_jobs_that_have_not_begun_can_be_cancelled(tmp_path: Path, cluster: Path) -> None:
+    notes = list[str]()
+    with SlurmExecutor(tmp_path, (), 1, notes.append) as executor:
+        release = tmp_path / "release"
+        with executor.batch():
+            futures = [executor.submit(_wait_for, str(release)) for _ in range(3)]
+        wait_until(futures[0].running)
+        assert [future.cancel() for future in futures] == [False, True, True]
+        wait_until(lambda: notes)
+        release.touch()
+        assert futures[0].result(PATIENCE) == "done"
+    assert notes == ["2 jobs of Slurm cancelled: 2 waiting"]
+    assert log(cluster) == ["sbatch 0-2%1", "scancel 1000_1 1000_2"]
+    wait_until(lambda: [*states(cluster).values()] == ["COMPLETED", "CANCELLED", "CANCELLED"])
+
+
+def _wait_for(path: str) -> str:
+    while not os.path.exists(path):  # noqa: PTH110
+        time.sleep(0.01)
+    return "done"
+
+
+def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, cluster: Path) -> None:
+    (cluster / "limit").write_text("0")
+    assert process_count("slurm", "auto") == 1000  # whatever this machine has
+    assert process_count("slurm", 500, ("array=20",)) == 20
+    with SlurmExecutor(tmp_path, (), 1000, print) as executor:
+        future = executor.submit(os.getpid)
+        with pytest.raises(UsageError, match=r"engine slurm: .*violates accounting/QOS policy"):
+            future.result(PATIENCE)
+
+
+@pytest.mark.parametrize(
+    ("engine", "text", "expected"),
+    [
+        ("slurm", "array=0", "not a valid setting"),
+        ("local", "time=2h", "slurm requires engine slurm"),
+        ("slurm", "partitoin=a", "not a setting of Slurm; settings: partition, account"),
+        ("slurm", "time=30", "time=90min"),
+        ("slurm", "account=a\n#SBATCH", "not a valid setting"),
+    ],
+)
+def test_settings_of_slurm_are_checked(engine: str, text: str, expected: str) -> None:
+    with pytest.raises(UsageError, match=expected):
+        ExecutionOptions(engine=engine, slurm=text)  # type: ignore[arg-type]
