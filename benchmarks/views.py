@@ -52,8 +52,8 @@ def costs(
             for case, (quality, views) in CASES.items():
                 renderers[quality].make_current()
                 start, cpu = time.perf_counter(), time.process_time()
-                renderers[quality].look(state)
-                renderers[quality].picture(free, views)
+                renderers[quality].set_state(state)
+                renderers[quality].render(free, views)
                 found[case].append((time.perf_counter() - start, time.process_time() - cpu))
     return {case: times[1:] for case, times in found.items()}
 

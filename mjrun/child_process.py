@@ -10,6 +10,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import traceback
@@ -442,3 +443,11 @@ def _computing_time(session: int) -> float:
             if int(fields[3]) == session:
                 ticks += int(fields[11]) + int(fields[12])  # by itself, and in the system for it
     return ticks
+
+
+def memory_file() -> int:
+    """Returns the descriptor of an empty nameless file, in memory or, if the system does not support that, on disk."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("mjrun")
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())

@@ -31,7 +31,7 @@ MODULES = {
     COMMAND: ("mjrun.cli.main", "mjrun.outputs.trace", "mjrun.outputs.video", "mjrun.rendering.compositor", "mujoco"),
     CHECK: ("mjrun.check.worker",),
     "mjrun.rendering.filament_worker:FilamentServer": ("mjrun.rendering.filament_worker",),
-    "mjrun.rendering.worker_process:PaintServer": ("mjrun.rendering.worker_process", "mujoco"),
+    "mjrun.rendering.compositor_pool:CompositorServer": ("mjrun.rendering.compositor_pool", "mujoco"),
     "mjrun.study.point_files:PointFileServer": ("mjrun.study.point_files", "mujoco"),
     "mjrun.study.point_server:PointSimulationServer": ("mjrun.study.point_server", "mjrun.study.simulate"),
 }

@@ -139,7 +139,7 @@ def test_warnings_of_mujoco_come_with_the_reply(worker: Worker) -> None:
 @pytest.mark.usefixtures("new_interpreters")
 @pytest.mark.parametrize("server", sorted({*MODULES} - {COMMAND, CHECK}))
 def test_servers_that_other_tests_ask_in_prepared_interpreters_answer_in_new_ones(server: str) -> None:
-    descriptors = os.pipe() if server.endswith("PaintServer") else ()
+    descriptors = os.pipe() if server.endswith("CompositorServer") else ()
     with closing(Worker(server, descriptors=descriptors)) as worker:
         with pytest.raises(MjrunError, match="has no attribute 'no_such_method'"):
             worker.ask("no_such_method")

@@ -22,7 +22,7 @@ from mjrun.model.override import apply
 from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import panel_files
-from mjrun.outputs.frame_output import check_drawing, scene_compositor
+from mjrun.outputs.drawn_frames import check_drawing, scene_compositor
 from mjrun.outputs.scene_frames import camera_motions
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
@@ -194,7 +194,7 @@ def _drawn(
     """Returns the wall time of each part of each frame [s], and a frame of each state that was drawn."""
     views = [panel.view for stream in compositor.streams for panel in stream.panels]
     if "depth" in views and not compositor.ranges:
-        compositor.look_ahead(dict(enumerate(states[:1])))
+        compositor.choose_ranges(dict(enumerate(states[:1])))
 
     costs: list[dict[str, float]] = []
     frames: list[np.ndarray] = []
@@ -203,7 +203,7 @@ def _drawn(
         pixels = np.empty(compositor.bytes, np.uint8)
         watch.spent = {}
         with watch.part(COMPOSE):
-            compositor.paint(states[index], index, pixels)
+            compositor.compose(states[index], index, pixels)
         costs.append(watch.spent)
         if workload:
             _sample_between_frames(workload, costs)

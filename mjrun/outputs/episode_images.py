@@ -10,14 +10,14 @@ from mjrun.camera.pose import Pose, PoseArray
 from mjrun.dataclass import dataclass
 from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.frame_output import check_drawing, scene_compositor
+from mjrun.outputs.drawn_frames import check_drawing, scene_compositor
 from mjrun.outputs.frame_schedule import shot_spans
 from mjrun.outputs.scene_frames import camera_motions
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, SceneCompositor
+from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.drawn_model import drawn_model, place_stage
-from mjrun.rendering.workers import PainterProcesses, ParallelPainter
 from mjrun.timeline import Timeline
 
 
@@ -33,9 +33,9 @@ class EpisodeImageRenderer:
     """
 
     def __init__(self, options: ViewOptions, painters: int) -> None:
-        self._options, self._painters = options, painters
+        self._options, self._jobs = options, painters
         self._backend = BackendDetection(options.gl).result(require_gpu=options.require_gpu)
-        self._processes = PainterProcesses(painters) if painters > 1 else None
+        self._processes = CompositorProcesses(painters) if painters > 1 else None
         self._model: mujoco.MjModel | None = None  # the last one
         self._staged: _StagedModel | None = None  # the one drawn for it
         self._compositor: SceneCompositor | None = None  # the last one, whose renderer is open
@@ -67,7 +67,7 @@ class EpisodeImageRenderer:
             FrameStream([CameraPanel(index, "rgb")], options.size, FrameStyle()) for index in range(len(motions))
         ]
         compositor = scene_compositor(options, drawn, self._backend, streams, PoseArray(poses))
-        for flat in self._painted(compositor, states):
+        for flat in self._flat_frames(compositor, states):
             yield compositor.parts(flat)
 
     def close(self) -> None:
@@ -78,10 +78,10 @@ class EpisodeImageRenderer:
             self._processes.close()
         self._compositor = self._processes = None
 
-    def _painted(self, compositor: SceneCompositor, states: StateBuffer) -> Iterator[np.ndarray]:
+    def _flat_frames(self, compositor: SceneCompositor, states: StateBuffer) -> Iterator[np.ndarray]:
         count = len(states)
         if self._processes:
-            pool = ParallelPainter(compositor, (compositor.bytes,), self._painters, workers=self._processes)
+            pool = CompositorPool(compositor, (compositor.bytes,), self._jobs, workers=self._processes)
             with closing(pool):
                 yield from pool.frames(iter(states))
             return
@@ -91,7 +91,7 @@ class EpisodeImageRenderer:
         compositor.open()
         frame = np.empty(compositor.bytes, np.uint8)
         for index in range(count):
-            compositor.paint(states[index], index, frame)
+            compositor.compose(states[index], index, frame)
             yield frame
 
     def _model_to_draw(self, source: Source, model: mujoco.MjModel, start: np.ndarray) -> tuple[mujoco.MjModel, bool]:

@@ -44,7 +44,7 @@ NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
 
 if TYPE_CHECKING:
-    from mjrun.outputs.frame_output import FramePlan
+    from mjrun.outputs.drawn_frames import FramePlan
     from mjrun.outputs.memory_frames import VideoInMemory
     from mjrun.outputs.timeline_marks import Mark, MarkDetector
 
@@ -140,7 +140,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
 
     def _images(self, context: output.Context) -> "PlannedImages":
         """Plans the images of the cameras, whose frames are those of the export."""
-        from mjrun.outputs.frame_output import plan_frames  # which imports the renderers
+        from mjrun.outputs.drawn_frames import plan_frames  # which imports the renderers
         from mjrun.outputs.memory_frames import VideoInMemory
 
         values: dict[str, Any] = {each.attribute: getattr(self, each.attribute) for each in options_of(SceneOptions)}
@@ -180,9 +180,9 @@ class PlannedImages:
 
     def frames(self, stack: ExitStack, rendering: output.PassRenderers) -> RecordedFrames:
         """Returns the frames, whose states are recorded and which can then be drawn."""
-        from mjrun.outputs.memory_frames import FramesInMemory
+        from mjrun.outputs.drawn_frames import DrawnFrames
 
-        return FramesInMemory(self.job, self.plan, stack, rendering)
+        return DrawnFrames(self.plan, self.job.encoded_files, stack, rendering, self.job.jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,10 +296,10 @@ class ExportedScene:
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
-        from mjrun.outputs.memory_frames import FramesInMemory
+        from mjrun.outputs.drawn_frames import DrawnFrames
 
-        assert isinstance(self.frames, FramesInMemory)
-        return self.frames.parts()
+        assert isinstance(self.frames, DrawnFrames)
+        return self.frames.draw(self.frames.compositor())
 
     @cached_property
     def layers(self) -> Sequence[str]:

@@ -21,10 +21,11 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
+from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.event_detection import time_of
-from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output_files import named_files
+from mjrun.physics.observe import AnyTap
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.simulation.simulation import require_countable
@@ -133,26 +134,29 @@ class ImageFile(PanelFile):
         return self.panels[0].view if self.exact else "rgb"
 
 
-class ImageOutput(FrameOutput[ImageResult]):
+class ImageOutput(output.Output[ImageResult]):
     """An image with open files."""
 
     def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
         files = job.formatted_files
-        super().__init__(plan, files, {}, stack, rendering)
-        self._job = job
+        self._job, self._plan, self._frames = job, plan, DrawnFrames(plan, files, stack, rendering)
+        self.facts = self._frames.facts
         self._writers: list[ImageWriter] = []
         for file in files:
             size, tags = plan.size_of(file), output.metadata_tags(file.target, self.facts)
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
-        self.open_calibration(numbers=any(file.view == "depth" and file.format == "png" for file in files))
+        self._frames.open_calibration(numbers=any(file.view == "depth" and file.format == "png" for file in files))
         self._pointcloud: PointCloudWriter | None = None
         if job.pointcloud is not None:
             labels = Segmentation(plan.context.model, job.seg_by).legend if "seg" in job.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
 
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+        return self._frames.taps(event_steps)
+
     def draw(self) -> None:
-        compositor = self.compositor(self._job.legend)
+        compositor = self._frames.compositor(self._job.legend)
         pictures = self._pictures(compositor)
         for index in range(len(self._writers)):
             self._write(index, compositor, pictures)
@@ -161,23 +165,23 @@ class ImageOutput(FrameOutput[ImageResult]):
                 self._pointcloud.write(picture)
         if self._clipped:
             text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
-            self._reporter.warn(text)
+            self._plan.context.reporter.warn(text)
 
     def finish(self) -> Sequence[OutputWriter]:
-        writers = [*self._writers, *self.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
+        writers = [*self._writers, *self._frames.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
         for writer in writers:
             writer.finish()
         return writers
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> ImageResult:
-        backend = self._backend
+        backend, schedule = self._frames.backend, self._frames.schedule
         return ImageResult(
             path=self._job.output,
             paths=[str(file) for file in files],
             format=self._job.formatted_files[0].format,
             size=self._plan.size_of(self._job.formatted_files[0]),
-            time=self.schedule.times[0],
-            step=self.schedule.steps[0],
+            time=schedule.times[0],
+            step=schedule.steps[0],
             clipped=self._clipped,
             renderer=backend.renderer,
             gl=backend.name,
@@ -192,12 +196,12 @@ class ImageOutput(FrameOutput[ImageResult]):
 
     def _pictures(self, compositor: SceneCompositor) -> list[RenderedView]:
         """Renders the view of each camera."""
-        job, state = self._job, self.states[0]
+        job, state = self._job, self._frames.states[0]
         try:
             compositor.open()
             if not compositor.ranges and "depth" in job.view:
-                compositor.look_ahead({0: state})
-            return compositor.see(state, 0, [*job.view, *(POINTCLOUD_VIEWS if self._pointcloud else ())])
+                compositor.choose_ranges({0: state})
+            return compositor.render(state, 0, [*job.view, *(POINTCLOUD_VIEWS if self._pointcloud else ())])
         finally:
             compositor.close()
 

@@ -250,10 +250,10 @@ class LabelledRenderer:
         renderer = self._prepared(model)
         conditions = AcceptConditions(self._options, objects)
         for place, (state, time) in enumerate(zip(states, times, strict=True)):
-            renderer.look(state)
-            scene.look(state)
+            renderer.set_state(state)
+            scene.set_state(state)
             for camera, track in zip(cameras, poses, strict=True):
-                seen = renderer.picture(track[place], ("rgb", "depth", "seg"))
+                seen = renderer.render(track[place], ("rgb", "depth", "seg"))
                 rgb, depth, bodies = seen.rgb, seen.depth, seen.ids
                 assert rgb is not None
                 assert depth is not None
@@ -317,7 +317,7 @@ class LabelledRenderer:
         masks: list[np.ndarray] = [np.empty(0)] * len(scene.objects)
         for group in scene.groups(camera):
             with scene.alone(group):
-                bodies = renderer.picture(pose, ("seg",)).ids
+                bodies = renderer.render(pose, ("seg",)).ids
             owners = scene.owners_or_none[bodies]
             for index in group:
                 masks[index] = np.equal(owners, index)
@@ -343,7 +343,7 @@ class LabelledRenderer:
         if scale <= 1:
             return inside, 0.0, _around(mask)
         with scene.alone([index]):
-            wide = _mask(renderer.picture(replace(pose, frustum=_widened(pose.frustum, scale)), ("seg",)))
+            wide = _mask(renderer.render(replace(pose, frustum=_widened(pose.frustum, scale)), ("seg",)))
         middle = np.array([width, height]) / 2
         rows, columns = np.nonzero(wide)
         places = (np.stack([columns, rows], axis=1) + 0.5 - middle) * scale + middle
@@ -368,7 +368,7 @@ class _Objects:
         bodies = {kind: _bodies_of(model, kind) for kind in GROUPED}
         self._owners = {kind: np.where(ids >= 0, self.owners[ids], -1) for kind, ids in bodies.items()}
 
-    def look(self, state: np.ndarray) -> None:
+    def set_state(self, state: np.ndarray) -> None:
         """Moves the model to an integration state."""
         mujoco.mj_setState(self._model, self._data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_kinematics(self._model, self._data)

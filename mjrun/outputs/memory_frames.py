@@ -1,6 +1,6 @@
 """Videos whose frames stay in memory."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -12,9 +12,10 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.options.option import options
 from mjrun.outputs import output
-from mjrun.outputs.frame_output import plan_frames
+from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, plan_frames
 from mjrun.outputs.perform import Pass
-from mjrun.outputs.video import DrawnFrames, Video
+from mjrun.outputs.video import Video
+from mjrun.physics.observe import AnyTap
 from mjrun.reporter import WarningReporter, pass_on
 
 
@@ -30,31 +31,28 @@ class VideoInMemory(Video):
         """Resolves every name in the model and schedules the frames unless events decide."""
         drawn = plan_frames(self, context, self.plot, self.plot_side)
         preview = output.Preview("video", self.output, None, "frames", self.size)
-        opened = partial(FramesInMemory, self, drawn)
+        opened = partial(MemoryOutput, self, drawn)
         return output.Plan(preview, context.timeline.steps, opened, drawn.enable_flags, drawn.conditions)
 
 
-class FramesInMemory(DrawnFrames[output.OutputResult]):
-    """The frames of a video, without a file."""
+class MemoryOutput(output.Output[output.OutputResult]):
+    """The frames of a video, without a file. They are drawn one by one, when they are requested.
 
-    def __init__(self, job: Video, *planned: Any) -> None:
-        super().__init__(job, *planned)
-        self.start_drawing()
+    Attributes:
+      frames: the frames.
+    """
+
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
+        self.frames = DrawnFrames(plan, job.encoded_files, stack, rendering, job.jobs)
+
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+        return self.frames.taps(event_steps)
 
     def finish(self) -> Sequence[OutputWriter]:
         return []
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> output.OutputResult:
         raise NotImplementedError
-
-    def arrays(self) -> Iterator[np.ndarray]:
-        """Draws the frames after the simulation."""
-        return (parts[0] for parts in self.parts())
-
-    def parts(self) -> Generator[list[np.ndarray]]:
-        """Draws the frames after the simulation, and yields the image of each file."""
-        for parts in self.drawn(self.compositor()):
-            yield [part.copy() for part in parts]
 
 
 def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:
@@ -71,6 +69,7 @@ def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:
         if error := current.error():
             raise error
         pass_on(warnings, reporter)
-        (frames,) = current.outputs
-        assert isinstance(frames, FramesInMemory)
-        yield from frames.arrays()
+        (made,) = current.outputs
+        assert isinstance(made, MemoryOutput)
+        for parts in made.frames.draw(made.frames.compositor()):
+            yield parts[0].copy()

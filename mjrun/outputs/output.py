@@ -32,7 +32,7 @@ from mjrun.timeline import Timeline
 if TYPE_CHECKING:
     from mjrun.options.rendering import RendererOptions
     from mjrun.rendering.backend import Backend, BackendDetection
-    from mjrun.rendering.workers import PainterProcesses
+    from mjrun.rendering.compositor_pool import CompositorProcesses
 
 # The steps at which each condition becomes true.
 EventSteps = Mapping[str, Sequence[int]]
@@ -134,7 +134,7 @@ class PassRenderers:
 
     def __init__(self) -> None:
         self._detections: dict[RendererRequest, BackendDetection] = {}
-        self._workers: PainterProcesses | None = None
+        self._workers: CompositorProcesses | None = None
 
     def detect(self, choice: RendererRequest) -> None:
         """Starts the detection in a child process, so that it runs while the model loads.
@@ -155,17 +155,17 @@ class PassRenderers:
         self.detect(choice)
         return self._detections[choice].result(choice.require_gpu)
 
-    def workers(self, count: int) -> "PainterProcesses":
+    def workers(self, count: int) -> "CompositorProcesses":
         """Returns at least `count` rendering processes, started without waiting for them.
 
         Raises:
           DrawError: the processes cannot be started.
         """
         from mjrun.rendering.compositor import SceneCompositor
-        from mjrun.rendering.workers import PainterProcesses
+        from mjrun.rendering.compositor_pool import CompositorProcesses
 
         if self._workers is None:
-            self._workers = PainterProcesses(count, SceneCompositor.__module__)
+            self._workers = CompositorProcesses(count, SceneCompositor.__module__)
         else:
             self._workers.grow(count)
         return self._workers

@@ -1,6 +1,6 @@
 """Video output: saves the state of every frame during the simulation, then draws the states into the encoder."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from fractions import Fraction
@@ -19,16 +19,13 @@ from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.image_encoding import UINT16_MAX
 from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files, panels_of
-from mjrun.outputs.frame_drawer import FrameDrawer, start_early
-from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
+from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
+from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.outputs.scene_frames import R_co
-from mjrun.rendering.compositor import SceneCompositor
+from mjrun.physics.observe import AnyTap
 
 
 @options
@@ -125,38 +122,14 @@ class VideoFile(PanelFile):
         return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
 
-class DrawnFrames(FrameOutput[R_co]):
-    """The frames of a video, drawn by one process or several."""
-
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
-        self._count = None if plan.schedule is None else len(plan.schedule.steps)
-        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
-        self._processes = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
-        panels = len(panels_of(job))
-        if self._count is not None:
-            start_early(self._processes, job.size, panels, self._count, rendering)
-        known = {} if self._count is None else {"frames": self._count}
-        super().__init__(plan, job.encoded_files, known, stack, rendering)
-        self._job = job
-        self._drawer = FrameDrawer(self._processes, self._backend, job.size, panels, rendering)
-
-    def start_drawing(self) -> None:
-        """Starts the processes while the simulation runs, if the number of frames is known."""
-        if self._count is not None:
-            self._drawer.start(self._count)
-
-    def drawn(self, compositor: SceneCompositor) -> Iterator[Sequence[np.ndarray]]:
-        """Draws every frame, and yields its pixels in each file, which hold until the next is drawn."""
-        for index, frames in enumerate(self._drawer.draw(compositor, self.states, self._reporter)):
-            yield compositor.parts(frames)
-            self._reporter.progress("frames", index + 1, len(self.states))
-
-
-class VideoOutput(DrawnFrames[VideoResult]):
+class VideoOutput(output.Output[VideoResult]):
     """A video with open files."""
 
     def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
-        super().__init__(job, plan, stack, rendering)
+        self._job, self._timeline = job, plan.context.timeline
+        self._frames = DrawnFrames(plan, job.encoded_files, stack, rendering, job.jobs)
+        self._reporter = plan.context.reporter
+        self.facts = {**self._frames.facts, **({"frames": len(plan.schedule.steps)} if plan.schedule else {})}
         self._draw_wall = 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in job.encoded_files:
@@ -165,18 +138,20 @@ class VideoOutput(DrawnFrames[VideoResult]):
             writer = VideoWriter(file.target, file.encoding, size, job.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
-        self.open_calibration(numbers=job.style == "exact")
-        self.start_drawing()
+        self._frames.open_calibration(numbers=job.style == "exact")
+
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+        return self._frames.taps(event_steps)
 
     def draw(self) -> None:
         """Renders every frame into the files."""
         start = perf_counter()
-        compositor, count = self.compositor(), len(self.states)
+        compositor, count = self._frames.compositor(), len(self._frames.states)
         for writer in self._writers:
             writer.count = count
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for parts in self.drawn(compositor):
+        for parts in self._frames.draw(compositor):
             for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
                 writer.write(part)
                 clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
@@ -193,19 +168,19 @@ class VideoOutput(DrawnFrames[VideoResult]):
 
     def finish(self) -> Sequence[OutputWriter]:
         start = perf_counter()
-        writers = [*self._writers, *filter(None, self._labels), *self.calibrate()]
+        writers = [*self._writers, *filter(None, self._labels), *self._frames.calibrate()]
         for writer in writers:
             writer.finish()  # the encoder may have frames left
-        self.facts = {**self.facts, "frames": len(self.schedule.steps)}
+        self.facts = {**self.facts, "frames": len(self._frames.schedule.steps)}
         self._draw_wall += perf_counter() - start
         return writers
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> VideoResult:
-        job, timeline, backend = self._job, self._plan.context.timeline, self._backend
+        job, timeline, backend = self._job, self._timeline, self._frames.backend
         encoded, (width, height) = job.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
         videos = [file.path for file in job.encoded_files]
-        count = len(self.schedule.steps)
+        count = len(self._frames.schedule.steps)
         return VideoResult(
             path=job.output,
             paths=[*videos, *(path for what, path in job.files if what != "manifest" and path not in videos)],
@@ -217,7 +192,7 @@ class VideoOutput(DrawnFrames[VideoResult]):
             duration=float(count / job.rate),
             simulated=float(timeline.duration),
             steps=timeline.steps,
-            jobs=self._drawer.jobs,
+            jobs=self._frames.jobs,
             renderer=backend.renderer,
             gl=backend.name,
             software=backend.software,

@@ -12,12 +12,11 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from mjrun.child_process import ChildProcess
+from mjrun.child_process import ChildProcess, memory_file
 from mjrun.dataclass import dataclass
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError, option
 from mjrun.platform import system
 from mjrun.platform.installation import as_root
-from mjrun.rendering.worker_process import memory_file
 
 AUTO = "auto"
 GL, DEVICE = "MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID"  # environment variables

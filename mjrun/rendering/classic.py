@@ -78,8 +78,8 @@ class ClassicRenderer:
             self.close()
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
 
-    def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Moves the model to an integration `state`, which `picture` then renders.
+    def set_state(self, state: np.ndarray, index: int = 0) -> None:
+        """Moves the model to an integration `state`, which `render` then renders.
 
         Everything in the image, contacts and forces included, belongs to that state.
 
@@ -96,7 +96,7 @@ class ClassicRenderer:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
         self._index = index
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """Renders the views from `pose`: `rgb`, `depth` or `seg`. The array of colours is reused by the next call."""
         self._update_scene(pose)
         seen = RenderedView(lens(pose, self.size))

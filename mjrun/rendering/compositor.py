@@ -31,11 +31,11 @@ NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 class StateRenderer(Protocol):
     """A renderer of one model's states."""
 
-    def look(self, state: np.ndarray, index: int = 0) -> None:
+    def set_state(self, state: np.ndarray, index: int = 0) -> None:
         """Moves the model to an integration `state`, which belongs to the frame `index`."""
         ...
 
-    def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
+    def render(self, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Renders the views of that instant from `pose`."""
         ...
 
@@ -143,7 +143,7 @@ class DrawingCosts:
 
 @dataclass
 class SceneCompositor:
-    """A painter that renders the frames of all streams for one state, one after the other, into flat bytes.
+    """A compositor that renders the frames of all streams for one state, one after the other, into flat bytes.
 
     It can be pickled while closed.
 
@@ -200,15 +200,15 @@ class SceneCompositor:
         elif renderer:
             renderer.close()
 
-    def look_ahead(self, states: Mapping[int, np.ndarray]) -> None:
+    def choose_ranges(self, states: Mapping[int, np.ndarray]) -> None:
         """Sets the `ranges` that suit these states, given by frame index."""
-        by_frame = [self.see(state, index, ["depth"]) for index, state in states.items()]
+        by_frame = [self.render(state, index, ["depth"]) for index, state in states.items()]
         self.ranges = [depth_range([seen.depth for seen in frames]) for frames in zip(*by_frame, strict=True)]
 
-    def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+    def compose(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
         """Fills `into`, `bytes` long, with the frames of all streams, laid out as in `parts`."""
         start = time.perf_counter()
-        views = self.see(state, index)
+        views = self.render(state, index)
         for stream, part in zip(self.streams, self.parts(into), strict=True):
             part[:] = self.frame(stream, views, index)
         self._frame_cost = time.perf_counter() - start
@@ -226,7 +226,7 @@ class SceneCompositor:
             self._open_renderer = None
 
     def parts(self, frames: np.ndarray) -> list[np.ndarray]:
-        """Returns a view of each stream's frame in the flat bytes that `paint` fills."""
+        """Returns a view of each stream's frame in the flat bytes that `compose` fills."""
         parts, start = [], 0
         for stream in self.streams:
             end = start + prod(stream.shape) * stream.dtype.itemsize
@@ -234,14 +234,14 @@ class SceneCompositor:
             start = end
         return parts
 
-    def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
+    def render(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
         """Renders the view of each camera in a state: the views that its panels show, or `views`."""
         assert self._open_renderer
-        self._open_renderer.look(widened(self.model, state), index)
+        self._open_renderer.set_state(widened(self.model, state), index)
         by_camera = []
         for camera, pose in enumerate(self.poses[index]):
             shown = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]
-            seen = self._open_renderer.picture(pose, shown if views is None else views)
+            seen = self._open_renderer.render(pose, shown if views is None else views)
             # Colours must survive the next call, and are drawn on.
             by_camera.append(seen if seen.rgb is None else replace(seen, rgb=np.array(seen.rgb)))
         return by_camera

@@ -84,8 +84,8 @@ class FilamentRenderer:
             self.close()
             raise
 
-    def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Moves the model to an integration `state`, which `picture` then renders.
+    def set_state(self, state: np.ndarray, index: int = 0) -> None:
+        """Moves the model to an integration `state`, which `render` then renders.
 
         Everything in the image, contacts and forces included, belongs to that state.
 
@@ -100,9 +100,9 @@ class FilamentRenderer:
             self._worker.close()
             self._worker, self._drawn = _started(), 0
             self._ask("open", *self._task)
-        self._ask("look", state, index)
+        self._ask("set_state", state, index)
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """Renders the views from `pose`: `rgb`, `depth` or `seg`.
 
         Depth and ids end at the far plane, as in MuJoCo; colours do not.
@@ -112,7 +112,7 @@ class FilamentRenderer:
           DrawError: Filament's process ended.
         """
         self._drawn += 1
-        picture = self._ask("picture", pose, tuple(views))
+        picture = self._ask("render", pose, tuple(views))
         if self._segmentation and "seg" in views:
             return replace(picture, legend=self._segmentation.legend)
         return picture

@@ -54,7 +54,7 @@ class FilamentServer:
         geoms = self._scene.geoms[: self._scene.ngeom]
         self._filament_scene.hide_all_but({(geom.objtype, geom.objid) for geom in geoms})
 
-    def look(self, state: np.ndarray, index: int) -> None:
+    def set_state(self, state: np.ndarray, index: int) -> None:
         restore(self._model, self._data, state)
         try:
             mujoco.mj_forward(self._model, self._data)
@@ -63,7 +63,7 @@ class FilamentServer:
         self._index = index
         self._filament_scene.update(self._data)
 
-    def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
+    def render(self, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Renders the views from `pose`, without the legend, which the other process has."""
         self._pose = pose
         self._update_scene()

@@ -60,8 +60,8 @@ def render(
     with concerning("camera"):
         pose = cached.pose(camera, state)
     cached.renderer.make_current()
-    cached.renderer.look(state)
-    picture = cached.renderer.picture(pose, (view,))
+    cached.renderer.set_state(state)
+    picture = cached.renderer.render(pose, (view,))
     image = {"rgb": picture.rgb, "depth": picture.depth, "seg": picture.ids}[view]
     assert image is not None
     return np.array(image)

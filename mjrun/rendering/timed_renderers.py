@@ -58,13 +58,13 @@ class TimedClassicRenderer(ClassicRenderer):
         self.watch = watch
         super().__init__(*arguments)
 
-    def look(self, state: np.ndarray, index: int = 0) -> None:
+    def set_state(self, state: np.ndarray, index: int = 0) -> None:
         with self.watch.part(UPDATE):
-            super().look(state, index)
+            super().set_state(state, index)
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         with self.watch.part(READ):
-            return super().picture(pose, views)
+            return super().render(pose, views)
 
     def _update_scene(self, pose: Pose) -> None:
         with self.watch.part(UPDATE):
@@ -118,13 +118,13 @@ class TimedFilamentRenderer(FilamentRenderer):
         self.watch = watch
         super().__init__(*arguments)
 
-    def look(self, state: np.ndarray, index: int = 0) -> None:
+    def set_state(self, state: np.ndarray, index: int = 0) -> None:
         with self.watch.part(UPDATE):
-            super().look(state, index)
+            super().set_state(state, index)
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         with self.watch.part(DRAW):
-            return super().picture(pose, views)
+            return super().render(pose, views)
 
 
 TIMED: Mapping[str, Callable[..., Any]] = {"classic": TimedClassicRenderer, "filament": TimedFilamentRenderer}

@@ -36,8 +36,8 @@ from mjrun.options.episodes import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOpti
 from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import ExecutionOptions
+from mjrun.outputs.drawn_frames import check_drawing
 from mjrun.outputs.exports import export_format
-from mjrun.outputs.frame_output import check_drawing
 from mjrun.outputs.scene_frames import camera_motions
 from mjrun.packages import require
 from mjrun.platform.cores import available_cores

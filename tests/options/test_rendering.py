@@ -22,7 +22,7 @@ from mjrun.options.rendering import (
     VIEWS,
     ViewOptions,
 )
-from mjrun.outputs.frame_output import RENDERERS as IMPLEMENTED_RENDERERS
+from mjrun.outputs.drawn_frames import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering import backend, text
 from mjrun.rendering.layout import columns
 from mjrun.rendering.segment_ids import groupings

@@ -220,8 +220,8 @@ def test_a_video_s_calibration_is_what_its_frames_were_drawn_through(
     with closing(ClassicRenderer(model, (32, 24), backend, Visual())) as renderer:
         for camera, course in enumerate(courses):
             for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):
-                renderer.look(states[k])
-                drawn = renderer.picture(pose, ["depth"]).calibration
+                renderer.set_state(states[k])
+                drawn = renderer.render(pose, ["depth"]).calibration
                 assert np.allclose(drawn.pose, entries[2 * k + camera]["world_from_camera"], atol=0)
                 assert np.allclose(drawn.matrix, entries[2 * k + camera]["K"], atol=0)
 

@@ -24,7 +24,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.rendering import backend as backend_module
-from mjrun.rendering import workers
+from mjrun.rendering import compositor_pool
 from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
@@ -142,7 +142,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
             super().__init__(*arguments, **how)
 
     monkeypatch.setattr(backend_module, "BackendDetection", CountedDetection)
-    monkeypatch.setattr(workers, "Worker", CountedWorker)
+    monkeypatch.setattr(compositor_pool, "Worker", CountedWorker)
     return count
 
 

@@ -60,8 +60,8 @@ def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual
 
 
 def picture(renderer: ClassicRenderer, model: mujoco.MjModel, data: mujoco.MjData, camera: str) -> np.ndarray:
-    renderer.look(state_of(model, data))
-    found = renderer.picture(pose(camera, model, data)).rgb
+    renderer.set_state(state_of(model, data))
+    found = renderer.render(pose(camera, model, data)).rgb
     assert found is not None
     return found.copy()
 
@@ -91,7 +91,7 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: B
         first = picture(renderer, model, early, "side")
         other = picture(renderer, model, late, "side")
         renderer.draft_cost()
-        renderer.picture(pose("side", model, late), ["depth"])
+        renderer.render(pose("side", model, late), ["depth"])
         again = picture(renderer, model, early, "side")
         assert np.array_equal(first, again)
         assert not np.array_equal(first, other)
@@ -162,8 +162,8 @@ def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side",
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
     with closing(ClassicRenderer(model, SIZE, backend, look, Segmentation(model, by))) as renderer:
-        renderer.look(state_of(model, data))
-        return renderer.picture(pose(camera, model, data), ["depth", "seg"])
+        renderer.set_state(state_of(model, data))
+        return renderer.render(pose(camera, model, data), ["depth", "seg"])
 
 
 def rays(path: Path, picture: RenderedView) -> tuple[np.ndarray, np.ndarray]:
@@ -266,10 +266,10 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
     model, data = at(path, 0)
     views = ["depth", "seg", "rgb"]
     with closing(ClassicRenderer(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
-        renderer.look(state_of(model, data))
-        first = renderer.picture(pose("a", model, data), ["depth", "seg"])
-        renderer.picture(pose("b", model, data), views)
-        later = renderer.picture(pose("a", model, data), ["depth", "seg"])
+        renderer.set_state(state_of(model, data))
+        first = renderer.render(pose("a", model, data), ["depth", "seg"])
+        renderer.render(pose("b", model, data), views)
+        later = renderer.render(pose("a", model, data), ["depth", "seg"])
     assert np.array_equal(first.depth, later.depth)  # type: ignore[arg-type]
     assert np.array_equal(first.ids, later.ids)  # type: ignore[arg-type]
 

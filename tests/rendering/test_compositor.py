@@ -54,7 +54,7 @@ class Swing:
         """The frame of each stream at an instant."""
         flat = np.zeros(compositor.bytes, np.uint8)
         compositor.open()
-        compositor.paint(self.states[index], index, flat)
+        compositor.compose(self.states[index], index, flat)
         return [part.copy() for part in compositor.parts(flat)]
 
 
@@ -112,7 +112,7 @@ def test_colours_are_those_of_mujoco_s_renderer_whatever_other_streams_show(
 def test_numbers_are_millimetres_and_ids_plus_one(scene: Swing) -> None:
     compositor = scene.compositor(stream(DEPTH, exact=True), stream(SEG, exact=True))
     depth, segments = scene.frames(compositor)
-    (seen, _) = compositor.see(scene.states[0], 0, ["depth", "seg"])
+    (seen, _) = compositor.render(scene.states[0], 0, ["depth", "seg"])
     compositor.close()
     assert seen.depth is not None
     assert seen.ids is not None
@@ -125,7 +125,7 @@ def test_coloured_depth_and_segments_are_their_numbers_through_the_maps(scene: S
     ranges = [(1.0, 3.0), (1.0, 3.0)]
     compositor = scene.compositor(stream(DEPTH), stream(SEG), ranges=ranges)
     depth, segments = scene.frames(compositor)
-    (seen, _) = compositor.see(scene.states[0], 0, ["depth", "seg"])
+    (seen, _) = compositor.render(scene.states[0], 0, ["depth", "seg"])
     compositor.close()
     assert seen.depth is not None
     assert seen.ids is not None
@@ -138,11 +138,11 @@ def test_coloured_depth_and_segments_are_their_numbers_through_the_maps(scene: S
 def test_looking_ahead_finds_a_range_of_depth_that_holds_what_each_camera_sees(scene: Swing) -> None:
     compositor = scene.compositor(stream(DEPTH))
     compositor.open()
-    compositor.look_ahead(dict(enumerate(scene.states)))
+    compositor.choose_ranges(dict(enumerate(scene.states)))
     for camera, (near, far) in enumerate(compositor.ranges):
         depths = []
         for index, state in enumerate(scene.states):
-            depth = compositor.see(state, index, ["depth"])[camera].depth
+            depth = compositor.render(state, index, ["depth"])[camera].depth
             assert depth is not None
             depths.append(depth[np.isfinite(depth)])
         seen = np.concatenate(depths)
@@ -219,7 +219,7 @@ def test_a_compositor_that_has_drawn_is_the_same_in_another_process(scene: Swing
     ghost = Ghost(scene.model, scene.states[::-1], offset=(0.0, 0.5, 0.0))
     compositor = scene.compositor(stream(RGB), stream(DEPTH), stream(SEG), decorations=[ghost])
     compositor.open()
-    compositor.look_ahead({0: scene.states[0]})
+    compositor.choose_ranges({0: scene.states[0]})
     here = [scene.frames(compositor, index) for index in range(2)]
     compositor.close()
     again = pickle.loads(pickle.dumps(compositor))

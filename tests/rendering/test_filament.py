@@ -127,8 +127,8 @@ class Draw:
         renderer, state = self._open[key], save(model, after(model, steps))
         if isinstance(renderer, ClassicRenderer):
             renderer.make_current()
-        renderer.look(state)
-        picture = renderer.picture(pose(camera, model, state), views)
+        renderer.set_state(state)
+        picture = renderer.render(pose(camera, model, state), views)
         return picture if picture.rgb is None else replace(picture, rgb=picture.rgb.copy())
 
     def close(self) -> None:
@@ -249,8 +249,8 @@ def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room))) as renderer:
         view, pictures = pose("side", room, early), []
         for state in (early, late, early):
-            renderer.look(state)
-            pictures.append(renderer.picture(view, ("rgb", *EXACT)))
+            renderer.set_state(state)
+            pictures.append(renderer.render(view, ("rgb", *EXACT)))
     first, other, again = pictures
     noise = np.abs(colors(first) - colors(again)).max(axis=2)
     assert (noise > 2).mean() < 0.03  # at edges
@@ -268,8 +268,8 @@ def test_a_video_is_the_same_each_time_across_processes(
         with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
             video, view = [], pose("side", room, save(room, after(room, 0)))
             for steps in range(0, 30, 10):
-                renderer.look(save(room, after(room, steps)))
-                video.append(renderer.picture(view).rgb)
+                renderer.set_state(save(room, after(room, steps)))
+                video.append(renderer.render(view).rgb)
                 processes.add(renderer._worker.process.pid)
             videos.append(np.array(video))
     assert np.array_equal(*videos)
@@ -309,9 +309,9 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Bac
     ghost = Ghost(room, offset=offset, opacity=1)
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room), [ghost])) as renderer:
         state = save(room, after(room, 5))
-        renderer.look(state)
-        renderer.picture(pose("side", room, state))
-        shown = renderer.picture(pose("side", room, state), ("rgb", *EXACT))
+        renderer.set_state(state)
+        renderer.render(pose("side", room, state))
+        shown = renderer.render(pose("side", room, state), ("rgb", *EXACT))
     assert all(map(np.array_equal, exact(plain), exact(shown)))
     for name in ("box", "cube", "geom:6"):
         centre = after(room, 5).geom_xpos[room.ngeom - 1 if ":" in name else room.geom(name).id] + offset
@@ -324,11 +324,11 @@ def test_high_quality_is_the_average_of_a_picture_twice_the_size(room: mujoco.Mj
     state = save(room, after(room, 5))
     view = pose("side", room, state)
     with closing(FilamentRenderer(room, (2 * width, 2 * height), vulkan, Visual())) as renderer:
-        renderer.look(state)
-        large = colors(renderer.picture(view))
+        renderer.set_state(state)
+        large = colors(renderer.render(view))
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual(quality="high"))) as renderer:
-        renderer.look(state)
-        high = colors(renderer.picture(view))
+        renderer.set_state(state)
+        high = colors(renderer.render(view))
     average = large.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
     assert np.abs(high - average).max() <= 0.5
 
@@ -453,7 +453,7 @@ def test_a_process_that_ends_is_reported_and_ends_nothing_else(room: mujoco.MjMo
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
         os.kill(renderer._worker.process.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
-            renderer.look(save(room, after(room, 0)))
+            renderer.set_state(save(room, after(room, 0)))
 
 
 def test_without_a_driver_the_process_says_why_it_ended(

@@ -99,8 +99,8 @@ def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, b
     state = save(model, mujoco.MjData(model))
     pose = CameraMotion(parse_camera("free", model), model, SIZE).pose(state)
     with closing(make(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
-        renderer.look(state)
-        picture = renderer.picture(pose, ("rgb", "depth", "seg"))
+        renderer.set_state(state)
+        picture = renderer.render(pose, ("rgb", "depth", "seg"))
         return {name: np.array(getattr(picture, name)) for name in ("rgb", *EXACT)}
 
 

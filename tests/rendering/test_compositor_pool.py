@@ -18,13 +18,13 @@ import pytest
 
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.workers import SLOTS, PainterProcesses, ParallelPainter
+from mjrun.rendering.compositor_pool import SLOTS, CompositorPool, CompositorProcesses
 from tests.processes import PATIENCE
 from tests.processes import children as children_of
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
 
-from painters import ASKED, HANG, OPENING, Adding, Drawing, Telling, Warner
+from compositors import ASKED, HANG, OPENING, Adding, Drawing, Telling, Warner
 
 HERE = Path(__file__).parent
 SHAPE = (2, 3)
@@ -33,8 +33,8 @@ FRAMES = [np.full(SHAPE, k + 9 * k) for k in range(20)]  # what Adding makes of 
 FALLING = '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
 
 
-def drawn(painter: Adding, jobs: int, states: list[np.ndarray] = STATES) -> list[np.ndarray]:
-    with closing(ParallelPainter(painter, SHAPE, jobs, np.int64)) as pool:
+def drawn(compositor: Adding, jobs: int, states: list[np.ndarray] = STATES) -> list[np.ndarray]:
+    with closing(CompositorPool(compositor, SHAPE, jobs, np.int64)) as pool:
         return [frame.copy() for frame in pool.frames(states)]
 
 
@@ -95,33 +95,33 @@ def test_frames_come_in_order_whoever_draws_them_and_however_long_it_takes(jobs:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_pool_draws_none_one_and_many_one_after_the_other(jobs: int) -> None:
-    with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
+    with closing(CompositorPool(Adding(), SHAPE, jobs, np.int64)) as pool:
         for count in (0, 1, 20, 3):
             made = [frame.copy() for frame in pool.frames(iter(STATES[:count]))]
             assert np.array_equal(made, FRAMES[:count])
 
 
 def test_processes_that_were_started_before_draw_for_one_pool_after_another() -> None:
-    with closing(PainterProcesses(2)) as workers:
+    with closing(CompositorProcesses(2)) as workers:
         started = set(children())
         for count in (1, len(STATES)):  # of one state, a process may have opened nothing when the next pool comes
-            with closing(ParallelPainter(Telling(delay=0.005), (2,), 2, np.int64, workers)) as pool:
+            with closing(CompositorPool(Telling(delay=0.005), (2,), 2, np.int64, workers)) as pool:
                 processes = {int(frame[0]) for frame in pool.frames(STATES[:count])}
             assert processes <= started
-            with closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool:
+            with closing(CompositorPool(Adding(), SHAPE, 2, np.int64, workers)) as pool:
                 assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
         assert processes == started == set(children())
     assert not children()
     workers.close()  # again
 
 
-def drawn_by(workers: PainterProcesses, painter: Adding) -> list[np.ndarray]:
-    with closing(ParallelPainter(painter, SHAPE, 2, np.int64, workers)) as pool:
+def drawn_by(workers: CompositorProcesses, compositor: Adding) -> list[np.ndarray]:
+    with closing(CompositorPool(compositor, SHAPE, 2, np.int64, workers)) as pool:
         return [frame.copy() for frame in pool.frames(STATES)]
 
 
 def test_a_pool_that_fails_leaves_workers_that_draw_for_the_next() -> None:
-    with closing(PainterProcesses(2)) as workers:
+    with closing(CompositorProcesses(2)) as workers:
         for mischief in ("ends", "is unstable"):
             with pytest.raises(MjrunError):
                 drawn_by(workers, Adding({3: mischief}))
@@ -131,28 +131,28 @@ def test_a_pool_that_fails_leaves_workers_that_draw_for_the_next() -> None:
 
 def test_leaving_a_pool_early_leaves_workers_that_draw_for_the_next() -> None:
     start = time.monotonic()
-    with closing(PainterProcesses(2)) as workers:
-        with closing(ParallelPainter(Adding({3: "hangs"}), SHAPE, 2, np.int64, workers)) as pool:
+    with closing(CompositorProcesses(2)) as workers:
+        with closing(CompositorPool(Adding({3: "hangs"}), SHAPE, 2, np.int64, workers)) as pool:
             next(pool.frames(STATES))
         assert np.array_equal(drawn_by(workers, Adding()), FRAMES)
     assert time.monotonic() - start < HANG / 10
 
 
-def test_workers_that_cannot_open_a_painter_open_the_next() -> None:
-    with closing(PainterProcesses(2)) as workers:
+def test_workers_that_cannot_open_a_compositor_open_the_next() -> None:
+    with closing(CompositorProcesses(2)) as workers:
         with (
             pytest.raises(NoRendererError),
-            closing(ParallelPainter(Adding({OPENING: "has no renderer"}), SHAPE, 2, np.int64, workers)) as pool,
+            closing(CompositorPool(Adding({OPENING: "has no renderer"}), SHAPE, 2, np.int64, workers)) as pool,
         ):
             list(pool.frames(STATES))
-        with closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool:
+        with closing(CompositorPool(Adding(), SHAPE, 2, np.int64, workers)) as pool:
             assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
 
 
 def test_workers_grow_to_as_many_as_are_asked_for() -> None:
-    with closing(PainterProcesses(1)) as workers:
+    with closing(CompositorProcesses(1)) as workers:
         (first,) = children()
-        with closing(ParallelPainter(Telling(delay=0.005), (2,), 3, np.int64, workers)) as pool:
+        with closing(CompositorPool(Telling(delay=0.005), (2,), 3, np.int64, workers)) as pool:
             processes = {int(frame[0]) for frame in pool.frames(STATES)}
         assert first in processes
         assert processes == set(children())
@@ -161,7 +161,7 @@ def test_workers_grow_to_as_many_as_are_asked_for() -> None:
 
 @pytest.mark.parametrize("wait", [0, 0.5])
 def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
-    crew = PainterProcesses(2, "mjrun.rendering.compositor")
+    crew = CompositorProcesses(2, "mjrun.rendering.compositor")
     time.sleep(wait)
     assert len(children()) == 2
     crew.close()
@@ -171,25 +171,25 @@ def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
 def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL")
     with (
-        closing(PainterProcesses(2, "mjrun.rendering.compositor")) as workers,
-        closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool,
+        closing(CompositorProcesses(2, "mjrun.rendering.compositor")) as workers,
+        closing(CompositorPool(Adding(), SHAPE, 2, np.int64, workers)) as pool,
     ):
         for _ in pool.frames(STATES):
             pool.ask(Adding.windows)
         assert pool.answer is False
 
 
-def test_a_module_that_is_not_there_is_reported_with_the_painter_s_own_words() -> None:
+def test_a_module_that_is_not_there_is_reported_with_the_compositor_s_own_words() -> None:
     with (
-        closing(PainterProcesses(2, "nowhere.at.all")) as workers,
-        closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool,
+        closing(CompositorProcesses(2, "nowhere.at.all")) as workers,
+        closing(CompositorPool(Adding(), SHAPE, 2, np.int64, workers)) as pool,
     ):
         assert len([*pool.frames(STATES)]) == len(STATES)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_frames_are_numbered_from_where_it_is_reported(jobs: int) -> None:
-    with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
+    with closing(CompositorPool(Adding(), SHAPE, jobs, np.int64)) as pool:
         made = [frame.copy() for first in (0, 13) for frame in pool.frames(STATES[first : first + 7], first)]
     assert np.array_equal(made, [*FRAMES[:7], *FRAMES[13:]])
 
@@ -198,7 +198,7 @@ def test_frames_are_numbered_from_where_it_is_reported(jobs: int) -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("when", [0, 7, len(STATES) - 1])
 def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(jobs: int, when: int) -> None:
-    with closing(ParallelPainter(Adding(delay=0.002), SHAPE, jobs, np.int64)) as pool:
+    with closing(CompositorPool(Adding(delay=0.002), SHAPE, jobs, np.int64)) as pool:
         processes = {os.getpid()} if jobs == 1 else set(children())
         assert pool.answer is None
         made = []
@@ -211,7 +211,7 @@ def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(job
 
 
 def test_a_question_that_fails_is_a_bug_of_mjrun() -> None:
-    with closing(ParallelPainter(Adding({ASKED: "divides"}), SHAPE, 2, np.int64)) as pool:
+    with closing(CompositorPool(Adding({ASKED: "divides"}), SHAPE, 2, np.int64)) as pool:
         frames = pool.frames(STATES)
         next(frames)
         pool.ask(Adding.process)
@@ -230,7 +230,7 @@ def test_states_are_taken_only_as_frames_are_asked_for(jobs: int) -> None:
             taken += 1
             yield state
 
-    with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
+    with closing(CompositorPool(Adding(), SHAPE, jobs, np.int64)) as pool:
         for index, frame in enumerate(pool.frames(states())):
             time.sleep(0.005)  # for the processes to run ahead
             assert taken <= index + SLOTS * jobs
@@ -240,7 +240,7 @@ def test_states_are_taken_only_as_frames_are_asked_for(jobs: int) -> None:
 
 def test_every_process_is_one_of_its_own_with_one_thread_to_draw() -> None:
     environment = dict(os.environ)
-    with closing(ParallelPainter(Telling(delay=0.005), (2,), 2, np.int64)) as pool:
+    with closing(CompositorPool(Telling(delay=0.005), (2,), 2, np.int64)) as pool:
         told = {tuple(frame) for frame in pool.frames(STATES)}
     processes, threads = zip(*told, strict=True)
     assert len(set(processes)) == 2
@@ -272,9 +272,9 @@ def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2, 3])
-def test_what_a_painter_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
+def test_what_a_compositor_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
     made = []
-    with closing(ParallelPainter(Adding({7: "is unstable", 8: "divides"}, delay=0.002), SHAPE, jobs, np.int64)) as pool:
+    with closing(CompositorPool(Adding({7: "is unstable", 8: "divides"}, delay=0.002), SHAPE, jobs, np.int64)) as pool:
         frames = pool.frames(STATES)
         with pytest.raises(UnstableError) as caught:
             made.extend(frame.copy() for frame in frames)
@@ -289,12 +289,12 @@ def test_a_bug_in_a_process_is_a_bug_of_mjrun_and_keeps_its_traceback() -> None:
         drawn(Adding({3: "divides"}), 2)
     assert caught.value.exit_code == 70
     assert str(caught.value).startswith("a bug in mjrun, rendering frame 3: ZeroDivisionError: ")
-    assert "in paint" in str(caught.value.__cause__)
+    assert "in compose" in str(caught.value.__cause__)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_painter_that_cannot_be_opened_says_why(jobs: int) -> None:
+def test_a_compositor_that_cannot_be_opened_says_why(jobs: int) -> None:
     with pytest.raises(NoRendererError, match=r"egl: is not there\ninstall it") as caught:
         drawn(Adding({OPENING: "has no renderer"}), jobs)
     assert caught.value.tried == {"egl": "is not there"}
@@ -303,7 +303,7 @@ def test_a_painter_that_cannot_be_opened_says_why(jobs: int) -> None:
 @pytest.mark.parametrize(
     ("mischief", "message"),
     [
-        ("divides", r"a rendering process cannot start: ZeroDivisionError: .* \(painters.py:\d+\)"),
+        ("divides", r"a rendering process cannot start: ZeroDivisionError: .* \(compositors.py:\d+\)"),
         ("crashes", "a rendering process, as it started, was killed by SIGSEGV"),
     ],
 )
@@ -315,7 +315,7 @@ def test_a_process_that_cannot_start_is_no_frame_s_fault(mischief: str, message:
 def test_a_system_that_refuses_processes_is_reported_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with pytest.raises(DrawError, match=r"several processes: .*/nowhere/python'\njobs 1"):
-        ParallelPainter(Adding(), SHAPE, 2)
+        CompositorPool(Adding(), SHAPE, 2)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -324,7 +324,7 @@ def test_an_error_of_whoever_takes_the_frames_ends_everything_at_once(jobs: int)
     frames = iter([])
     with (
         contextlib.suppress(ZeroDivisionError),
-        closing(ParallelPainter(Adding({3: "hangs"}), SHAPE, jobs, np.int64)) as pool,
+        closing(CompositorPool(Adding({3: "hangs"}), SHAPE, jobs, np.int64)) as pool,
     ):
         frames = pool.frames(STATES)
         assert next(frames).size / 0
@@ -337,7 +337,7 @@ def test_an_error_of_whoever_takes_the_frames_ends_everything_at_once(jobs: int)
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_leaving_early_ends_everything_at_once(jobs: int) -> None:
     start = time.monotonic()
-    frames = ParallelPainter(Adding({3: "hangs"}), SHAPE, jobs, np.int64).frames(STATES)
+    frames = CompositorPool(Adding({3: "hangs"}), SHAPE, jobs, np.int64).frames(STATES)
     first = next(frames)
     del frames
     assert not children()
@@ -350,7 +350,7 @@ def test_states_of_different_shapes_are_refused() -> None:
         drawn(Adding(), 2, [STATES[0], np.zeros(1)])
 
 
-def test_what_painters_print_does_not_reach_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_compositors_print_does_not_reach_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
     assert np.array_equal(drawn(Adding({4: "prints"}), 2), FRAMES)
     assert capfd.readouterr() == ("", "from Python\nfrom a driver\n")
 
@@ -375,10 +375,10 @@ SCRIPT = """
 import sys
 from contextlib import closing
 import numpy as np
-from mjrun.rendering.workers import ParallelPainter
+from mjrun.rendering.compositor_pool import CompositorPool
 sys.path.append({here!r})
-from painters import Telling
-with closing(ParallelPainter(Telling({mischief}), (2,), 2, np.int64)) as pool:
+from compositors import Telling
+with closing(CompositorPool(Telling({mischief}), (2,), 2, np.int64)) as pool:
     for frame in pool.frames(np.zeros(1) for _ in range({count})):
         print(frame[0], flush=True)
 """
@@ -456,5 +456,5 @@ def test_pixels_are_the_same_in_one_process_in_two_and_by_mujoco(
         expected.append(still(model, data, size, "side"))
     assert not np.array_equal(expected[0], expected[1])
     for jobs in (1, 2):
-        with closing(ParallelPainter(Drawing(model, backend, size), (size[1], size[0], 3), jobs)) as pool:
+        with closing(CompositorPool(Drawing(model, backend, size), (size[1], size[0], 3), jobs)) as pool:
             assert np.array_equal([frame.copy() for frame in pool.frames(states)], expected)

@@ -1,23 +1,28 @@
 """Rendering on all cores: the same frames in the same order, whether one process renders them or many.
 
-The processes are new interpreters, since forks hang once EGL is in use.
+The processes are new interpreters, since forks hang once EGL is in use. The compositor, the states and the frames lie
+in memory that only descriptors refer to: nothing can remain in /dev/shm, and its size, 64 MB in many containers, is no
+limit.
 """
 
 import contextlib
+import importlib
 import itertools
+import math
+import mmap
 import os
 import pickle
 import selectors
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from typing import Generic, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from mjrun.child_process import ExitStatus
+from mjrun.child_process import ExitStatus, memory_file
+from mjrun.dataclass import dataclass
 from mjrun.errors import DrawError, option
-from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
 from mjrun.shared_status import doing
 from mjrun.worker import ENVIRONMENT, PicklableException, Worker, WorkerEndedError
 
@@ -27,15 +32,73 @@ SLOTS = 3  # frames in memory per process; the third waits for its turn
 # Mesa reads this while loading: one thread each, since there is a process per core.
 ONE_THREAD = {**ENVIRONMENT, "LP_NUM_THREADS": "1"}
 
-P = TypeVar("P", bound=Painter)
+
+class Compositor(Protocol):
+    """A compositor of frames. Picklable until opened; opened, used and closed in one thread of one process."""
+
+    def open(self) -> None:
+        """Acquires the resources that rendering needs, such as an OpenGL context.
+
+        Raises:
+          MjrunError: a resource is not available.
+        """
+        ...
+
+    def compose(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+        """Fills `into` with frame `index`, which depends only on `state` and `index`."""
+        ...
+
+    def close(self) -> None:
+        """Releases the resources."""
+        ...
 
 
-class PainterProcesses:
+ArraySpec = tuple[tuple[int, ...], np.dtype]  # shape and dtype of an array
+P = TypeVar("P", bound=Compositor)
+
+
+class Slot(NamedTuple):
+    """Memory for one state and the frame rendered from it."""
+
+    state: np.ndarray
+    frame: np.ndarray
+
+
+@dataclass(frozen=True)
+class SharedMemoryLayout:
+    """The layout of `count` slots in shared memory, each array on separate pages."""
+
+    count: int
+    state: ArraySpec
+    frame: ArraySpec
+
+    @property
+    def size(self) -> int:
+        """The size of all slots [bytes]."""
+        return self.count * (_page_bytes(self.state) + _page_bytes(self.frame))
+
+    def slots(self, memory: int) -> list[Slot]:
+        """Maps the slots in the memory behind a descriptor, for as long as one of their arrays is referenced."""
+        shared = mmap.mmap(memory, self.size)
+        starts = itertools.accumulate(itertools.cycle((_page_bytes(self.state), _page_bytes(self.frame))), initial=0)
+        return [
+            Slot(*(np.ndarray(*spec, buffer=shared, offset=next(starts)) for spec in (self.state, self.frame)))
+            for _ in range(self.count)
+        ]
+
+
+def _page_bytes(spec: ArraySpec) -> int:
+    """Returns the size of an array [bytes], rounded up to whole pages."""
+    shape, dtype = spec
+    return -(-math.prod(shape) * dtype.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
+
+
+class CompositorProcesses:
     """Processes that render for one pool after another. The constructor does not wait for them to start. To be closed.
 
     Args:
       count: number of processes.
-      module: the module that painters need, imported as the processes start.
+      module: the module that compositors need, imported as the processes start.
 
     Raises:
       DrawError: processes cannot be started.
@@ -45,8 +108,8 @@ class PainterProcesses:
         self._module = module
         self._workers: list[Worker] = []
         with contextlib.ExitStack() as stack, _system_errors():
-            self._painter = memory_file()
-            stack.callback(os.close, self._painter)
+            self._compositor = memory_file()
+            stack.callback(os.close, self._compositor)
             self.memory = memory_file()
             stack.callback(os.close, self.memory)
             stack.callback(self._end_all)
@@ -62,16 +125,16 @@ class PainterProcesses:
         with _system_errors():
             while len(self._workers) < count:
                 worker = Worker(
-                    "mjrun.rendering.worker_process:PaintServer",
+                    "mjrun.rendering.compositor_pool:CompositorServer",
                     environment=ONE_THREAD,
-                    descriptors=[self._painter, self.memory],
+                    descriptors=[self._compositor, self.memory],
                     stderr="inherit",
                 )
                 worker.send("load", self._module)
                 self._workers.append(worker)
 
-    def assign(self, painter: Painter, count: int) -> list[Worker]:
-        """Requests `count` processes to open `painter` in place of their current one, and returns them."""
+    def assign(self, compositor: Compositor, count: int) -> list[Worker]:
+        """Requests `count` processes to open `compositor` in place of their current one, and returns them."""
         for worker in [*self._workers]:
             try:
                 while _awaits(worker, "open"):
@@ -79,10 +142,10 @@ class PainterProcesses:
             except WorkerEndedError:
                 self.discard(worker)
         self.grow(count)
-        with _system_errors(), open(self._painter, "wb", closefd=False) as file:
+        with _system_errors(), open(self._compositor, "wb", closefd=False) as file:
             file.seek(0)
             file.truncate()
-            pickle.dump(painter, file, pickle.HIGHEST_PROTOCOL)
+            pickle.dump(compositor, file, pickle.HIGHEST_PROTOCOL)
         for worker in self._workers[:count]:
             worker.send("unpickle")  # which imports modules, so that warnings can be collected during open
             worker.send("open")
@@ -105,10 +168,10 @@ class PainterProcesses:
         self._workers = []
 
 
-class ParallelPainter(Generic[P]):
+class CompositorPool(Generic[P]):
     """A pool that renders frames in `jobs` processes, or in this process if that is 1. To be closed.
 
-    The constructor opens the painter, or requests it from the processes, without waiting for them.
+    The constructor opens the compositor, or requests it from the processes, without waiting for them.
 
     Args:
       shape, dtype: the shape and the type of a frame.
@@ -121,22 +184,22 @@ class ParallelPainter(Generic[P]):
 
     Raises:
       DrawError: processes cannot be started.
-      MjrunError: the painter cannot be opened in this process.
+      MjrunError: the compositor cannot be opened in this process.
     """
 
     answer: object = None
 
     def __init__(
         self,
-        painter: P,
+        compositor: P,
         shape: tuple[int, ...],
         jobs: int,
         dtype: npt.DTypeLike = np.uint8,
-        workers: PainterProcesses | None = None,
+        workers: CompositorProcesses | None = None,
     ) -> None:
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, not {jobs}")
-        self._painter, self._frame = painter, (shape, np.dtype(dtype))
+        self._compositor, self._frame = compositor, (shape, np.dtype(dtype))
         self._is_open = True
         self._resources = contextlib.ExitStack()
         self._slots: list[Slot] = []
@@ -146,16 +209,16 @@ class ParallelPainter(Generic[P]):
 
         if jobs == 1:
             with doing("drawing"):
-                painter.open()
-            self._resources.callback(painter.close)
+                compositor.open()
+            self._resources.callback(compositor.close)
             return
 
-        self._group = workers or self._resources.enter_context(contextlib.closing(PainterProcesses(jobs)))
+        self._group = workers or self._resources.enter_context(contextlib.closing(CompositorProcesses(jobs)))
         with contextlib.ExitStack() as stack:
             stack.callback(self.close)
             self._selector = self._resources.enter_context(selectors.DefaultSelector())
             self._resources.callback(self._discard_busy)
-            self._workers = self._group.assign(painter, jobs)
+            self._workers = self._group.assign(compositor, jobs)
             for worker in self._workers:
                 self._selector.register(worker.connection, selectors.EVENT_READ, worker)
             stack.pop_all()
@@ -172,7 +235,7 @@ class ParallelPainter(Generic[P]):
 
         Raises:
           DrawError: a process died; raised at once, with its frame and exit status.
-          MjrunError: the painter raised it; raised with the same class in the frame's turn. Any other exception in
+          MjrunError: the compositor raised it; raised with the same class in the frame's turn. Any other exception in
               another process becomes an MjrunError that reports a bug.
         """
         try:
@@ -185,12 +248,12 @@ class ParallelPainter(Generic[P]):
             raise
 
     def ask(self, question: Callable[[P], object]) -> None:
-        """Calls `question`, a method of the painter's class, on a painter, after the frames assigned to it.
+        """Calls `question`, a method of the compositor's class, on a compositor, after the frames assigned to it.
 
         The result becomes the pool's `answer`.
         """
         if not self._workers:
-            self.answer = question(self._painter)
+            self.answer = question(self._compositor)
             return
         self.answer = None
         self._workers[0].send("ask", question)
@@ -203,7 +266,7 @@ class ParallelPainter(Generic[P]):
 
     def _discard_busy(self) -> None:
         for worker in self._workers:
-            if _awaits(worker, "paint", "ask"):
+            if _awaits(worker, "compose", "ask"):
                 self._group.discard(worker)
 
     def _check_open(self) -> None:
@@ -214,7 +277,7 @@ class ParallelPainter(Generic[P]):
         frame = np.empty(*self._frame)
         for index, state in enumerate(states, first):
             with doing("drawing"):
-                self._painter.paint(state, index, frame)
+                self._compositor.compose(state, index, frame)
             yield frame
 
     def _together(self, states: Iterator[np.ndarray], first: int) -> Iterator[np.ndarray]:
@@ -246,7 +309,7 @@ class ParallelPainter(Generic[P]):
                 raise ValueError(f"a state must be {slot.dtype} {slot.shape}, not {state.dtype} {state.shape}")
             slot[...] = state
 
-            worker.send("paint", assigned, number)
+            worker.send("compose", assigned, number)
             assigned += 1
         return assigned
 
@@ -273,7 +336,7 @@ class ParallelPainter(Generic[P]):
                     warnings.warn(text, stacklevel=4)  # at the line that requested the frame
 
             request, failure = reply.request, reply.failure
-            if request.name == "paint":
+            if request.name == "compose":
                 self._drawn[request.arguments[0]] = failure
             elif failure and request.name in ("unpickle", "open"):
                 raise failure.error("a rendering process cannot start", DrawError)
@@ -284,9 +347,56 @@ class ParallelPainter(Generic[P]):
         return bool(events)
 
 
+class CompositorServer:
+    """The compositor's server in a rendering process.
+
+    Args:
+      description: descriptor of the file with the pickled compositor.
+      memory: descriptor of the memory of the slots.
+    """
+
+    def __init__(self, description: int, memory: int) -> None:
+        self._description, self._memory = description, memory
+        self._described: Compositor
+        self._compositor: Compositor | None = None  # open, if any
+        self._slots: list[Slot] = []
+
+    def load(self, module: str) -> None:
+        """Imports a module that compositors need."""
+        with contextlib.suppress(ImportError):  # reported when the compositor cannot be loaded
+            importlib.import_module(module)
+
+    def unpickle(self) -> None:
+        """Loads the described compositor in place of the current one."""
+        if self._compositor is not None:
+            self._compositor.close()
+            self._compositor = None
+        with mmap.mmap(self._description, 0, access=mmap.ACCESS_READ) as content:
+            self._described = pickle.loads(content)
+
+    def open(self) -> None:
+        """Opens the compositor."""
+        self._described.open()
+        self._compositor = self._described
+
+    def lay_out(self, layout: SharedMemoryLayout) -> None:
+        """Maps the slots."""
+        self._slots = layout.slots(self._memory)
+
+    def compose(self, frame: int, slot: int) -> None:
+        """Renders a frame in a slot."""
+        assert self._compositor
+        state, into = self._slots[slot]
+        self._compositor.compose(state, frame, into)
+
+    def ask(self, question: Callable[[Any], object]) -> object:
+        """Calls a method of the compositor's class and returns its result."""
+        return question(self._compositor)
+
+
 def _drawing(worker: Worker) -> list[int]:
     """Returns the frames that are assigned to a process and not yet rendered, oldest first."""
-    return [request.arguments[0] for request in worker.pending if request.name == "paint"]
+    return [request.arguments[0] for request in worker.pending if request.name == "compose"]
 
 
 def _awaits(worker: Worker, *names: str) -> bool:

@@ -12,9 +12,10 @@ import mjrun
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.rendering import RENDERERS as NAMES
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.frame_output import RENDERERS, FrameOutput, check_drawing, check_view, plan_frames
+from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, check_drawing, check_view, plan_frames
 from mjrun.outputs.output import Context, PassRenderers
 from mjrun.outputs.video import Video
+from mjrun.physics.observe import observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.graph import graph_size
@@ -55,9 +56,9 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     model = mujoco.MjModel.from_xml_path(str(swing))
     data = mujoco.MjData(model)
     with ExitStack() as stack:
-        output = job.plan(context).open(stack, stack.enter_context(closing(PassRenderers())))
-        assert isinstance(output, FrameOutput)
-        output.simulate(PhysicsStepper(model, data), 50)
+        plan = plan_frames(job, context, job.plot, job.plot_side)
+        output = DrawnFrames(plan, job.encoded_files, stack, stack.enter_context(closing(PassRenderers())))
+        observe(PhysicsStepper(model, data), output.taps({}), 50)
         assert list(output.times) == [k / 50 for k in range(5)]
         assert len(output.states) == len(output.poses) == 5
         heights = []

@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import NoRendererError, UnstableError
-from mjrun.rendering.worker_process import PaintServer, SharedMemoryLayout, memory_file
+from mjrun.rendering.compositor_pool import CompositorServer, SharedMemoryLayout, memory_file
 
 sys.path.append(str(Path(__file__).parent))  # where drawing processes look
 
-from painters import Adding
+from compositors import Adding
 
 SHAPES = st.lists(st.integers(1, 50), min_size=0, max_size=3).map(tuple)
 SPECS = st.tuples(SHAPES, st.sampled_from(["f8", "f4", "i8", "u2", "u1"]).map(np.dtype))
@@ -72,7 +72,7 @@ def test_where_memory_has_no_descriptors_a_file_without_a_name_stands_in(monkeyp
 # --- drawing ----------------------------------------------------------------------------------------
 
 
-class Peer(PaintServer):
+class Peer(CompositorServer):
     """What draws in a drawing process, and its parent's side of the memory."""
 
     def __init__(self, description: int, memory: int) -> None:
@@ -82,9 +82,9 @@ class Peer(PaintServer):
         self.slots = layout.slots(memory)
         self.lay_out(layout)
 
-    def open_described(self, painter: object) -> None:
+    def open_described(self, compositor: object) -> None:
         os.truncate(self._description, 0)
-        os.pwrite(self._description, pickle.dumps(painter), 0)
+        os.pwrite(self._description, pickle.dumps(compositor), 0)
         self.unpickle()
         self.open()
 
@@ -99,21 +99,21 @@ def test_frames_are_drawn_from_the_slots_that_are_named(peer: Peer) -> None:
     peer.open_described(Adding())
     for frame, slot in ((5, 1), (6, 0), (9, 1)):
         peer.slots[slot].state[:] = 10 * frame, 1
-        peer.paint(frame, slot)
+        peer.compose(frame, slot)
         assert peer.slots[slot].frame.tolist() == [11 * frame + 1] * 3
 
 
 def test_a_failed_frame_costs_no_other_frame(peer: Peer) -> None:
     peer.open_described(Adding({1: "is unstable"}))
-    peer.paint(0, 0)
+    peer.compose(0, 0)
     with pytest.raises(UnstableError):
-        peer.paint(1, 0)
-    peer.paint(2, 0)
+        peer.compose(1, 0)
+    peer.compose(2, 0)
 
 
-def test_one_painter_is_opened_after_another(peer: Peer) -> None:
+def test_one_compositor_is_opened_after_another(peer: Peer) -> None:
     with pytest.raises(NoRendererError):
         peer.open_described(Adding({-1: "has no renderer"}))
     peer.open_described(Adding())
-    peer.paint(0, 0)
+    peer.compose(0, 0)
     assert peer.ask(Adding.process) == os.getpid()

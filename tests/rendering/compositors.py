@@ -53,7 +53,7 @@ class Adding:
     def open(self) -> None:
         self._do(OPENING)
 
-    def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+    def compose(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
         time.sleep(self.delay * (index * 7 % 5))
         self._do(index)
         into[...] = index + state.sum()
@@ -78,8 +78,8 @@ class Adding:
 class Telling(Adding):
     """Draws the process's id, and what it was given of LP_NUM_THREADS."""
 
-    def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
-        super().paint(state, index, into)
+    def compose(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+        super().compose(state, index, into)
         into[...] = os.getpid(), int(os.environ.get("LP_NUM_THREADS", "-1"))
 
 
@@ -116,7 +116,7 @@ class Drawing:
         self._data = mujoco.MjData(self.model)
         self._scene = mujoco.MjvScene(self.model, 100)
 
-    def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+    def compose(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
         import mujoco
 
         camera, rect = mujoco.MjvCamera(), mujoco.MjrRect(0, 0, *self.size)

@@ -1,21 +1,22 @@
 """Which processes draw the frames of a video, and what the user is warned of."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, spelled
-from mjrun.outputs import frame_drawer as video_rendering
-from mjrun.outputs.frame_drawer import estimated_cost, jobs_for, start_early
-from mjrun.outputs.output import PassRenderers
+from mjrun.errors import BadValueError, NoRendererError, spelled
+from mjrun.outputs import drawn_frames
+from mjrun.outputs.drawn_frames import DrawnFrames, estimated_cost, jobs_for, plan_frames
+from mjrun.outputs.output import Context, PassRenderers
 from mjrun.outputs.video import Video, VideoResult
-from mjrun.rendering import workers
+from mjrun.rendering import compositor_pool
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts
-from mjrun.rendering.workers import PainterProcesses, ParallelPainter
+from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 
@@ -36,15 +37,15 @@ class Notes(WarningReporter):
 @pytest.fixture
 def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
     """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
-    monkeypatch.setattr(video_rendering, "available_cores", lambda: 2)
-    monkeypatch.setattr(video_rendering, "LONG", 0.0)
+    monkeypatch.setattr(drawn_frames, "available_cores", lambda: 2)
+    monkeypatch.setattr(drawn_frames, "LONG", 0.0)
 
     def made(
         estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
     ) -> tuple[VideoResult, str, list[int]]:
         started: list[int] = []
 
-        class MeasuredPool(ParallelPainter):
+        class MeasuredPool(CompositorPool):
             """A pool on a machine where frames cost what this test says, however busy this one is."""
 
             @property
@@ -60,14 +61,14 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
             _answer: object = None
 
-        class CountedWorkers(PainterProcesses):
+        class CountedWorkers(CompositorProcesses):
             def __init__(self, count: int, module: str) -> None:
                 started.append(count)
                 super().__init__(count, module)
 
-        monkeypatch.setattr(video_rendering, "estimated_cost", lambda size, panels: estimated)
-        monkeypatch.setattr(video_rendering, "ParallelPainter", MeasuredPool)
-        monkeypatch.setattr(workers, "PainterProcesses", CountedWorkers)
+        monkeypatch.setattr(drawn_frames, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(drawn_frames, "CompositorPool", MeasuredPool)
+        monkeypatch.setattr(compositor_pool, "CompositorProcesses", CountedWorkers)
         notes = Notes()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
@@ -140,7 +141,7 @@ def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: B
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(make_video: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video_rendering, "LONG", 60.0)
+    monkeypatch.setattr(drawn_frames, "LONG", 60.0)
     assert make_video(0.001, 0.001)[1] == ""
 
 
@@ -200,11 +201,20 @@ def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None
     ],
 )
 def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
-    monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
+    swing: Path, monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
 ) -> None:
-    monkeypatch.setattr(video_rendering, "available_cores", lambda: 2)
-    monkeypatch.setattr(video_rendering, "lacks_gpu", lambda: lacks_gpu)
+    def backend(rendering: PassRenderers, choice: object) -> Backend:
+        assert counts == started
+        raise NoRendererError({}, "")
+
+    monkeypatch.setattr(drawn_frames, "available_cores", lambda: 2)
+    monkeypatch.setattr(drawn_frames, "lacks_gpu", lambda: lacks_gpu)
     counts: list[int] = []
     monkeypatch.setattr(PassRenderers, "workers", lambda self, count: counts.append(count))
-    start_early(asked, (640, 480), 1, frames, PassRenderers())
-    assert counts == started
+    monkeypatch.setattr(PassRenderers, "backend", backend)
+    simulation = Simulation(swing, duration=frames / 30)
+    video = Video(simulation, "v.mkv", size=(640, 480), fps=30, camera="side", jobs=asked)
+    model = simulation.load()
+    plan = plan_frames(video, Context(simulation, model, simulation.timeline(model), WarningReporter()))
+    with ExitStack() as stack, pytest.raises(NoRendererError):
+        DrawnFrames(plan, video.encoded_files, stack, PassRenderers(), asked)
