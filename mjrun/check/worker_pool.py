@@ -148,7 +148,7 @@ class CheckProcess:
         """Checks one model, and ends the process if that exceeds a limit."""
         self.is_reusable = False
         start = time.monotonic()
-        deadline = start + task.timeout
+        deadline, measured = start + task.timeout, start
         messages: list[dict[str, Any]] = []
         with suppress(OSError):  # it has ended; its status is the reason
             self._process.feed(memoryview(f"{json.dumps(asdict(task))}\n".encode()))
@@ -159,10 +159,13 @@ class CheckProcess:
             messages.append(message)
             if message.get("is_slow"):
                 deadline = start + task.timeout + FIX_TIME
-            if time.monotonic() > deadline:
+            now = time.monotonic()
+            if now > deadline:
                 self._process.kill("time")
-            elif resident_memory(self._checking) > task.memory * MIB:
-                self._process.kill("memory")
+            elif now - measured > POLL_INTERVAL:  # once for many messages: a model makes dozens within milliseconds
+                measured = now
+                if resident_memory(self._checking) > task.memory * MIB:
+                    self._process.kill("memory")
         return WorkerOutput(messages, self._process.wait(), self._stderr())
 
     def kill(self) -> None:

@@ -21,7 +21,7 @@ FAILED_STEP = Rule("MJ704", "error", "MuJoCo fails while stepping")
 KNOWN_BUG = Rule("MJ705", "note", "known bug of the installed MuJoCo")
 CODES = frozenset(rule.code for rule in (UNSTABLE, ENERGY_GAIN, WARNING, FAILED_STEP, KNOWN_BUG))
 
-SAMPLES = 50  # of the energy
+SAMPLES = 25  # of the energy
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
