@@ -29,7 +29,7 @@ from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain
 from mjrun.study.result_columns import MISSING, STATUSES, ResultColumns, ResultRows
-from mjrun.study.spec import FILES, MODEL, PointResult, StudySpec, simulation_at, versions
+from mjrun.study.spec import FILES, MODEL, PointResult, StudySpec, places_in_any_order, simulation_at, versions
 from mjrun.task.task import Task
 
 if TYPE_CHECKING:
@@ -96,16 +96,16 @@ def point_keys(
       own: values of parameters, by their places, that change nothing; see `own_values`.
     """
     base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
-    keys = list[str]()
+    keys, places = list[str](), places_in_any_order(spec.names)
     files = {index: _file_hashes(spec, name) for index, name in enumerate(spec.names) if name in FILES}
     for values in points:
         changes = [
-            (name, files[i](text) if i in files else text)
-            for i, (name, text) in enumerate(zip(spec.names, values, strict=True))
-            if text != ABSENT and (i not in own or text not in own[i])
+            (spec.names[i], files[i](values[i]) if i in files else values[i])
+            for i in places
+            if values[i] != ABSENT and (i not in own or values[i] not in own[i])
         ]
         digest = base.copy()
-        digest.update(json.dumps(sorted(changes)).encode())
+        digest.update(json.dumps(changes).encode())
         keys.append(digest.hexdigest()[:32])
     return keys
 

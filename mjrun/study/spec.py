@@ -23,9 +23,9 @@ from mjrun.errors import (
     flag,
     option,
 )
-from mjrun.experiment.design import Design, simulation_kinds
+from mjrun.experiment.design import SHORT_PATHS, Design, simulation_kinds
 from mjrun.experiment.design_points import ABSENT, numbers
-from mjrun.model.override import Override, apply
+from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.dataset import CAMERA
@@ -261,6 +261,23 @@ def require_values(
 def is_path(name: str) -> bool:
     """Returns whether a parameter is the path of an override rather than an option."""
     return "." in name and name.partition("/")[0] not in BY_NAME
+
+
+def places_in_any_order(names: Sequence[str]) -> list[int]:
+    """Returns the places of parameters in an order that is the same for all orders with the same effect.
+
+    The later of two parameters counts where both set a number, as `geom/*.mass` and `geom/box.mass` do. Therefore,
+    those of one field, or of the initial positions, velocities or controls, stay in their order.
+    """
+
+    def kind(place: int) -> str:
+        name = SHORT_PATHS.get(names[place], names[place])
+        if not is_path(name):
+            return name.partition("/")[0]
+        field = Override(name, "").target.rpartition(".")[2]
+        return "quat" if field in (*ORIENTATIONS, *ALTERNATIVES) else field
+
+    return sorted(range(len(names)), key=kind)
 
 
 def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:

@@ -118,3 +118,26 @@ def test_a_study_that_gains_parameters_keeps_its_points(arm: Simulation) -> None
 
 def test_a_neutral_factor_is_an_own_value(arm: Simulation) -> None:
     assert own(arm, "scale:geom/*.friction") == {"scale:geom/*.friction": {"1"}}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"geom/*.friction[0]": "0.5,1.5"}, {"geom/floor.friction[0]": "2,3"}),
+        ({"scale:body/box.pos[2]": "1,2"}, {"body/box.pos[2]": "0.3,0.6"}),
+        ({"body/box.quat": "0.8,0.6,0,0;1,0,0,0"}, {"body/box.alt.euler": "0,1,0;0,2,0"}),
+        ({"qvel/box": "0,0,0,0,0,0;1,0,0,0,0,0"}, {"qvel/box/vx": "2,0.5"}),
+    ],
+    ids=["wildcard", "factor", "orientation", "components"],
+)
+def test_parameters_of_one_number_in_another_order_are_simulated_again(
+    arm: Simulation, one: dict[str, str], other: dict[str, str]
+) -> None:
+    def results(folder: str, vary: dict[str, str]) -> bytes:
+        metrics = {"x": "last(qpos/box/x)", "z": "last(qpos/box/z)", "q": "last(qpos/box/qx)", "f": "sum(contact/ncon)"}
+        Study(replace(arm, duration=0.3, qvel={"box/wx": 1.0}), folder, metric=metrics, jobs=1, vary=vary).run()
+        return Path(folder, "results.csv").read_bytes()
+
+    before = results("swapped", one | other)
+    assert results("swapped", other | one) == results("new", other | one)
+    assert before.splitlines()[1:] != results("new", other | one).splitlines()[1:]
