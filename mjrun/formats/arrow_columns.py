@@ -89,8 +89,10 @@ def row_group_sizes(metadata: pyarrow.parquet.FileMetaData, names: Collection[st
     return [sum(each.total_uncompressed_size for each in row if each.path_in_schema in names) for row in chunks]
 
 
-def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> pyarrow.Table:
-    """Returns the table in a Parquet file.
+def parquet_columns(
+    path: Path, file: BinaryIO, repeated: Sequence[str] = ()
+) -> Iterator[tuple[pyarrow.Field, pyarrow.ChunkedArray]]:
+    """Yields the columns of the table in a Parquet file, one after the other.
 
     Args:
       path: the path of the file, for messages.
@@ -103,7 +105,8 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
     numbers = 8 * content.metadata.num_rows * content.metadata.num_columns  # bytes
     names = content.schema_arrow.names
     require_expandable(path, numbers + sum(row_group_sizes(content.metadata, names)), file)
-    return content.read()
+    for index, name in enumerate(names):
+        yield content.schema_arrow.field(index), content.read([name], use_threads=False).column(name)
 
 
 def parquet_groups(
@@ -126,7 +129,7 @@ def parquet_groups(
     sizes = row_group_sizes(metadata, names)
     for index, size in enumerate(sizes):
         require_expandable(path, size + 8 * metadata.row_group(index).num_rows * metadata.num_columns, file)
-        yield content.read_row_group(index, names)
+        yield content.read_row_group(index, names, use_threads=False)  # which would decode all columns at once
 
 
 def units(schema: pyarrow.Schema, indices: dict[str, int]) -> dict[str, str]:
@@ -153,6 +156,19 @@ def array_numbers(array: pyarrow.Array, dtype: DTypeLike) -> np.ndarray:
     Its method `to_numpy` does the same, but imports pandas where it is installed.
     """
     return np.frombuffer(array.buffers()[1] or b"", dtype)[array.offset : array.offset + len(array)]
+
+
+def column_numbers(column: pyarrow.ChunkedArray) -> np.ndarray:
+    """Returns a column as floats `(n,)`, NaN where it is null; numbers of other kinds as `to_numpy`, see above."""
+    if not (types.is_float64(column.type) or types.is_int64(column.type)):
+        return column.to_numpy().astype(float)
+    values, start = np.empty(len(column)), 0
+    for chunk in column.chunks:
+        part = values[start : start + len(chunk)]
+        part[:] = array_numbers(chunk, np.int64 if types.is_int64(column.type) else np.float64)
+        part[~array_validity(chunk)] = np.nan
+        start += len(chunk)
+    return values
 
 
 def array_validity(array: pyarrow.Array) -> np.ndarray:

@@ -164,28 +164,33 @@ def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, An
     input_format(path)
     from pyarrow import parquet
 
-    from mjrun.formats.arrow_columns import read_whole_parquet, units
+    from mjrun.formats.arrow_columns import column_numbers, parquet_columns, units
 
-    with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
-        text_columns = [field.name for field in parquet.read_schema(stream) if _is_text(field.type)]
-        table = read_whole_parquet(path, stream, text_columns)
     numbers, texts = dict[str, np.ndarray](), dict[str, TextColumn]()
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        if _is_text(column.type):
-            texts[name] = _text_column(column)
-        else:
-            numbers[name] = column.to_numpy().astype(float, copy=False)
-    manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
-    known = units(table.schema, dict(zip(table.column_names, range(len(table.column_names)), strict=True)))
-    return numbers, texts, table.column_names, manifest, {name: unit for name, unit in known.items() if unit}
+    with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
+        schema = parquet.read_schema(stream)
+        names, text_columns = schema.names, [field.name for field in schema if _is_text(field.type)]
+        for field, column in parquet_columns(path, stream, text_columns):
+            if _is_text(column.type):
+                texts[field.name] = _text_column(column)
+            else:
+                numbers[field.name] = column_numbers(column)
+    manifest = json.loads((schema.metadata or {}).get(b"mjrun", b"{}"))
+    known = units(schema, dict(zip(names, range(len(names)), strict=True)))
+    return numbers, texts, names, manifest, {name: unit for name, unit in known.items() if unit}
 
 
 def _text_column(column: "pyarrow.ChunkedArray") -> TextColumn:
     """Returns a column of texts; null becomes empty."""
+    import pyarrow
+
+    from mjrun.formats.arrow_columns import array_numbers, array_validity
+
     codes, words = list[np.ndarray](), list[str]()
     for chunk in column.chunks:
-        found = chunk.indices.fill_null(len(chunk.dictionary)).to_numpy(zero_copy_only=False)
-        codes.append(found.astype(np.int32) + len(words))
+        indices = chunk.indices.cast(pyarrow.int32())
+        found = array_numbers(indices, np.int32)
+        codes.append(np.where(array_validity(indices), found, len(chunk.dictionary)) + len(words))
         words += [*(word or "" for word in chunk.dictionary.to_pylist()), ""]
     return TextColumn(np.concatenate([np.array([], np.int32), *codes]), words)
 

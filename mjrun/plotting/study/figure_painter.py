@@ -301,7 +301,12 @@ def draw_heat_map(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
     set_scale(canvas, axes, "x", panel.columns)
     set_scale(canvas, axes, "y", panel.rows)
     values, many = np.ma.masked_invalid(panel.values), width * height > VECTORS
-    axes.pcolormesh(across, up, values, cmap=COLOUR_MAP, norm=_norm(panel.colours), rasterized=many)
+    colours = {"cmap": COLOUR_MAP, "norm": _norm(panel.colours)}
+    if many and not (panel.columns.log or panel.rows.log):
+        values = values.astype(np.float32)  # of which matplotlib makes several copies
+        axes.imshow(values, extent=(*across[[0, -1]], *up[[0, -1]]), origin="lower", aspect="auto", **colours)
+    else:
+        axes.pcolormesh(across, up, values, rasterized=many, **colours)
     for row, column in np.argwhere(np.isnan(panel.values)).tolist():
         corner, size = (across[column], up[row]), (across[column + 1] - across[column], up[row + 1] - up[row])
         axes.add_patch(_empty_cell(canvas, corner, size, failed=panel.failed[row, column]))
@@ -312,8 +317,10 @@ def _write_values(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
     """Writes the values into the cells of a heat map, if all of them have room."""
     rows, columns = panel.values.shape
     size, box = 0.85 * SMALL * canvas.em, axes.get_window_extent()
+    if rows * columns > WRITTEN or box.height / rows < 1.6 * size:
+        return
     known = np.argwhere(np.isfinite(panel.values)).tolist()
-    if rows * columns > WRITTEN or not known or box.height / rows < 1.6 * size:
+    if not known:
         return
     labels = value_labels([float(DIGITS.format(panel.values[row, column])) for row, column in known])
     if max(canvas.measure(label, size) for label in labels) > box.width / columns - size:

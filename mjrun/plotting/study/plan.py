@@ -263,9 +263,8 @@ class StudyFigurePlan:
     def _heat_maps(self, across: Parameter, up: Parameter) -> StudyDrawing:
         """Plans a cell for each pair of values: the median of its points."""
         self._refuse_curve_options("heat maps")
-        column, row = np.searchsorted(across.levels, across.values), np.searchsorted(up.levels, up.values)
         shape = (len(up.levels), len(across.levels))
-        cells = row * shape[1] + column
+        cells = up.places * shape[1] + across.places
         count = np.bincount(cells, minlength=shape[0] * shape[1])
         panels: list[StudyPanel] = []
         for metric in self._shown(self._metrics):

@@ -35,6 +35,11 @@ class Parameter:
     label: str = ""
 
     @property
+    def places(self) -> np.ndarray:
+        """The place of each value in `levels` `(n,)`."""
+        return np.searchsorted(self.levels, self.values)
+
+    @property
     def is_listed(self) -> bool:
         """True if points share its values, as on a grid, rather than having one each, as in random samples."""
         return bool(self.categories) or 2 * len(self.levels) <= len(self.values)
@@ -81,8 +86,10 @@ def is_grid(a: Parameter, b: Parameter) -> bool:
     """Returns whether at least half of all pairs of their values are points."""
     if not (a.is_listed and b.is_listed):
         return False
-    pairs = len(np.unique(np.column_stack([a.values, b.values]), axis=0))
-    return 2 * pairs >= len(a.levels) * len(b.levels)
+    pairs = len(a.levels) * len(b.levels)
+    if pairs > 2 * len(a.values):
+        return False
+    return bool(2 * np.count_nonzero(np.bincount(a.places * len(b.levels) + b.places)) >= pairs)
 
 
 def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> figure_data.Series:
@@ -113,7 +120,9 @@ def medians(groups: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     Args:
       groups: number of the group of each value `(n,)`.
     """
-    groups, values = groups[np.isfinite(values)], values[np.isfinite(values)]
+    is_finite = np.isfinite(values)
+    if not is_finite.all():
+        groups, values = groups[is_finite], values[is_finite]
     values = values[np.lexsort((values, groups))]
     sizes = np.bincount(groups, minlength=count)
     starts, some = np.cumsum(sizes) - sizes, sizes > 0
