@@ -88,7 +88,7 @@ def point_table(
     meanings = {name: measure.meaning for name, measure in measured[0].items()}
     table = ResultsTable()
     table.add(POINT, range(len(points)))
-    table.add_parameters(design, range(len(points)))
+    table.add_parameters(design)
     for name in meanings:
         table.add(Column(name, units.get(name, ""), "metric"), [_number(each[name].value) for each in measured])
     table.add_texts("status", ["ok" if point.policies[0].episodes else "failed" for point in points])

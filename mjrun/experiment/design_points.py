@@ -157,7 +157,11 @@ class GridPoints(Sequence[Values]):
 
     def column(self, number: int) -> DesignColumn:
         """Returns the values of a parameter."""
-        return DesignColumn.of(*self._places(number, np.arange(len(self))))
+        texts, repeat = self.columns[number]
+        if self._chosen is not None:
+            return DesignColumn.of(*self._places(number, np.arange(len(self))))
+        cycle = np.repeat(np.arange(len(texts)), repeat)
+        return DesignColumn.of(texts, cycle if len(cycle) == self._whole else np.resize(cycle, self._whole))
 
     def only(self, chosen: np.ndarray) -> "GridPoints":
         """Returns the points with these indices."""

@@ -77,17 +77,17 @@ class ResultsTable:
     def add_parameters(
         self,
         design: Design,
-        points: Sequence[int] | np.ndarray,
+        points: Sequence[int] | np.ndarray | None = None,
         text_meaning: str = "",
         units: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Appends a column for each parameter of a design.
 
         Args:
-          points: number of the point of each row.
+          points: number of the point of each row; None for a row for each point.
           units: units of parameters, by name.
         """
-        rows = np.asarray(points, np.intp)
+        rows = slice(None) if points is None else np.asarray(points, np.intp)
         for index, name in enumerate(design.names):
             values = design.column(index)
             found = values.numbers

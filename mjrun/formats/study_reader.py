@@ -182,14 +182,12 @@ def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, An
 
 def _text_column(column: "pyarrow.ChunkedArray") -> TextColumn:
     """Returns a column of texts; null becomes empty."""
-    import pyarrow
-
     from mjrun.formats.arrow_columns import array_numbers, array_validity
 
     codes, words = list[np.ndarray](), list[str]()
     for chunk in column.chunks:
-        indices = chunk.indices.cast(pyarrow.int32())
-        found = array_numbers(indices, np.int32)
+        indices = chunk.indices
+        found = array_numbers(indices, str(indices.type)).astype(np.int32)
         codes.append(np.where(array_validity(indices), found, len(chunk.dictionary)) + len(words))
         words += [*(word or "" for word in chunk.dictionary.to_pylist()), ""]
     return TextColumn(np.concatenate([np.array([], np.int32), *codes]), words)

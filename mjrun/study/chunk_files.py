@@ -34,6 +34,7 @@ from mjrun.task.task import Task
 
 if TYPE_CHECKING:
     import pyarrow
+    import pyarrow.parquet
 
 SUFFIX = ".parquet"
 METRIC = "metric:"  # precedes the name of each metric
@@ -46,7 +47,7 @@ KEYS = f"S{KEY_BYTES}"  # of numpy, which ignores zeros at the end
 HEXADECIMAL = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}")
 TOGETHER = 8  # parts that are merged into one
 PART_BYTES = 2**25  # largest part that is made by merging
-GROUP = 2**16  # rows that are merged at once
+GROUP = 2**14  # rows that are merged at once
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
 
 
@@ -220,18 +221,23 @@ class ChunkFiles:
             self._read_by_key(others, known, open_places, _binary(keys(known.points[open_places])))
         return known
 
-    def update(self, known: ResultColumns, first: int, last: int) -> None:
+    def update(self, known: ResultColumns, first: int, last: int) -> bool:
         """Adds the results in parts that other processes have published since, if their points overlap a range.
+
+        Returns:
+          Whether there are such parts.
 
         Raises:
           FileError: a part cannot be opened.
         """
+        has_new = False
         for name in self._names():
             part = _Name.of(name)
             if part is None or part.study != self.study[:NAMED] or name in self._parts:
                 continue
             if part.first <= last and first <= part.last:
-                self._put(name, known)
+                has_new = self._put(name, known) or has_new
+        return has_new
 
     def write(self, points: Sequence[int] | np.ndarray, keys: Sequence[str], results: ResultRows) -> str:
         """Publishes a part in one step, and returns its name.
@@ -281,8 +287,6 @@ class ChunkFiles:
             group, size = [name] if name and own < PART_BYTES // 2 else [], own
 
     def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> str:
-        import pyarrow.parquet
-
         from mjrun.formats.arrow_columns import cast_texts
 
         digest = hashlib.sha256(content.encode()).hexdigest()[:NAMED]
@@ -292,7 +296,7 @@ class ChunkFiles:
             # as a path, the name would have to be UTF-8
             with (
                 Path(output.destination.path).open("wb") as stream,
-                pyarrow.parquet.ParquetWriter(stream, schema, compression="zstd") as writer,
+                _writer(stream, schema) as writer,
             ):
                 for table in tables:
                     writer.write_table(cast_texts(table, schema))
@@ -462,8 +466,25 @@ def part_bytes(metrics: Sequence[str], count: int) -> int:
     results = [PointResult(-1, "ok", tuple(row[1:]), 0, wall=float(row[0])) for row in numbers]
     stream = pyarrow.BufferOutputStream()
     table = _part(np.arange(count), keys, ResultRows.of(results, len(metrics), "host"), metrics)
-    pyarrow.parquet.write_table(table, stream, compression="zstd")
+    with _writer(stream, table.schema) as writer:
+        writer.write_table(table)
     return stream.getvalue().size
+
+
+def _writer(stream: object, schema: "pyarrow.Schema") -> "pyarrow.parquet.ParquetWriter":
+    """Returns a writer of a part: dictionaries of numbers that differ at each point would only take memory."""
+    import pyarrow.parquet
+
+    numbers = [name for name in schema.names if name == "wall" or name.startswith(METRIC)]
+    encodings = {"point": "DELTA_BINARY_PACKED"} | dict.fromkeys(numbers, "BYTE_STREAM_SPLIT")
+    repeated = [*TEXTS, "steps", "exit_code"]
+    return pyarrow.parquet.ParquetWriter(
+        stream,
+        schema,
+        compression="zstd",
+        use_dictionary=repeated,  # type: ignore[arg-type] # whose stub does not know names
+        column_encoding=encodings,
+    )
 
 
 def _schema(metrics: Sequence[str], study: str = "") -> "pyarrow.Schema":

@@ -235,9 +235,7 @@ class LeasedPoints:
     ) -> None:
         self.points, self._known, self._files, self._leases = np.asarray(points, np.int64), known, files, leases
         self._most_chunks = DEPTH * ahead
-        self._places = np.searchsorted(known.points, self.points)
-        self._was_missing = known.is_missing[self._places]
-        self._blocks = np.searchsorted(files.bounds, self.points, "right")
+        self._was_missing = self._is_missing()
         self._is_open = np.ones(len(self.points), bool)  # neither known nor leased by this process
         self._leased = np.array([], np.intp)  # leased places that are not in a chunk yet
         self._next = 0  # place after the last range
@@ -308,11 +306,19 @@ class LeasedPoints:
         chunks = max(1, min(self._most_chunks, free // (SHARES * owners * count)))
         run = places[: count * chunks]
         is_next = run - run[0] == np.arange(len(run))
-        return run[is_next & (self._blocks[run] == self._blocks[run[0]])]
+        blocks = np.searchsorted(self._files.bounds, self.points[run], "right")
+        return run[is_next & (blocks == blocks[0])]
 
     def _read(self, first: int, last: int) -> None:
         """Reads new results of other processes in this range, and closes all points that are known now."""
-        self._files.update(self._known, first, last)
-        is_new = self._is_open & self._was_missing & ~self._known.is_missing[self._places]
-        self.elsewhere += int(is_new.sum())
-        self._is_open &= ~is_new
+        if self._files.update(self._known, first, last):
+            is_new = self._is_open & self._was_missing & ~self._is_missing()
+            self.elsewhere += int(is_new.sum())
+            self._is_open &= ~is_new
+
+    def _is_missing(self) -> np.ndarray:
+        """Returns whether each point has no result yet, `(n,)`."""
+        is_missing = self._known.is_missing
+        if len(self.points) == len(is_missing):
+            return is_missing
+        return is_missing[np.searchsorted(self._known.points, self.points)]

@@ -160,7 +160,7 @@ class PreparedStudy(PreparedPoints):
                 return 0
 
         if not columns:
-            return np.full(len(indices), count(()), np.int64)
+            return np.broadcast_to(np.int64(count(())), len(indices))
         places = np.stack([column.places[np.asarray(indices, np.intp)] for column in columns])
         different, which = np.unique(places, axis=1, return_inverse=True)
         keys = [tuple(texts_at(column.texts, key[[i]])[0] for i, column in enumerate(columns)) for key in different.T]

@@ -80,7 +80,7 @@ class PreparedPoints(ABC):
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder
         self.files = ChunkFiles(folder, metrics, self._digest())
-        self.numbers: Sequence[int] | np.ndarray = range(len(points.points))
+        self.numbers = np.arange(len(points.points))
 
     @cached_property
     def known(self) -> ResultColumns:
@@ -140,7 +140,7 @@ class PreparedPoints(ABC):
 
     def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""
-        return np.zeros(len(indices), np.int64)
+        return np.broadcast_to(np.int64(0), len(indices))
 
     def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> executors.ChunkSizes:
         """Returns the sizes of chunks, of which `ahead` are in flight."""

@@ -61,9 +61,9 @@ class RepeatMeans:
     """
 
     def __init__(self, points: Design, metrics: Mapping[str, np.ndarray | Sequence[float]], confidence: float) -> None:
-        first, groups = _grouped(points)
         others = Design(tuple(name for name in points.names if name != SEED), [])
-        if metrics and len(first) < len(points.points):
+        first, groups = _grouped(points) if metrics and SEED in points.names else (np.array([]), np.array([], int))
+        if len(first) < len(groups):
             kept = [index for index, name in enumerate(points.names) if name != SEED]
             others = replace(others, points=[tuple(row[index] for index in kept) for row in points.at(first.tolist())])
         self.design = others
@@ -80,7 +80,7 @@ class RepeatMeans:
           units: units of parameters and metrics, by name.
         """
         table = ResultsTable()
-        table.add_parameters(self.design, range(len(self.design.points)), units=units)
+        table.add_parameters(self.design, units=units)
         table.add(Column("repeats", meaning="number of points", integer=True), self._sizes)
         for name, means in self._means.items():
             unit = units.get(name, "")
@@ -106,8 +106,6 @@ class RepeatMeans:
 
 def _grouped(points: Design) -> tuple[np.ndarray, np.ndarray]:
     """Returns the first point of each group of repeats, ascending, and the number of the group of each point `(n,)`."""
-    if SEED not in points.names:
-        return np.arange(len(points.points)), np.arange(len(points.points))
     keys = np.zeros(len(points.points), int)
     for index, name in enumerate(points.names):
         if name != SEED:

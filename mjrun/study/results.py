@@ -35,7 +35,7 @@ def study_table(
     """
     table = ResultsTable()
     table.add(POINT, np.arange(len(results)))
-    table.add_parameters(design, np.arange(len(design.points)), units=units)
+    table.add_parameters(design, units=units)
     for index, name in enumerate(metrics):
         table.add(Column(name, units.get(name, ""), "metric"), results.metrics[:, index])
     table.add_coded("status", results.status, STATUSES)

@@ -333,18 +333,20 @@ class MetricSummary:
 
 
 def _summary(points: Design, numbers: np.ndarray) -> MetricSummary:
-    finite = np.flatnonzero(np.isfinite(numbers))
-    if not len(finite):
+    is_finite = np.isfinite(numbers)
+    good = numbers[is_finite]
+    if not len(good):
         return MetricSummary(0, math.nan, math.nan, [math.nan] * len(QUANTILES), None, None)
-    good = numbers[finite]
+    lowest, highest = np.flatnonzero(is_finite)[[good.argmin(), good.argmax()]].tolist()
+    mean, std = float(good.mean()), float(good.std())
+    good.sort()
     places = np.array(QUANTILES) * (len(good) - 1)
-    quantiles = np.interp(places, np.arange(len(good)), np.sort(good)).tolist()
-    lowest, highest = int(finite[good.argmin()]), int(finite[good.argmax()])
+    around = np.unique([np.floor(places), np.ceil(places)]).astype(int)
     return MetricSummary(
         count=len(good),
-        mean=float(good.mean()),
-        std=float(good.std()),
-        quantiles=quantiles,
+        mean=mean,
+        std=std,
+        quantiles=np.interp(places, around, good[around]).tolist(),
         lowest=lowest,
         highest=highest,
         lowest_values=points.values(lowest),
