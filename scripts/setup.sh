@@ -133,8 +133,10 @@ set_up_python() {
   say "Installing mjrun and its tools into .venv; the first time this takes a minute or two ..."
   echo unfinished >"$STAMP"
   rm -f "$CAN_DRAW"
+  .venv/bin/python -m compileall -q mjrun & # pip leaves a core idle
   pip_install 'pip>=25.1' # the first with --group
   pip_install --editable '.[all]' --group dev
+  wait
   inputs >"$STAMP"
 }
 

@@ -1,5 +1,6 @@
 """Shared parts of the tests: paths, a renderer, and oracles that inspect files from outside."""
 
+import fcntl
 import functools
 import gc
 import os
@@ -9,8 +10,9 @@ import signal
 import subprocess
 import sys
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any, cast
 from unittest import mock
@@ -47,16 +49,32 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
-def pytest_collection_finish() -> None:
-    """Keeps modules that a test imports from a folder from leaving bytecode there, among the files that it lists.
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Lets the workers of CI collect one after the other; in a new checkout, each would compile the same modules."""
+    with Path(__file__).open() as turn:
+        if {"CI", "PYTEST_XDIST_WORKER"} <= os.environ.keys():
+            fcntl.flock(turn, fcntl.LOCK_EX)
+        return (yield)
 
-    The collected tests are a million objects, which the garbage collector would scan again and again.
-    """
-    sys.dont_write_bytecode = True
+
+def pytest_collection_finish() -> None:
+    """Keeps the garbage collector from scanning the collected tests, a million objects, again and again."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 20, 100)
 
+
+_write_bytecode = SourceFileLoader.set_data
+
+
+def _write_bytecode_of_packages(self: SourceFileLoader, path: str, data: Any, **mode: int) -> None:
+    """Leaves no bytecode of modules that a test imports from a folder, among the files that it lists."""
+    if any(Path(path).is_relative_to(folder) for folder in (sys.prefix, ROOT / "mjrun")):
+        _write_bytecode(self, path, data, **mode)
+
+
+SourceFileLoader.set_data = _write_bytecode_of_packages
 
 # Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
 # How slowly examples are made says nothing on a busy machine.
