@@ -300,9 +300,9 @@ class Check(_Check):
       UsageError: a code, severity or number is invalid.
 
     Options:
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -763,9 +763,9 @@ class Evaluation(_Evaluation):
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them in videos and images.
       confidence: Confidence level of all intervals. [default: 0.95]
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -1397,9 +1397,9 @@ class Simulation(_Simulation):
       steps: Number of steps, instead of a duration.
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -2117,9 +2117,9 @@ def evaluate(
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them in videos and images.
       confidence: Confidence level of all intervals. [default: 0.95]
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -2254,9 +2254,9 @@ def fit(
       steps: Number of steps, instead of a duration.
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -2449,9 +2449,9 @@ def frames(
       steps: Number of steps, instead of a duration.
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -2656,9 +2656,9 @@ def sweep(
       steps: Number of steps, instead of a duration.
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.
@@ -2851,9 +2851,9 @@ def trace(
       steps: Number of steps, instead of a duration.
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
-      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
-        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
-        policy.py:act or package.module:Policy; random; or zero.
+      policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
         without them.

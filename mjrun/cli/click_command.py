@@ -18,7 +18,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import ConsoleOptions
+from mjrun.options.console import DOCUMENT_FORMS, ConsoleOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
@@ -84,20 +84,25 @@ class CommandLine:
             return CommandLine({**self._params, name: tuple(convert(str(text)) for text in texts)})
         return CommandLine({**self._params, name: convert(str(value))})
 
+    @property
+    def document_form(self) -> str:
+        """The option that requests a document instead of prose; empty for prose."""
+        return next((name for name in DOCUMENT_FORMS if self._params.get(name)), "")
+
     def form(self, *names: str) -> str:
-        """Returns the option of `names` that requests a form of the report other than prose and JSON, or an empty
-        text.
+        """Returns the option of `names` that requests a form of the report other than prose and documents, or an
+        empty text.
 
         Raises:
           UsageError: several forms are requested.
         """
-        asked = [name for name in ("json", *names) if self._params.get(name)]
+        asked = [name for name in (*DOCUMENT_FORMS, *names) if self._params.get(name)]
         if len(asked) > 1:
             options = f"{', '.join(map(mention, asked[:-1]))} and {mention(asked[-1])}"
             raise UsageError(
                 f"{options} exclude each other: {'both' if len(asked) == 2 else 'all'} print to standard output"
             )
-        return asked[0] if asked and asked != ["json"] else ""
+        return next((name for name in asked if name not in DOCUMENT_FORMS), "")
 
     def argument(self, name: str) -> str:
         """Returns the value of an argument."""
@@ -294,7 +299,7 @@ def command(
             gc.freeze()
             gc.enable()
             command_line = CommandLine(params)
-            _set_verbosity(console, command_line.make(ConsoleOptions))
+            _set_verbosity(console, command_line)
             with _confined_if_asked(console, command_line):
                 body(console, command_line)
             if command_line.value("open"):
@@ -338,9 +343,10 @@ def _section_rank(declared: Option) -> int:
     return SHARED_SECTIONS.index(declared.section) + 1 if declared.section in SHARED_SECTIONS else 0
 
 
-def _set_verbosity(console: Console, messages: ConsoleOptions) -> None:
+def _set_verbosity(console: Console, command_line: CommandLine) -> None:
+    messages = command_line.make(ConsoleOptions)
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
-    console.debug, console.as_json = messages.debug, messages.json
+    console.debug, console.document_form = messages.debug, command_line.document_form
     if messages.debug and sys.__stderr__:
         faulthandler.enable(sys.__stderr__)  # shows the traceback of a crash
 

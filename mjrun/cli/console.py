@@ -5,7 +5,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
@@ -22,10 +23,13 @@ from mjrun.shared_status import note_answered
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
 
 
-def asks_for_json(arguments: Sequence[str]) -> bool:
-    """Returns whether a command line, possibly invalid, has the option --json."""
+DOCUMENT_WRITERS: Mapping[str, Callable[[Mapping[str, object]], str]] = {"json": partial(json.dumps, indent=2)}
+
+
+def document_form(arguments: Sequence[str]) -> str:
+    """Returns the option by which a command line, possibly invalid, requests a document; empty for prose."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
-    return "--json" in arguments[:end]
+    return next((name for name in DOCUMENT_WRITERS if flag(name) in arguments[:end]), "")
 
 
 class Console:
@@ -36,13 +40,13 @@ class Console:
       debug: print tracebacks.
       code: the exit code of a command that completed.
       command: the command line.
-      as_json: print one JSON document to stdout, which also reports failures.
+      document_form: the option by which one document replaces prose on stdout, failures included; empty for prose.
       report: the answer, once it is printed.
     """
 
-    def __init__(self, command: str = "mjrun", *, as_json: bool = False) -> None:
+    def __init__(self, command: str = "mjrun", *, document_form: str = "") -> None:
         self.command = command
-        self.as_json = as_json
+        self.document_form = document_form
         self.verbosity = 0
         self.debug = False
         self.code = 0
@@ -76,14 +80,14 @@ class Console:
         print(text, flush=True)  # noqa: T201
 
     def answer(self, report: "Report", form: str = "", *, is_piped: bool = False) -> None:
-        """Prints a report: as JSON, in another form, or in prose.
+        """Prints a report: as a document, in another form, or in prose.
 
         Args:
           form: the option that requests another form.
           is_piped: standard output carries the output of the command.
         """
         self.report = report
-        if self.as_json:
+        if self.document_form:
             self.document(report.json())
         elif form:
             payload = report.form(form)
@@ -101,21 +105,21 @@ class Console:
                     self.result(text)
 
     def document(self, value: Mapping[str, object]) -> None:
-        """Stores the command's answer as a JSON document, which `finish` prints."""
+        """Stores the command's answer as a document, which `finish` prints."""
         self._document = value
 
     def fail(self, code: int, kind: str, message: str) -> None:
-        """Sets the exit code of a command that completed, and adds the reason to its JSON document."""
+        """Sets the exit code of a command that completed, and adds the reason to its document."""
         self.code = code
         self.report_failure(FailureReport(kind, message, code))
 
     def report_failure(self, failure: FailureReport) -> None:
-        """Adds the `error` to the JSON document, if one is requested."""
-        if self.as_json:
+        """Adds the `error` to the document, if one is requested."""
+        if self.document_form:
             self._failure = failure.document()
 
     def finish(self) -> None:
-        """Prints the JSON document to stdout, if any, with the confinement of the process, if any."""
+        """Prints the document to stdout, if any, with the confinement of the process, if any."""
         document = {**(self._document or {}), **({"error": self._failure} if self._failure else {})}
         if not document:
             return
@@ -123,7 +127,7 @@ class Console:
         if limits and "runs" not in document:  # SARIF has runs, and allows no further key
             document["untrusted"] = limits.facts()
         note_answered()
-        self.result(json.dumps(document, indent=2))
+        self.result(DOCUMENT_WRITERS[self.document_form or "json"](document))
 
     def say(self, text: str) -> None:
         """Prints the command's answer to stderr, as stdout carries something else."""

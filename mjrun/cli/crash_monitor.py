@@ -307,12 +307,12 @@ def _kill(pid: int) -> None:
 
 
 def _report(failure: "FailureReport", *, is_answered: bool) -> None:
-    from mjrun.cli.console import Console, asks_for_json
+    from mjrun.cli.console import Console, document_form
     from mjrun.errors import EndedFromOutsideError
 
     if sys.stderr.isatty():
         sys.stderr.write(SHOW_CURSOR)
-    console = Console(as_json=asks_for_json(sys.argv[1:]) and not is_answered)
+    console = Console(document_form="" if is_answered else document_form(sys.argv[1:]))
     console.error(failure.message)
     console.report_failure(failure)
     with suppress(Exception, EndedFromOutsideError):  # the reader is gone

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli.colors import shown_help
-from mjrun.cli.console import Console, asks_for_json
+from mjrun.cli.console import Console, document_form
 from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,
@@ -136,7 +136,7 @@ def run(arguments: Sequence[str]) -> int:
     for number in system.SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _end)
-    console = Console(shlex.join(["mjrun", *arguments]), as_json=asks_for_json(arguments))
+    console = Console(shlex.join(["mjrun", *arguments]), document_form=document_form(arguments))
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
     finishing_code = _guarded(console, lambda: _finish(console))

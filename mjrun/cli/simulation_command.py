@@ -18,7 +18,6 @@ from mjrun.cli.console import Console, flag
 from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
-from mjrun.options.console import ConsoleOptions
 from mjrun.options.model import ServoOptions
 from mjrun.options.output import LAST_INSTANT, CommandOptions
 from mjrun.options.policy import ZERO
@@ -186,7 +185,7 @@ def make(
             last.finish((report or _report)(result).json)
         return result
     except MjrunError as error:
-        if console.as_json and error.results:
+        if console.document_form and error.results:
             console.answer(_report(error.results[0]))
         raise
 
@@ -228,11 +227,11 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
     """Returns whether standard output carries the output.
 
     Raises:
-      UsageError: JSON is requested on standard output too.
+      UsageError: a document is requested on standard output too.
     """
     piped = (command_line.value("output") or default_output) == "-"
-    if piped and command_line.make(ConsoleOptions).json:
-        raise UsageError(f"{option('json')} and the output both print to standard output; give {option('output')} FILE")
+    if piped and (form := command_line.document_form):
+        raise UsageError(f"{option(form)} and the output both print to standard output; give {option('output')} FILE")
     return piped
 
 
@@ -256,13 +255,13 @@ def reported_failures(
 
     Args:
       report: makes the report from the results in the error.
-      in_prose: errors whose results are also reported in prose; JSON reports them for all errors.
+      in_prose: errors whose results are also reported in prose; documents report them for all errors.
       form: the option that requests another form.
     """
     try:
         yield
     except MjrunError as error:
-        if error.results and (console.as_json or isinstance(error, in_prose)):
+        if error.results and (console.document_form or isinstance(error, in_prose)):
             console.answer(report(error.results), form)
         raise
 
@@ -287,7 +286,7 @@ def show_columns(
     from mjrun.task.task import Task
 
     listed = columns(Simulation(source, policy=ZERO if isinstance(source, Task) else policy), probes)
-    if console.as_json:
+    if console.document_form:
         console.document({"columns": [asdict(column) for column in listed]})
         return
     if groups:

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from mjrun.options.kinds import Flag
-from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.option import FrontEnd, Options, option, options, options_of
 
 
 @options
@@ -21,8 +21,8 @@ class OpenOptions(Options):
 
 
 @options
-class ConsoleOptions(Options):
-    """Form and amount of what a command prints."""
+class DocumentFormOptions(Options):
+    """Forms of the one document that replaces prose; each is written by its entry in `mjrun.cli.console`."""
 
     section: ClassVar[str] = "Messages"
 
@@ -32,6 +32,17 @@ class ConsoleOptions(Options):
         places=FrontEnd.COMMAND,
         help="Print one JSON document to stdout instead of prose.",
     )
+
+
+DOCUMENT_FORMS = tuple(each.name for each in options_of(DocumentFormOptions))
+
+
+@options
+class ConsoleOptions(DocumentFormOptions):
+    """Form and amount of what a command prints."""
+
+    section: ClassVar[str] = "Messages"
+
     quiet: bool = option(
         converter=Flag(), default=False, short="-q", places=FrontEnd.COMMAND, help="Print only results and errors."
     )

@@ -10,6 +10,7 @@ from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfit, Mis
 
 RANDOM, ZERO = BUILT_IN = ("random", "zero")
 NONE = "none"
+POLICIES = "{policy formats}"  # replaced in help texts by `mjrun.outputs.format_lists`
 _CODE = re.compile(r"(.+\.py|[^\W\d]\w*(\.[^\W\d]\w*)*):[^\W\d]\w*(\.[^\W\d]\w*)*")
 
 
@@ -75,9 +76,8 @@ class PolicyOptions(TrustOptions):
     policy: object | None = option(
         converter=Optional(PolicyKind()),
         default=None,
-        help="Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its .yaml; a "
-        "Stable-Baselines3 .zip or a TorchScript .pt, which require --trust; Python code, policy.py:act or "
-        "package.module:Policy; random; or zero.",
+        help=f"Policy that acts in the task: {POLICIES}; Python code, policy.py:act or package.module:Policy; random; "
+        "or zero.",
     )
     normalize: str | None = option(
         converter=Optional(NormalizationKind()),

@@ -14,7 +14,9 @@ from mjrun.options.output import (
     TABLES,
     VIDEOS,
 )
+from mjrun.options.policy import POLICIES
 from mjrun.outputs.exports import export_formats
+from mjrun.policy.loaders import formats as policy_formats
 
 
 def with_formats(text: str) -> str:
@@ -62,5 +64,6 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     EXPORT_FOLDERS: lambda: [
         f"{name} ({known.description})" for name, known in export_formats().items() if not known.suffixes
     ],
+    POLICIES: policy_formats,
     PLOTS: lambda: [*_images("rgb"), *image_format.DRAWINGS],
 }

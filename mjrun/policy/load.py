@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.errors import ControllerError, UsageError, clean, option, quoted, suggestion
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
-from mjrun.policy.loaders import loader_of, loaders
+from mjrun.policy.loaders import formats, loader_of
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made
@@ -197,7 +197,7 @@ def _load(text: object, trust: bool, normalize: str | None, place: Callable[[str
         return loader.load(path, text, trust, normalize)
     if named := code_of_file(path):
         raise UsageError(f"{option('policy')} {clean(text)}: select one of its policies\n{named}")
-    formats = ", ".join([*sorted(each.description for each in loaders()), "FILE.py:NAME", *BUILT_IN])
+    known = ", ".join([*formats(), "FILE.py:NAME", *BUILT_IN])
     raise UsageError(
-        f"{option('policy')} {clean(text)}: unknown policy format{suggestion(text, BUILT_IN)}\nformats: {formats}"
+        f"{option('policy')} {clean(text)}: unknown policy format{suggestion(text, BUILT_IN)}\nformats: {known}"
     )

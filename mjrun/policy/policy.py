@@ -148,7 +148,6 @@ class PolicyLoader:
     """A format of policy files.
 
     Attributes:
-      description: the description of the format, for messages: `.zip of Stable-Baselines3`.
       suffixes: the suffixes of its files.
       load: loads a policy from a path, its text from the user, whether files may run code when they are opened, and the
         file of its normalization, `none`, or None.
@@ -156,7 +155,6 @@ class PolicyLoader:
       files: lists the files of the policy at the path of a file, itself included.
     """
 
-    description: str
     suffixes: Sequence[str]
     load: Callable[[Path, str, bool, str | None], Policy]
     reads_folders: bool = False

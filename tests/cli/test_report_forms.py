@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from mjrun.cli.console import Console
+from mjrun.cli.console import DOCUMENT_WRITERS, Console, document_form
 from mjrun.cli.report_forms import Case, Report
+from mjrun.errors import flag
+from mjrun.options.console import DOCUMENT_FORMS
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,17 @@ def test_a_summary_makes_way_for_the_output(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr() == ("", "long\nsummary\n")
 
 
+def test_every_option_for_a_document_has_a_writer() -> None:
+    assert tuple(DOCUMENT_WRITERS) == DOCUMENT_FORMS
+    assert document_form(["video", "a.xml", "--", "--json"]) == ""
+    assert [document_form(["video", flag(name)]) for name in DOCUMENT_FORMS] == list(DOCUMENT_FORMS)
+
+
 @pytest.mark.parametrize(("kind", "expected"), [("thing", JSON), ("", {"value": 3})])
 def test_json_is_the_result_and_its_schema_alone(
     capsys: pytest.CaptureFixture[str], kind: str, expected: dict[str, object]
 ) -> None:
-    console = Console(as_json=True)
+    console = Console(document_form="json")
     console.answer(Report(kind, Result(), text=not_made, summary=not_made, forms={"csv": not_made}))
     console.finish()
     assert json.loads(capsys.readouterr().out) == expected

@@ -64,7 +64,7 @@ def test_exclusions_are_reported_with_flags(cls: type[Options], params: dict[str
 
 def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: pytest.CaptureFixture[str]) -> None:
     error = PartlyDoneError(["t.csv"], [("c.csv", FileError("c.csv", "cannot be written"))])
-    console = Console(as_json=True)
+    console = Console(document_form="json")
     with pytest.raises(PartlyDoneError), reported_failures(console, lambda _: Report("", None)):
         raise error
     console.report_failure(FailureReport.of(error))

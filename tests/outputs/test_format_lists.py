@@ -10,7 +10,9 @@ import pytest
 from mjrun.formats import codecs, tables
 from mjrun.formats.image_format import FORMATS, suffixes
 from mjrun.options.output import CODECS, DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
+from mjrun.options.policy import POLICIES
 from mjrun.outputs.format_lists import LISTS, with_formats
+from mjrun.policy.loaders import loaders
 
 
 def test_a_new_table_format_is_listed_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,6 +40,13 @@ def test_what_is_listed_can_be_written() -> None:
 
 def test_every_table_format_is_listed_once() -> None:
     assert len(with_formats(TABLES).split(", ")) == len(tables.FORMATS)
+
+
+def test_every_loader_of_policies_is_listed_by_a_name_with_a_suffix_that_it_reads() -> None:
+    names = with_formats(POLICIES).split(", ")
+    assert len(names) == len(loaders())
+    for name, loader in zip(names, loaders(), strict=True):
+        assert any(suffix in name for suffix in loader.suffixes)
 
 
 def test_other_text_and_other_braces_stay() -> None:

@@ -76,7 +76,7 @@ def test_statistics_normalize_and_none_declines(tmp_path: Path) -> None:
     ("name", "error", "message"),
     [
         ("walk.onnx", FileError, r"walk.onnx: no such file"),
-        ("walk.h5", UsageError, r"^policy walk.h5: unknown policy format\nformats: .onnx, "),
+        ("walk.h5", UsageError, r"unknown policy format\nformats: LEAPP.*, ONNX.*, Torch.* \(.pt\), FILE.py:NAME"),
         ("wa\x1blk", UsageError, r"^policy wa\\x1blk: unknown policy format"),
         ("ramdom", UsageError, r"unknown policy format \(did you mean .random.\?\)"),
     ],

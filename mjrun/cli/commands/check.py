@@ -122,7 +122,7 @@ def _list_rules(console: Console) -> None:
     from mjrun.check.codes import TOPICS, topic
     from mjrun.cli.check_report import rule_table
 
-    if console.as_json:
+    if console.document_form:
         rules = [
             {"code": code, "severity": rule.severity, "title": rule.title, "topic": topic(code), "fix": rule.fix}
             for code, rule in rule_table().items()
@@ -148,7 +148,7 @@ def _explain(console: Console, code: str) -> None:
 
     text = explanation(code)
     rule = rule_table()[code]
-    if console.as_json:
+    if console.document_form:
         document = {"code": code, "severity": rule.severity, "title": rule.title, "fix": rule.fix, "explanation": text}
         console.document(document)
     else:

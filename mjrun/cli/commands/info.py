@@ -133,7 +133,7 @@ def _show_demonstrations(console: Console, file: str) -> None:
 def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:
     """Lists a collection of models, such as the scenes of mjrun, one per line."""
     entries = {f"{collection.PREFIX}:{entry.name}": entry.facts for entry in collection.entries()}
-    if console.as_json:
+    if console.document_form:
         console.document({"models": [{"name": name, **facts} for name, facts in entries.items()]})
         return
     if not entries:

@@ -79,14 +79,14 @@ def trace(console: Console, command_line: CommandLine) -> None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
     job = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
     result = make(console, command_line, job)
-    if not piped or console.as_json:
+    if not piped or console.document_form:
         show(console, command_line, result)
 
 
 def _is_for_reading(command_line: CommandLine) -> bool:
     """Returns whether the rows would only fill the user's terminal."""
-    chosen = any(command_line.value(name) for name in ("output", "format", "csv", "json", "print_document"))
-    return not chosen and sys.stdout.isatty()
+    chosen = any(command_line.value(name) for name in ("output", "format", "csv", "print_document"))
+    return not chosen and not command_line.document_form and sys.stdout.isatty()
 
 
 def _summarize(console: Console, command_line: CommandLine) -> None:

@@ -1,26 +1,36 @@
 """The formats of policy files, one module each.
 
 A module is found by its place in this package, and defines `LOADER`, a `PolicyLoader`. It imports the libraries of its
-format inside functions, as these may not be installed.
+format inside functions, as these may not be installed. The first line of its docstring names the format, up to a colon:
+help lists it without importing the module.
 """
 
 import functools
 import importlib
 import pkgutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjrun.formats.input_file import is_folder
-from mjrun.policy.policy import PolicyLoader
+
+if TYPE_CHECKING:
+    from mjrun.policy.policy import PolicyLoader
+
+
+def formats() -> list[str]:
+    """Returns the names of all formats of policy files, such as `ONNX files (.onnx)`, without importing them."""
+    modules = sorted(Path(__file__).parent.glob("[!_]*.py"))
+    return [path.read_text("utf-8").split('"""', 2)[1].partition(":")[0] for path in modules]
 
 
 @functools.cache
-def loaders() -> list[PolicyLoader]:
+def loaders() -> "list[PolicyLoader]":
     """Returns all formats of policy files."""
     modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
     return [module.LOADER for module in modules]
 
 
-def loader_of(path: Path) -> PolicyLoader | None:
+def loader_of(path: Path) -> "PolicyLoader | None":
     """Returns the loader of a file or a folder; None if its format is unknown."""
     if is_folder(path):
         return next(each for each in loaders() if each.reads_folders)

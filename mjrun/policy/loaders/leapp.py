@@ -1,4 +1,4 @@
-"""Policies in LEAPP packages: networks that run in order, with data flow between them and back."""
+"""LEAPP packages (.yaml or its folder): networks that run in order, with data flow between them and back."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -172,7 +172,6 @@ def _files(path: Path) -> list[Path]:
 
 
 LOADER = PolicyLoader(
-    "a LEAPP package (.yaml or its folder)",
     YAML,
     lambda path, name, trust, normalize: LeappPolicy(path, name),
     reads_folders=True,

@@ -1,4 +1,4 @@
-"""Policies in ONNX: an observation as input, an action as output, and recurrent state carried from call to call.
+"""ONNX files (.onnx): an observation as input, an action as output, and recurrent state carried from call to call.
 
 onnxruntime opens models with restrictions, and runs them on the CPU by one thread, for equal bits from equal inputs.
 """
@@ -363,7 +363,6 @@ def _agree(start: Tensor, end: Tensor) -> bool:
 
 
 LOADER = PolicyLoader(
-    ".onnx",
     SUFFIXES,
     lambda path, name, trust, normalize: OnnxPolicy(path, name),
     files=lambda path: [path, *weight_files(path)],

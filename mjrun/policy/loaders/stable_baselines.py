@@ -1,4 +1,4 @@
-"""Policies of Stable-Baselines3, from the archives of its models."""
+"""Stable-Baselines3 archives (.zip): the models that it saves."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,7 +78,6 @@ def _read(path: Path) -> "BasePolicy":
 
 
 LOADER = PolicyLoader(
-    ".zip of Stable-Baselines3",
     (".zip",),
     lambda path, name, trust, normalize: StableBaselinesPolicy(path, name, trust=trust, normalize=normalize),
 )

@@ -1,4 +1,4 @@
-"""Policies in TorchScript, an export format of Isaac Lab and rsl_rl."""
+"""TorchScript modules (.pt): an export format of Isaac Lab and rsl_rl."""
 
 import io
 import warnings
@@ -65,7 +65,6 @@ class TorchScriptPolicy(Policy):
 
 
 LOADER = PolicyLoader(
-    ".pt (TorchScript)",
     (".pt", ".pth", ".jit", ".torchscript"),
     lambda path, name, trust, normalize: TorchScriptPolicy(path, name, trust=trust),
 )
