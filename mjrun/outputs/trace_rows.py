@@ -17,7 +17,7 @@ from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
+from mjrun.physics.stepper import CHUNK, RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields
@@ -160,18 +160,41 @@ class ProbeSampler:
         for start in range(0, len(rows), ROWS):
             steps, readings = rows[start : start + ROWS], list[InstantReading]()
             try:
-                for step in steps:
-                    stepper.advance(step)
-                    readings.append(self.read(stepper))
+                self._read_all(stepper, steps, readings)
             except SimulationError:
                 if readings:
                     yield partial(self.stack, steps, readings)
                 raise
             yield partial(self.stack, steps, readings)
 
+    def _read_all(self, stepper: Stepper, steps: Sequence[int], readings: list[InstantReading]) -> None:
+        """Reads the instants at `steps`, and adds them to `readings`.
+
+        Raises:
+          SimulationError: a step fails; the instants before it have been added.
+        """
+        if not isinstance(stepper, PhysicsStepper) or not _are_consecutive(steps):
+            for step in steps:
+                stepper.advance(step)
+                readings.append(self.read(stepper))
+            return
+        stepper.advance(steps[0])
+        while count := steps[-1] - stepper.step:
+            if not stepper.always_differs:
+                count = min(count, CHUNK, stepper.steps_alike())
+                if count > 1 and (block := stepper.read_steps(count, partial(self._reading, stepper))):
+                    readings += block
+                    continue
+            for _ in range(count):
+                readings.append(self.read(stepper))
+                stepper.advance(stepper.step + 1)
+        readings.append(self.read(stepper))
+
     def read(self, stepper: Stepper) -> InstantReading:
         """Copies the stepper's instant, as far as the row needs it."""
-        data = stepper.instant()
+        return self._reading(stepper, stepper.instant())
+
+    def _reading(self, stepper: Stepper, data: mujoco.MjData) -> InstantReading:
         if stepper is not self._stepper:
             self._stepper, self._initial_values = stepper, self._initial(stepper)
             self._episode = stepper if isinstance(stepper, EpisodeStepper) else None  # slow, so once
@@ -263,6 +286,10 @@ def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str
     steps = f"{float(1 / timeline.timestep):g}"
     text = f"{option('rate')} {float(rational(rate)):g} exceeds the {steps} steps of a simulated second"
     return f"{text}: each step gives one row; a smaller {option('timestep')} gives more"
+
+
+def _are_consecutive(steps: Sequence[int]) -> bool:
+    return [*steps] == [*range(steps[0], steps[0] + len(steps))]
 
 
 def _copy_of(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Callable[[], bytes | int]:

@@ -1,9 +1,9 @@
 """Steppers: physics moved to an exact step, with the first bad step found when a simulation fails."""
 
 import copy
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -15,6 +15,8 @@ from mjrun.physics.control import NEVER, ControlSources, PeriodicController
 from mjrun.physics.divided_step import Integrate, integrator_of, is_bounded, need_only_motion
 from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
+
+T = TypeVar("T")
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
 SHORTAGES = slice(int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1)
@@ -178,8 +180,7 @@ class PhysicsStepper:
                 self.step += count
                 self._arrive()
                 continue
-            self._use(self._saved)
-            self._saved = mujoco.MjData(self.model)
+            self._go_on_from_copy()
             for _ in range(count):
                 self._take_one()  # until the step that fails
 
@@ -191,6 +192,41 @@ class PhysicsStepper:
     def always_differs(self) -> bool:
         """True if a controller is called at each step."""
         return self.control.controller is not None and self.control.controller.is_always_due
+
+    def read_steps(self, count: int, read: Callable[[mujoco.MjData], T]) -> list[T] | None:
+        """Takes `count` steps, at most `steps_alike()`, and reads the instant before each; None if one of them fails.
+
+        This is cheaper than `instant()` and `advance` for each, as it checks all steps together. After a failure the
+        stepper is still at the first instant.
+        """
+        if self._integrate is None:
+            return None
+        model, data, integrate = self.model, self._data, self._integrate
+        mujoco.mj_copyData(self._saved, model, data)
+        controls = self.control.rows(self.step, count) if self.control.varies else None
+        readings, computed, is_stable = list[T](), self._computed, False
+        try:
+            for index in range(count):
+                if controls is not None:
+                    data.ctrl[:] = controls[index]
+                mujoco.mj_checkPos(model, data)  # as mj_step does
+                mujoco.mj_checkVel(model, data)
+                mujoco.mj_forwardSkip(model, data, computed, False)
+                mujoco.mj_checkAcc(model, data)
+                readings.append(read(data))
+                integrate(model, data)
+                computed = STATE
+            is_stable = self._is_stable()
+        except mujoco.FatalError:
+            pass
+        finally:
+            if not is_stable:
+                self._go_on_from_copy()
+        if not is_stable:
+            return None
+        self.step += count
+        self._arrive()
+        return readings
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, computed elsewhere."""
@@ -238,6 +274,11 @@ class PhysicsStepper:
     def _use(self, data: mujoco.MjData) -> None:
         """Continues in another MjData; the view of its warnings stays valid."""
         self._data, self._shortages = data, data.warning.number[SHORTAGES]
+
+    def _go_on_from_copy(self) -> None:
+        """Continues from the copy that was saved before a step."""
+        self._use(self._saved)
+        self._saved = mujoco.MjData(self.model)
 
     def _copied_instant(self) -> mujoco.MjData:
         """Returns a copy of the instant, which the reader may change."""
@@ -399,8 +440,7 @@ class PhysicsStepper:
         """Returns to the saved state, under the present inputs; returns the data of the failed step."""
         failed, inputs = self._data, state.save(self.model, self._data, state.INPUTS)
         if self._needs_copy:
-            self._use(self._saved)
-            self._saved = mujoco.MjData(self.model)
+            self._go_on_from_copy()
         else:
             self._use(mujoco.MjData(self.model))  # that of an interrupted step is unusable
             state.restore(self.model, self._data, self._saved_state)

@@ -165,6 +165,32 @@ def test_an_instant_is_mj_forward_at_the_same_state_of_an_independent_simulation
         mujoco.mj_step(model, data)
 
 
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_steps_that_are_read_together_are_those_that_are_read_one_by_one(integrator: str) -> None:
+    model = tumble(integrator)
+    together, alone = (PhysicsStepper(model, start(model, 0)) for _ in range(2))
+    for count in (1, 30, 7):
+        expected = list[dict[str, bytes]]()
+        for _ in range(count):
+            expected.append(bits(alone.instant(), (*FIELDS, *DERIVED)))
+            alone.advance(alone.step + 1)
+        assert together.read_steps(count, lambda data: bits(data, (*FIELDS, *DERIVED))) == expected
+        assert (together.step, state(together)) == (alone.step, state(alone))
+
+
+@pytest.mark.usefixtures("workplace")
+@pytest.mark.parametrize("fall", ["too_fast", "too_far"])
+def test_steps_that_are_read_together_are_not_taken_if_one_of_them_fails(fall: str) -> None:
+    model = {"too_fast": too_fast, "too_far": too_far}[fall](5)
+    first, before = first_bad(model)
+    stepper = PhysicsStepper(model, mujoco.MjData(model))
+    assert stepper.read_steps(first + 1, lambda _: None) is None
+    assert stepper.step == 0
+    with pytest.raises(UnstableError):
+        stepper.advance(first + 1)
+    assert state(stepper) == before
+
+
 def test_an_instant_is_what_the_next_step_computes_on_its_way() -> None:
     model = tumble("Euler")
     stepper = PhysicsStepper(model, start(model, 0))
