@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mjrun.study.preview import StudyPreview
     from mjrun.study.status import StudyStatus
     from mjrun.study.study import StudyResult
+    from mjrun.study.unused_files import UnusedFiles
 
 SHOWN = 10  # reasons of failures
 FEW = 4  # values of a point that are shown
@@ -86,6 +87,16 @@ def status_report(status: "StudyStatus") -> str:
         page.table("running", columns, len(ranges), SHOWN, "--json has all")
     page.note(status.text)
     return page.text().lstrip("\n")
+
+
+def unused_report(unused: "UnusedFiles") -> str:
+    """Formats the number and size of unused files of a study."""
+    kinds = [f"{counted(each.files, each.noun)} ({byte_size(each.size)})" for each in unused.kinds]
+    did = "removed" if unused.is_removed else "would remove"
+    lines = [f"{clean(unused.path)}: {did} {', '.join(kinds) or 'nothing'}"]
+    if unused.missing:
+        lines.append(f"outdated parts stay: they may have results of {counted(unused.missing, 'missing point')}")
+    return "\n".join(lines)
 
 
 def _first_rows(columns: Sequence[Column]) -> list[Column]:

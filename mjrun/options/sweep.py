@@ -30,7 +30,7 @@ PLANS = (".jsonl",)  # suffixes of plans, which are accepted in place of a model
 MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")
-STOPPING = ("dry_run", "print_document", "plan", "task", "collect", "status")  # each replaces the run
+STOPPING = ("dry_run", "print_document", "plan", "task", "collect", "status", "gc")  # each replaces the run
 SAMPLERS = {
     "sobol": "a scrambled Sobol sequence, which keeps its points when samples are added",
     "halton": "a scrambled Halton sequence, which keeps its points, too, for any number of samples",
@@ -325,14 +325,16 @@ class StudyCommandOptions(Options):
 
     section: ClassVar[str] = "Execution"
     exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
-        Exclusion(pair, "each of these replaces the run; give only one") for pair in combinations(STOPPING, 2)
+        Exclusion(pair, "each of these replaces the run; give only one")
+        for pair in combinations(STOPPING, 2)
+        if pair != ("dry_run", "gc")
     )
 
     dry_run: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Report the number of simulations and an estimate of their time, and exit.",
+        help="Report the number of simulations and an estimate of their time, and exit; with --gc, what it removes.",
     )
     print_document: bool = option(
         converter=Flag(),
@@ -364,6 +366,13 @@ class StudyCommandOptions(Options):
         places=FrontEnd.COMMAND,
         help="Report the progress of a study, also while processes work on it, and exit with 1 unless it is finished. "
         "With --html, update a page until it is finished or no process works on it.",
+    )
+    gc: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Remove files of a study that its table does not use: parts of other versions, damaged parts, "
+        "leases and temporary files of ended processes, and logs of Slurm jobs.",
     )
     csv: bool = option(
         converter=Flag(),

@@ -286,6 +286,32 @@ class ChunkFiles:
                 self.merge(group)
             group, size = [name] if name and own < PART_BYTES // 2 else [], own
 
+    def unused(self) -> tuple[list[str], list[str]]:
+        """Returns the parts of other versions or designs of the study, and damaged parts; other files are in neither.
+
+        Raises:
+          FileError: a part cannot be opened.
+        """
+        import pyarrow
+        import pyarrow.parquet
+
+        others, damaged = list[str](), list[str]()
+        for name in self._names():
+            try:
+                with self.folder.open(name) as stream:
+                    schema = pyarrow.parquet.read_schema(stream)
+            except FileNotFoundError:  # merged by another process
+                continue
+            except PermissionError as error:
+                raise FileError(self.folder.path(name), f"cannot be read: {error.strerror}") from None
+            except (OSError, pyarrow.ArrowException):
+                damaged += [name] if PART.fullmatch(name) else []
+                continue
+            study = (schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
+            if study != self.study and {*_schema(()).names} - {"point"} <= {*schema.names}:
+                others.append(name)
+        return others, damaged
+
     def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> str:
         from mjrun.formats.arrow_columns import cast_texts
 

@@ -100,7 +100,7 @@ def study_status(folder: str | Path) -> StudyStatus:
       FileError: the folder is not that of a study, or cannot be read.
     """
     folder = Path(folder)
-    points, metrics, study = _facts(folder)
+    points, metrics, study = study_facts(folder)
     files, known = ChunkFiles(folder, metrics, study), ResultColumns(range(points), len(metrics))
     leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease
     files.update(known, 0, points - 1)
@@ -126,7 +126,7 @@ def study_status(folder: str | Path) -> StudyStatus:
     )
 
 
-def _facts(folder: Path) -> tuple[int, list[str], str]:
+def study_facts(folder: Path) -> tuple[int, list[str], str]:
     """Returns the number of points of a study, its metrics and its hash.
 
     Raises:

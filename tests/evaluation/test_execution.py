@@ -1,5 +1,6 @@
 """Episodes are points: any processes give the same records, a failure costs its episode, and nothing is repeated."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import WarningReporter
 from mjrun.task.task import Task
 from tests.evaluation.tasks import cart_task, play_here, write_policies
+from tests.study.slurm_stand_in import install
 
 
 class Progress(WarningReporter):
@@ -58,6 +60,17 @@ def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
     assert progress.reported == sorted(progress.reported)
     monkeypatch.setattr(player, "SIDE_BY_SIDE", 2)
     assert [player_of(group.spec).play(range(5, 16)) for group in some.groups] == expected
+
+
+@pytest.mark.slow
+def test_episodes_in_jobs_of_slurm_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path / "cluster")
+    monkeypatch.setenv("PATH", str(tmp_path / "cluster"), prepend=os.pathsep)
+    some = prepared(tmp_path, f"{write_policies(tmp_path)}:act")
+    expected = [player_of(group.spec).play(range(4)) for group in some.groups]
+    options = {"engine": "slurm", "chunk": 2, "slurm": "time=10min,array=2"}
+    assert play(some, range(4), tmp_path / "out", **options) == (expected, 4)
+    assert (tmp_path / "cluster" / "log").read_text() == "sbatch 0-1%2\n"
 
 
 @pytest.mark.slow

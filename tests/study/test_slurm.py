@@ -9,9 +9,11 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.options.sweep import ExecutionOptions
+from mjrun.simulation.simulation import Simulation
 from mjrun.study import slurm
-from mjrun.study.executors import process_count
+from mjrun.study.executors import completed, process_count
 from mjrun.study.slurm import SlurmExecutor, most_jobs
+from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
 from tests.processes import PATIENCE, wait_until
 from tests.study.slurm_stand_in import install, states
 
@@ -63,26 +65,33 @@ def test_the_jobs_in_flight_are_as_many_as_the_queue_accepts(
     assert not (tmp_path / "slurm").exists()
 
 
-def test_jobs_that_have_not_begun_can_be_cancelled(tmp_path: Path, cluster: Path) -> None:
-    notes = list[str]()
+def test_when_a_run_is_over_waiting_jobs_are_cancelled_and_running_ones_finish(
+    tmp_path: Path, cluster: Path, ball: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = ShippedStudy.of(StudySpec(ball, ("seed",), ()))
+    contents = {"release": str(tmp_path / "release").encode()}
+    chunks = [PointChunk(study, (StudyPoint(i, (str(i),)),), contents=contents) for i in range(3)]
+    monkeypatch.setattr("mjrun.study.executors.run_chunk", _fail_when_released)
+    notes, over = list[str](), list[bool]()
     with SlurmExecutor(tmp_path, (), 1, notes.append) as executor:
-        release = tmp_path / "release"
-        with executor.batch():
-            futures = [executor.submit(_wait_for, str(release)) for _ in range(3)]
-        wait_until(futures[0].running)
-        assert [future.cancel() for future in futures] == [False, True, True]
+        arriving = completed(executor, iter(chunks), 3, lambda _: "", lambda: bool(over))
+        assert next(arriving) == []
+        wait_until(lambda: any(future.running() for future in [*executor._jobs]))
+        over.append(True)
+        assert [*next(arriving), *next(arriving)] == []
         wait_until(lambda: notes)
-        release.touch()
-        assert futures[0].result(PATIENCE) == "done"
+        (tmp_path / "release").touch()
+        assert [chunk for arrived in arriving for chunk, _ in arrived] == chunks[:1]
     assert notes == ["2 jobs of Slurm cancelled: 2 waiting"]
     assert log(cluster) == ["sbatch 0-2%1", "scancel 1000_1 1000_2"]
     wait_until(lambda: [*states(cluster).values()] == ["COMPLETED", "CANCELLED", "CANCELLED"])
 
 
-def _wait_for(path: str) -> str:
-    while not os.path.exists(path):  # noqa: PTH110
+def _fail_when_released(chunk: PointChunk) -> ChunkResult:
+    assert chunk.contents
+    while not os.path.exists(chunk.contents["release"]):  # noqa: PTH110
         time.sleep(0.01)
-    return "done"
+    return chunk.failed("no reason")
 
 
 def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, cluster: Path) -> None:

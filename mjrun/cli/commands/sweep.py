@@ -104,6 +104,9 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     if options.status:
         _report_status(console, command_line)
         return
+    if options.gc:
+        _remove_unused(console, command_line, dry_run=options.dry_run)
+        return
     form = command_line.form("csv", "markdown")
     if options.task is not None:
         _simulate_task(console, command_line, *options.task)
@@ -245,11 +248,7 @@ def _report_status(console: Console, command_line: CommandLine) -> None:
     from mjrun.cli.sweep_report import status_report
     from mjrun.study.status import REFRESH, study_status, write_status_page
 
-    model, output = command_line.argument("model"), command_line.value("output")
-    if output is None and (is_study(model) or _is_plan(model)):
-        raise UsageError(f"{option('status')} requires the folder of the study: give it instead of {clean(model)}")
-    is_study_folder = output is None and is_folder(model)
-    folder = model if is_study_folder else str(output or f"{stem(command_line)}_study")
+    folder = _existing_folder(command_line, "status")
     status, page = study_status(folder), command_line.value("html")
     while page is not None:
         write_status_page(str(page), status)
@@ -260,6 +259,22 @@ def _report_status(console: Console, command_line: CommandLine) -> None:
         status = study_status(folder)
     console.answer(Report("sweep-status", status, summary=lambda: status_report(status)))
     console.code = 0 if status.is_finished else UNFINISHED
+
+
+def _remove_unused(console: Console, command_line: CommandLine, *, dry_run: bool) -> None:
+    from mjrun.cli.sweep_report import unused_report
+    from mjrun.study.unused_files import remove_unused
+
+    unused = remove_unused(_existing_folder(command_line, "gc"), dry_run=dry_run)
+    console.answer(Report("", unused, summary=lambda: unused_report(unused)))
+
+
+def _existing_folder(command_line: CommandLine, name: str) -> str:
+    """Returns the folder of the study that the option `name` reads."""
+    model, output = command_line.argument("model"), command_line.value("output")
+    if output is None and (is_study(model) or _is_plan(model)):
+        raise UsageError(f"{option(name)} requires the folder of the study: give it instead of {clean(model)}")
+    return model if output is None and is_folder(model) else str(output or f"{stem(command_line)}_study")
 
 
 def _require_said_there(command_line: CommandLine, file: str) -> None:

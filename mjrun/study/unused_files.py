@@ -1,0 +1,123 @@
+"""Files in the folder of a study that its table does not use, and that no process will need."""
+
+import re
+import secrets
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import FileError, clean
+from mjrun.formats.destinations import unwritable
+from mjrun.formats.folders import Folder
+from mjrun.formats.temporary_output import left_behind, remove
+from mjrun.platform import system
+from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.leases import EXPIRY, NAME, SUFFIX, LeaseContent
+from mjrun.study.result_columns import ResultColumns
+from mjrun.study.slurm import FOLDER as SLURM
+from mjrun.study.status import study_facts
+
+RUN = re.compile(r"[0-9a-f]{8}")  # name of the folder of a run in that of Slurm
+
+
+@dataclass(frozen=True)
+class UnusedKind:
+    """Unused files of one kind.
+
+    Attributes:
+      noun: name of one of them.
+      files: their number.
+      size: their size [bytes].
+    """
+
+    noun: str
+    files: int
+    size: int
+
+
+@dataclass(frozen=True)
+class UnusedFiles:
+    """Unused files of a study.
+
+    Attributes:
+      path: folder of the study.
+      is_removed: whether they have been removed.
+      kinds: kinds of files of which any exist.
+      missing: number of points without a result; parts of other versions stay until none is left, for they may have it.
+    """
+
+    path: str
+    is_removed: bool
+    kinds: Sequence[UnusedKind]
+    missing: int
+
+
+def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
+    """Removes the parts of other versions of a study, damaged parts, leases of ended processes, temporary files that
+    ended processes have left, and logs of Slurm jobs. Files that mjrun has not written stay.
+
+    Args:
+      dry_run: only counts them.
+
+    Raises:
+      FileError: the folder is not that of a study, a process works on it, or a file cannot be removed.
+    """
+    folder = Path(folder)
+    points, metrics, study = study_facts(folder)
+    files, known = ChunkFiles(folder, metrics, study), ResultColumns(range(points), len(metrics))
+    leases = _ended_leases(files.folder)
+    files.update(known, 0, points - 1)
+    missing = int(known.is_missing.sum())
+    others, damaged = files.unused()
+    runs = [path for path in (folder / SLURM).glob("*") if RUN.fullmatch(path.name) and path.is_dir()]
+    with left_behind(folder) as above, left_behind(Path(files.folder.path())) as beside:
+        kinds = {
+            "outdated part": [] if missing else [Path(files.folder.path(name)) for name in others],
+            "damaged part": [Path(files.folder.path(name)) for name in damaged],
+            "abandoned lease": [Path(files.folder.path(name)) for name in leases],
+            "temporary file": [*above, *beside],
+            "log folder": runs,
+        }
+        counts = [UnusedKind(noun, len(paths), sum(map(_size, paths))) for noun, paths in kinds.items() if paths]
+        for path in () if dry_run else [path for paths in kinds.values() for path in paths]:
+            remove(path)
+            if path.exists():
+                raise FileError(path, "cannot be removed")
+    if runs and not dry_run:
+        with suppress(OSError):
+            (folder / SLURM).rmdir()
+    return UnusedFiles(str(folder), not dry_run, counts, missing if others else 0)
+
+
+def _ended_leases(folder: Folder) -> list[str]:
+    """Returns the leases of ended processes, of whatever version of the study.
+
+    Raises:
+      FileError: a process works on the study.
+    """
+    names = [name for name in folder.names(SUFFIX) if NAME.fullmatch(name)]
+    if not names:
+        return []
+    probe = f".{secrets.token_hex(8)}.probe"
+    try:
+        folder.create_file(probe, b"")  # the clock that has written the leases need not be that of this machine
+        now = folder.age(probe)
+        folder.remove(probe)
+    except OSError as error:
+        raise unwritable(folder.path(), error) from None
+    ended = list[str]()
+    for name in names:
+        with suppress(OSError):  # its owner has released it
+            content, silent = LeaseContent.read(folder, name), folder.age(name) - now
+            if silent <= EXPIRY and not system.has_ended(content.process):
+                host = clean(content.host) or "another machine"
+                reason = f"belongs to a process on {host} that works on the study"
+                raise FileError(folder.path(name), reason, "nothing is removed; try again when it has ended")
+            ended.append(name)
+    return ended
+
+
+def _size(path: Path) -> int:
+    """Returns the size of a file, or of all files in a folder [bytes]."""
+    return sum(each.lstat().st_size for each in [path, *path.rglob("*")] if not each.is_dir())
