@@ -15,6 +15,7 @@ from mjrun.formats.input_file import exists, opened
 
 SCHEMA = "mjrun-baseline-1"
 LARGEST = 2**26  # bytes
+MERGED = re.compile(r"(?P<first>.*) \(and (?P<more>\d+) more(?:: (?P<others>.*)| like it)\)", re.DOTALL)
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
@@ -23,6 +24,7 @@ class KnownFinding(NamedTuple):
 
     Attributes:
       file: the path of the file relative to the folder of the baseline, with slashes.
+      object: the object, and those with the same fault: `joint 'a' (and 1 more: joint 'b')`.
       message: the message with `#` for each number.
     """
 
@@ -64,18 +66,27 @@ class Baseline:
 
     def contains(self, finding: Finding) -> bool:
         """Returns whether a finding is known."""
-        return known_finding(finding, self.folder) in self.known
+        return self._known(finding) is not None
 
     def new(self, findings: Iterable[Finding]) -> tuple[Finding, ...]:
         """Returns the findings that are not known, and counts down the known ones."""
         new: list[Finding] = []
         for finding in findings:
-            known = known_finding(finding, self.folder)
-            if self.known[known] > 0:
+            known = self._known(finding)
+            if known:
                 self.known[known] -= 1
             else:
                 new.append(finding)
         return tuple(new)
+
+    def _known(self, finding: Finding) -> KnownFinding | None:
+        """Returns the known finding that is left, if any; it may be about more objects."""
+        new = known_finding(finding, self.folder)
+        if self.known[new] > 0:
+            return new
+        left = (known for known, count in self.known.items() if count > 0)
+        same = (known for known in left if known._replace(object=new.object) == new)
+        return next((known for known in same if _is_part(new.object, known.object)), None)
 
     def gone(self, files: Collection[str], codes: Collection[str]) -> int:
         """Returns the number of known findings of these rules in these files that `new` has not met."""
@@ -98,8 +109,26 @@ def write_baseline(path: Path, findings: Iterable[Finding]) -> None:
 
 def known_finding(finding: Finding, folder: Path) -> KnownFinding:
     """Returns a finding as a baseline in `folder` stores it."""
-    message = NUMBER.sub("#", finding.message)
-    return KnownFinding(_relative(finding.file, folder), finding.code, finding.object, message)
+    message, objects = finding.message, finding.object
+    if match := MERGED.fullmatch(message):
+        message = match["first"]
+        objects += finding.message.removeprefix(message)
+    return KnownFinding(_relative(finding.file, folder), finding.code, objects, NUMBER.sub("#", message))
+
+
+def _is_part(objects: str, of: str) -> bool:
+    """Returns whether objects are some of others; only their numbers are compared if not all names are known."""
+    (names, count), (others, other_count) = map(_names, (objects, of))
+    return count <= other_count and (names <= others or len(others) < other_count)
+
+
+def _names(objects: str) -> tuple[set[str], int]:
+    """Returns the names of objects as far as they are known, and their number."""
+    match = MERGED.fullmatch(objects)
+    if match is None:
+        return {objects}, 1
+    names = {match["first"], *(match["others"] or "").split(", ")} - {"", "…"}
+    return names, int(match["more"]) + 1
 
 
 def _relative(file: str, folder: Path) -> str:

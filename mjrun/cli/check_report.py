@@ -41,7 +41,7 @@ def check_report(result: CheckResult) -> Report:
 
 def lines(result: CheckResult) -> Iterator[str]:
     """Yields a line per finding in the style of compilers, with its remedy below it, in the order of the models."""
-    for finding, model in _all(result):
+    for finding, model in _once(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
         yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
         if finding.remedy:
@@ -58,6 +58,8 @@ def summary(result: CheckResult) -> str:
     findings = ", ".join(count for count in counts if count) or "nothing found"
     unloaded = sum(not model.loads for model in result.models)
     parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {findings}"]
+    if repeated := sum(1 for _ in _all(result)) - sum(1 for _ in _once(result)):
+        parts.append(f"{repeated} of them in files of several models, shown once")
     if fixed := sum(sum(file.fixes.values()) for file in result.fixed):
         files = _counted(sum(not file.is_new for file in result.fixed), "file")
         parts.append(f"{fixed} {'fixed' if result.written else 'would be fixed'} in {files}")
@@ -90,15 +92,16 @@ def full_message(finding: Finding, model: str) -> str:
 
 
 def cases(result: CheckResult) -> Iterator[Case]:
-    """Yields a case per finding, and one per model without findings."""
-    rules = rule_table()
+    """Yields a case per finding, and one per model without findings; a finding in a file of several is shown once."""
+    rules, first = rule_table(), {(id(finding), model) for finding, model in _once(result)}
     for model in result.models:
         if not model.findings:
             yield Case(model.model, file=model.model)
         for finding in model.findings:
             text = "\n".join(filter(None, (full_message(finding, model.model), finding.remedy)))
             title = f"{finding.code} {rules[finding.code].title}"
-            yield Case(model.model, finding.severity, title, text, finding.file, finding.line)
+            repeats = (id(finding), model.model) not in first
+            yield Case(model.model, finding.severity, title, text, finding.file, finding.line, repeats)
 
 
 def statistics(result: CheckResult) -> Iterator[str]:
@@ -137,7 +140,7 @@ def sarif(result: CheckResult) -> dict[str, object]:
     run = {
         "tool": {"driver": driver},
         "invocations": [{"executionSuccessful": True, "exitCode": result.code}],
-        "results": [_result(finding, model, codes.index(finding.code)) for finding, model in _all(result)],
+        "results": [_result(finding, model, codes.index(finding.code)) for finding, model in _once(result)],
     }
     return {"$schema": SARIF, "version": "2.1.0", "runs": [run]}
 
@@ -184,6 +187,15 @@ def _result(finding: Finding, model: str, index: int) -> dict[str, object]:
 def _all(result: CheckResult) -> Iterator[tuple[Finding, str]]:
     """Yields all findings, each with its model."""
     return ((finding, model.model) for model in result.models for finding in model.findings)
+
+
+def _once(result: CheckResult) -> Iterator[tuple[Finding, str]]:
+    """Yields all findings, each with its model, but those in files that several models include only once."""
+    first = dict[tuple[object, ...], str]()
+    for finding, model in _all(result):
+        key = (finding.code, finding.severity, finding.file, finding.line, finding.object, finding.message)
+        if not finding.line or first.setdefault(key, model) == model:
+            yield finding, model
 
 
 def _counted(number: int, what: str) -> str:

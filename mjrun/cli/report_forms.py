@@ -23,6 +23,7 @@ class Case:
       text: the message; empty if it passed.
       file: the file that the message is about; empty for none.
       line: line in the file, if known.
+      repeats: true if an earlier case is the same but for its name, so that a list of places shows it once.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Case:
     text: str = ""
     file: str = ""
     line: int | None = None
+    repeats: bool = False
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,33 @@ def test_a_finding_is_known_without_its_line_and_its_numbers(edit: tuple[str, st
     assert result.gone == (not remains_known)
 
 
+def many(*names: str) -> str:
+    """A model with the joints `names`, whose ranges are reversed."""
+    body = '<body pos="{} 0 0"><joint name="{}" type="slide" range="2 1"/><geom size="1"/></body>'
+    return (
+        f"<mujoco><worldbody>{''.join(body.format(9 * i, name) for i, name in enumerate(names))}</worldbody></mujoco>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "remains_known"),
+    [
+        ("a1 a2 a3", "a1 a2 a3", True),
+        ("a1 a2 a3", "a2 a3", True),
+        ("a1 a2 a3", "a3", True),
+        ("a1 a2", "a1 a2 a3", False),
+        ("a1 a2 a3", "a1 a4", False),
+        ("a b c d e f g h", "b c d e f g h", True),
+        ("a b c d e f g h", "a b c d e f g h i", False),
+    ],
+)
+def test_a_finding_about_fewer_objects_is_known(before: str, after: str, remains_known: bool) -> None:
+    write("model.xml", many(*before.split()))
+    check(update_baseline=True)
+    write("model.xml", many(*after.split()))
+    assert [each.known for each in check().models] == [remains_known]
+
+
 def test_as_many_findings_are_known_as_there_were() -> None:
     finding = Finding("MJ501", "warning", "it penetrates by 0.2 m", "model.xml", 3, "geom 'g'")
     write_baseline(Path("known.json"), [finding, finding])

@@ -10,7 +10,7 @@ from mjrun.check.model_result import FixedFile
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
-from mjrun.cli.report_formats import github
+from mjrun.cli.report_formats import github, junit, markdown
 
 NASTY = "a\x1b[31m%\n::error::b,:"
 
@@ -118,3 +118,22 @@ def test_the_levels_of_sarif_and_github_are_the_severities() -> None:
 def test_models_without_findings_are_cases_that_passed() -> None:
     checked = CheckResult((ModelResult("a.xml", True, ()), ModelResult("b.xml", True, (finding("MJ301"),))), 0, 0)
     assert [(case.name, case.level) for case in check_report.cases(checked)] == [("a.xml", ""), ("b.xml", "note")]
+
+
+def test_a_finding_in_a_file_of_several_models_is_shown_once() -> None:
+    shared = finding("MJ302", "part.xml", "joint 'j'")
+    models = [ModelResult(name, True, (shared, finding("MJ301", name))) for name in ("a.xml", "b.xml")]
+    checked = CheckResult(tuple(models), 0, 0)
+    lines = [line for line in check_report.lines(checked) if "MJ" in line]
+    assert [line.partition(":")[0] for line in lines] == ["part.xml", "a.xml", "b.xml"]
+    assert (
+        check_report.summary(checked)
+        == "2 models: 2 warnings, 2 notes; 1 of them in files of several models, shown once"
+    )
+    document: Any = check_report.sarif(checked)
+    assert len(document["runs"][0]["results"]) == 3
+    cases = [*check_report.cases(checked)]
+    assert [case.repeats for case in cases] == [False, False, True, False]
+    assert github.text(cases).count("::warning") == 1
+    assert markdown.text(cases).count("part.xml:3") == 1
+    assert junit.text(cases).count('type="warning"') == 2  # it is a verdict about each model

@@ -87,7 +87,8 @@ def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[
     one, other = model.jnt_range[left], model.jnt_range[right]
     limited = model.jnt_limited[[left, right]]
     if limited[0] != limited[1]:
-        yield f"only one {name} has a range"
+        if one[0] <= one[1] and other[0] <= other[1]:  # else MJ302 reports it
+            yield f"only one {name} has a range"
     elif limited[0]:
         same, mirrored = abs(one - other).max(), abs(one + other[::-1]).max()
         allowed = limits.side_range * np.ptp([one, other])

@@ -13,7 +13,7 @@ LEVELS = {"error": "error", "warning": "warning", "note": "notice"}
 
 def text(cases: Iterable[Case]) -> str:
     """Formats an annotation for each case that did not pass."""
-    return "\n".join(_annotation(case) for case in cases if case.level)
+    return "\n".join(_annotation(case) for case in cases if case.level and not case.repeats)
 
 
 def _annotation(case: Case) -> str:

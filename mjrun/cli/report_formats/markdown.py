@@ -16,7 +16,8 @@ SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~@&])")
 def text(cases: Iterable[Case]) -> str:
     """Formats a table of the cases that did not pass, below their numbers."""
     cases = [*cases]
-    failed = sorted((case for case in cases if case.level), key=lambda case: [*LEVELS].index(case.level))
+    shown = (case for case in cases if case.level and not case.repeats)
+    failed = sorted(shown, key=lambda case: [*LEVELS].index(case.level))
     counts = Counter(case.level for case in failed)
     found = ", ".join(f"{LEVELS[level]} {counted(counts[level], level)}" for level in LEVELS if counts[level])
     checked = counted(len({case.name for case in cases}), "item")
