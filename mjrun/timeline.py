@@ -88,7 +88,7 @@ class Timeline:
         """Returns the step of each frame of a video.
 
         Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the video
-        lasts duration/speed.
+        lasts duration/speed. A run without steps has one frame.
         """
         return self.paced(fps, [(self.duration, speed)])[0]
 
@@ -105,6 +105,8 @@ class Timeline:
             last = math.ceil(until * fps)
             steps_of_parts.append(self._every(speed / fps, range(first, last), start - shown * speed))
             first, start, shown = last, end, until
+        if not any(steps_of_parts):  # since its end condition holds in the initial state
+            steps_of_parts[0] = [0]
         return steps_of_parts
 
     def rows(self, every: int = 1, rate: Fraction | None = None) -> Sequence[int]:

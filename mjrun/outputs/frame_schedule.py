@@ -120,7 +120,7 @@ def _seconds(spans: Sequence[Sequence[Span]]) -> list[list[tuple[float, float]]]
 
 def _unseen(script: CameraScript, spans: Sequence[Span], duration: Fraction) -> list[str]:
     """Returns the warning that the simulation ends before some shots begin."""
-    late = [index for index, (start, _) in enumerate(spans) if start >= duration]
+    late = [index for index, (start, _) in enumerate(spans) if start >= duration and start > 0]
     if not late:
         return []
     which = f"shots[{late[0]}]" + (" and later are" if len(late) > 1 else " is")

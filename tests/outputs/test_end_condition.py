@@ -9,6 +9,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.outputs.end_condition import final_timeline
+from mjrun.outputs.export import Export
 from mjrun.outputs.perform import preview
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
@@ -74,3 +75,12 @@ def test_an_unknown_column_of_the_condition_is_an_error_of_the_option(tmp_path: 
     with pytest.raises(UsageError, match="no column 'qpos/drip'") as raised:
         Trace(falling(tmp_path, "qpos/drip < 0"), str(tmp_path / "t.csv")).run()
     assert raised.value.path == ("until",)
+
+
+def test_a_condition_on_the_initial_state_leaves_one_frame(tmp_path: Path) -> None:
+    simulation = falling(tmp_path, "time >= 0")
+    plan = preview([Video(simulation, str(tmp_path / "still.mp4"), speed=0.1)])
+    assert (plan.steps, plan.outputs[0].count) == (0, 1)
+    scene = Export(simulation, str(tmp_path / "still.glb")).run()
+    assert (scene.frames, scene.steps) == (1, 0)
+    assert not scene.warnings

@@ -80,7 +80,7 @@ def test_frame_k_shows_what_the_video_has_reached_at_k_over_fps(data: st.DataObj
         return at
 
     lasts = sum((end - start) / s for start, end, s in zip([0, *until], until, pace, strict=False))
-    assert len(found.steps) == -(-lasts // (1 / FPS))
+    assert len(found.steps) == max(1, -(-lasts // (1 / FPS)))
     for k, step in enumerate(found.steps):
         assert abs(reached(k / FPS) - step * STEP) <= STEP / 2
         assert found.times[k] == float(k / FPS)
@@ -116,6 +116,7 @@ def test_what_counts_when_an_event_never_happens_can_be_said() -> None:
 
 def test_the_last_shot_may_end_the_video_early_but_none_continues_after_the_simulation() -> None:
     assert len(paced(shots({"until": Fraction(1)})).steps) == 30
+    assert list(paced(shots({"until": Event("hit")}), hit=[0]).steps) == [0]  # one frame at least
     late = paced(shots({"until": Fraction(1)}, {"lasting": Fraction(5)}, {}))
     assert len(late.steps) == 60
     assert late.spans == [[(0, 1), (1, 6), (6, 6)]]
