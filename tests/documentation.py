@@ -14,6 +14,7 @@ from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tests import prepared_interpreters
 from tests.processes import without_progress
 
 if TYPE_CHECKING:
@@ -126,7 +127,9 @@ def shell_environment(folder: Path, smaller: Mapping[str, str], scenes: Path = R
     cases = " ".join(f'{name}) set -- "$@" {words};;' for name, words in smaller.items())
     path = f"{ROOT}:{models_of_others(folder / 'others')}"
     program.write_text(
-        f'#!/bin/sh\ncase $1 in {cases} esac\nPYTHONPATH="{path}" exec "{sys.executable}" -m mjrun "$@"\n'
+        f'#!/bin/sh\ncase $1 in {cases} esac\nexport PYTHONPATH="{path}"\n'
+        f'[ "$1" != view ] || exec "{sys.executable}" -m mjrun "$@" # a copy has loaded OpenGL without a display\n'
+        f'exec {prepared_interpreters.program()} "$@"\n'
     )
     program.chmod(0o755)
     (folder / "bin/python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')

@@ -9,13 +9,18 @@ import atexit
 import contextlib
 import ctypes
 import fcntl
+import functools
 import gc
 import inspect
 import json
 import os
+import select
+import shlex
+import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -42,6 +47,7 @@ MOST = 6  # interpreters at a time
 REQUEST = 2**17  # bytes, at most
 DESCRIPTORS = 64  # in a request, at most
 COMM = Path("/proc/self/comm")
+PROGRAM = Path(__file__).with_name("prepared_command.py")
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
 
 
@@ -49,22 +55,26 @@ SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
 
 
 class PreparedInterpreter:
-    """An interpreter with some modules, of which copies are made.
+    """An interpreter with some modules, of which copies are made, for this process or for programs of shells.
 
     Attributes:
       is_usable: it could import them, and has no thread that a copy would lack.
     """
 
-    def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
+    def __init__(
+        self, modules: Sequence[str], environment: Mapping[str, str], programs: socket.socket | None = None
+    ) -> None:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
+            function = "serve_programs" if programs else "serve"
+            numbers = [each.fileno() for each in (programs, theirs) if each]
             self._process = subprocess.Popen(
-                python_call("tests.prepared_interpreters:serve", *modules, str(theirs.fileno()), path=SEARCHED),
+                python_call(f"tests.prepared_interpreters:{function}", *modules, *map(str, numbers), path=SEARCHED),
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
+                pass_fds=numbers,
                 start_new_session=True,
             )
         self.is_usable = self._socket.recv(1) == b"1"
@@ -117,6 +127,22 @@ class PreparedPopen(subprocess.Popen[Any]):
         cast("Any", self)._close_pipe_fds(*(arguments[name] for name in ends))
 
 
+@functools.cache
+def program() -> str:
+    """Returns the words with which a shell starts mjrun as a copy of a prepared interpreter, where there is one."""
+    if sys.platform == "linux":
+        folder = tempfile.mkdtemp()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as programs:
+            programs.bind(f"{folder}/socket")
+            programs.listen()
+            interpreter = PreparedInterpreter(MODULES[COMMAND], os.environ, programs)
+        atexit.register(shutil.rmtree, folder)
+        atexit.register(interpreter.close)
+        if interpreter.is_usable:
+            return shlex.join([EXECUTABLE, "-I", "-S", str(PROGRAM), f"{folder}/socket"])
+    return shlex.join([EXECUTABLE, "-m", "mjrun"])
+
+
 def _may_be_a_copy(arguments: Mapping[str, Any]) -> bool:
     """Returns whether the process that runs the tests starts a command, or a worker in a separate session."""
     modules = _modules(arguments["args"])
@@ -167,13 +193,7 @@ def _end_all() -> None:
 def serve(*arguments: str) -> None:
     """Imports modules, and makes a copy of this process for each request, until the other end hangs up."""
     *modules, connection = arguments
-    parent = socket.socket(fileno=int(connection))
-    gc.disable()
-    for module in modules:
-        import_module(module)
-    gc.freeze()
-    COMM.write_text("prepared")
-    parent.send(b"1" if len([*Path("/proc/self/task").iterdir()]) == 1 else b"0")
+    parent = _prepare(modules, connection)
     while True:
         request, descriptors, _, _ = socket.recv_fds(parent, REQUEST, DESCRIPTORS)
         if not request:
@@ -190,6 +210,43 @@ def serve(*arguments: str) -> None:
         parent.send(b"1")
         for descriptor in descriptors:
             os.close(descriptor)
+
+
+def serve_programs(*arguments: str) -> None:
+    """Imports modules, and makes a copy of this process for each `prepared_command.py`, until its parent hangs up."""
+    *modules, listening, connection = arguments
+    parent = _prepare(modules, connection)
+    programs = socket.socket(fileno=int(listening))
+    while parent not in select.select([parent, programs], [], [])[0]:
+        program, _ = programs.accept()
+        if os.fork():
+            program.close()
+            with contextlib.suppress(ChildProcessError):
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    pass
+            continue
+        request, descriptors, _, _ = socket.recv_fds(program, REQUEST, DESCRIPTORS)
+        if not (pid := os.fork()):
+            for each in (parent, programs, program):
+                each.detach()
+            COMM.write_text("python")
+            _run(json.loads(request), descriptors)
+            return
+        program.send(str(pid).encode())
+        program.send(str(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])).encode())
+        os._exit(0)
+
+
+def _prepare(modules: Sequence[str], connection: str) -> socket.socket:
+    """Imports modules, and returns the socket of the parent, which is told whether this process can be copied."""
+    parent = socket.socket(fileno=int(connection))
+    gc.disable()
+    for module in modules:
+        import_module(module)
+    gc.freeze()
+    COMM.write_text("prepared")
+    parent.send(b"1" if len([*Path("/proc/self/task").iterdir()]) == 1 else b"0")
+    return parent
 
 
 def _run(request: dict[str, Any], descriptors: Sequence[int]) -> None:
@@ -210,7 +267,7 @@ def _run(request: dict[str, Any], descriptors: Sequence[int]) -> None:
     _, option, code, *arguments = request["args"]
     if option == "-m":
         sys.argv[:] = [code, *arguments]
-        sys.path.insert(0, str(Path.cwd()))
+        sys.path[:0] = [str(Path.cwd()), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
         import_module(f"{code}.__main__").main()
     else:
         sys.argv[:] = ["-c", *arguments[1:]]

@@ -96,6 +96,7 @@ FITS = [block for block in SHELL if "mjrun fit" in block and "--excite" not in b
 EXCITED = [block for block in SHELL if "--excite" in block]
 EVALUATIONS = [line for line in COMMANDS if line.startswith("mjrun eval")]
 STUDIES = [block for block in SHELL if block.startswith("mjrun sweep") and "-o sliding" not in block]  # it is slides
+STUDIES = [block for block in STUDIES if "--engine slurm" not in block]  # tests/study/test_slurm.py submits jobs
 DATASETS = [line for line in COMMANDS if line.startswith("mjrun dataset")]
 EXPORTS = [line for line in COMMANDS if line.startswith("mjrun export") and "--format" not in line]
 EPISODES = [block for block in SHELL if re.search("--format (lerobot|minari)", block)]

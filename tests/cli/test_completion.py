@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
@@ -11,6 +10,7 @@ import pytest
 from mjrun.cli import completion
 from mjrun.model.sources.bundled_scene import BundledScene
 from mjrun.options.rendering import RIG_EXAMPLES
+from tests import prepared_interpreters
 from tests.demonstration_files import write_demonstrations
 from tests.documentation import ROOT
 
@@ -30,7 +30,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a program `mjrun` for the shell."""
     folder = tmp_path_factory.mktemp("bin")
     script = folder / "mjrun"
-    script.write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    script.write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec {prepared_interpreters.program()} "$@"\n')
     script.chmod(0o755)
     return folder
 
