@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import field, replace
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -83,29 +84,25 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         folder = Path(self.output)
         _require_ours(folder)
         check_engine(self.engine)
-        is_new = self._begin(folder)
 
-        seeds = range(self.seed, self.seed + self.episodes)
-        groups, simulated = play_all(prepared, self, seeds, folder, reporter)
-        failed = _failures(groups, varies=bool(prepared.points.names))
-        missing = sum(episode.status == "missing" for group in groups for episode in group.episodes)
-        if len(failed) + missing == len(groups) * self.episodes:
-            if is_new and not missing:
-                _remove(folder)
-            raise _error_of_all(groups, failed, missing)
-
+        played = self._play(prepared, folder, reporter)
         count = len(prepared.points.points)
-        policies = [groups[first : first + count] for first in range(0, len(groups), count)]
+        policies = [played.groups[first : first + count] for first in range(0, len(played.groups), count)]
         outcome = summaries(prepared.points, prepared.player, prepared.metrics, policies, self.confidence)
         _warn_of_returns(outcome.policies, reporter)
-
-        rewards, metrics, units = prepared.player.rewards, prepared.metrics, prepared.units
-        is_compared = outcome.comparison is not None
-        table = episode_table(groups, prepared.points, rewards, metrics, units, compared=is_compared)
+        table = episode_table(
+            played.groups,
+            prepared.points,
+            prepared.player.rewards,
+            prepared.metrics,
+            prepared.units,
+            compared=outcome.comparison is not None,
+        )
         verdicts = list[Verdict]()
-        if not missing:
+        if not played.missing:
             own = self.episodes * count
             verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
+
         facts: dict[str, object] = {
             "command": self.command,
             "mjrun": __version__,
@@ -114,12 +111,10 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         with ExitStack() as stack:
             writers: list[OutputWriter] = [*table.open(stack, folder, facts, FILES)]
             if outcome.points:
-                points, meanings = point_table(prepared.points, outcome.points, units)
+                points, meanings = point_table(prepared.points, outcome.points, prepared.units)
                 writers += points.open(stack, folder, {**facts, "metrics": meanings})
-
             videos, failures = maker.make(policies[0], folder, reporter)
             paths = [video.path for video in videos]
-            files = [*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)]
             result = EvaluationResult(
                 path=self.output,
                 task=self.task.text,
@@ -130,13 +125,13 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
                 comparison=outcome.comparison,
                 names=prepared.points.names,
                 points=outcome.points,
-                units=units,
+                units=prepared.units,
                 videos=videos,
                 assertions=verdicts,
-                failures=failure_groups(groups),
-                simulated=simulated,
-                files=files,
-                steps=sum(episode.steps for group in groups for episode in group.episodes),
+                failures=failure_groups(played.groups),
+                simulated=played.simulated,
+                files=[*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)],
+                steps=sum(episode.steps for group in played.groups for episode in group.episodes),
                 wall=time.perf_counter() - start,
             )
             facts |= dataclasses.asdict(result)
@@ -144,13 +139,28 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             _publish(writers, folder, paths)
 
         remove_old_videos(folder, [Path(path).name for path in paths])
-        forget_code(groups, prepared, folder)
+        forget_code(played.groups, prepared, folder)
         if self.html is not None:
             from mjrun.evaluation.evaluation_page import write_evaluation_page
 
             write_evaluation_page(self, result, prepared.points, facts)
-        raise_failures(result, verdicts, _error(failed, missing, failures, result, len(groups)))
+        raise_failures(result, verdicts, _error(played, failures, result))
         return result
+
+    def _play(self, prepared: PreparedEvaluation, folder: Path, reporter: Reporter) -> "_Played":
+        """Plays the episodes that the folder does not have yet.
+
+        Raises:
+          FailedEpisodesError: no episode could be played.
+        """
+        is_new = self._begin(folder)
+        seeds = range(self.seed, self.seed + self.episodes)
+        played = _Played(*play_all(prepared, self, seeds, folder, reporter))
+        if len(played.failed) + played.missing == len(played.groups) * self.episodes:
+            if is_new and not played.missing:
+                _remove(folder)
+            raise _error_of_all(played)
+        return played
 
     def _begin(self, folder: Path) -> bool:
         """Returns whether the evaluation is new; if so, writes a manifest, without which it could not be continued."""
@@ -251,23 +261,37 @@ def failure_groups(groups: Sequence[PlayedEpisodes]) -> list[EpisodeFailures]:
     return sorted(failures.values(), key=lambda each: -each.count)
 
 
-def _failures(groups: Sequence[PlayedEpisodes], *, varies: bool) -> dict[str, str]:
-    """Returns the reason of each failed episode, by what identifies the episode."""
-    several = len({group.policy for group in groups}) > 1
-    return {
-        f"seed {episode.seed}"
-        + (f" at point {group.point}" if varies else "")
-        + (f" of {group.policy}" if several else ""): episode.message.partition("\n")[0]
-        for group in groups
-        for episode in group.episodes
-        if episode.status not in ("ok", "missing")
-    }
+@dataclass(frozen=True)
+class _Played:
+    """The episodes of all policies at all points, and how many of them were simulated rather than read."""
+
+    groups: Sequence[PlayedEpisodes]
+    simulated: int
+
+    @cached_property
+    def failed(self) -> Mapping[str, str]:
+        """The reason of each failed episode, by what identifies the episode."""
+        several = len({group.policy for group in self.groups}) > 1
+        varies = len({group.point for group in self.groups}) > 1
+        return {
+            f"seed {episode.seed}"
+            + (f" at point {group.point}" if varies else "")
+            + (f" of {group.policy}" if several else ""): episode.message.partition("\n")[0]
+            for group in self.groups
+            for episode in group.episodes
+            if episode.status not in ("ok", "missing")
+        }
+
+    @cached_property
+    def missing(self) -> int:
+        """The number of episodes that are left."""
+        return sum(episode.status == "missing" for group in self.groups for episode in group.episodes)
 
 
-def _error_of_all(groups: Sequence[PlayedEpisodes], failures: Mapping[str, str], missing: int) -> FailedEpisodesError:
+def _error_of_all(played: _Played) -> FailedEpisodesError:
     """Returns the error of an evaluation without results; its exit code is that of its episodes if they agree."""
-    error = FailedEpisodesError(failures, len(failures) + missing, "table", missing)
-    endings = {(episode.status, episode.exit_code) for group in groups for episode in group.episodes}
+    error = FailedEpisodesError(played.failed, len(played.failed) + played.missing, "table", played.missing)
+    endings = {(episode.status, episode.exit_code) for group in played.groups for episode in group.episodes}
     (status, code), *others = endings
     if status == "failed" and not others:
         error.exit_code = code
@@ -282,18 +306,12 @@ def _remove(folder: Path) -> None:
         folder.rmdir()
 
 
-def _error(
-    failed: Mapping[str, str],
-    missing: int,
-    videos: Sequence[tuple[str, MjrunError]],
-    result: EvaluationResult,
-    groups: int,
-) -> MjrunError | None:
+def _error(played: _Played, videos: Sequence[tuple[str, MjrunError]], result: EvaluationResult) -> MjrunError | None:
     """Returns the error of an evaluation that is written, but lacks episodes or videos."""
     lacking = PartlyDoneError(result.files, videos) if videos else None
-    if not failed and not missing:
+    if not played.failed and not played.missing:
         return lacking
-    error = FailedEpisodesError(failed, groups * result.episodes, "table", missing)
+    error = FailedEpisodesError(played.failed, len(played.groups) * result.episodes, "table", played.missing)
     if lacking:
         error.add_note(str(lacking))
     return error
