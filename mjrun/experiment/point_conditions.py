@@ -1,16 +1,14 @@
 """Conditions on the parameters of points: which points a study includes, and where a parameter exists."""
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.experiment.design_points import ABSENT, Design, DesignColumn, GridPoints, NumberTexts, texts_at
+from mjrun.probe.expression import TextMatch, walk
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.scanner import Vocabulary
-
-TEXT_COMPARISON = re.compile(r"""([\w/:.\-]+)\s*(==|!=)\s*(["'])(.*?)\3""")  # integrator == "rk4"
 
 
 def parameter_names(paths: Sequence[str]) -> dict[str, str]:
@@ -18,6 +16,12 @@ def parameter_names(paths: Sequence[str]) -> dict[str, str]:
     short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
     own = dict(zip(paths, paths, strict=True))
     return {name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own
+
+
+class PointVocabulary(Vocabulary):
+    """The parameters of points, whose values may be texts."""
+
+    has_texts = True
 
 
 class PointCondition:
@@ -31,12 +35,10 @@ class PointCondition:
     """
 
     def __init__(self, text: str, paths: Sequence[str], label: str) -> None:
-        self._names = parameter_names(paths)
-        self._flags = dict[str, tuple[str, str]]()  # path and text that each column of a text comparison is about
-        rewritten = TEXT_COMPARISON.sub(self._as_flag, text)
-        known = {**self._names, **{flag: flag for flag in self._flags}}
-        self._condition = parse_condition(rewritten, Vocabulary(known), label)
-        self.parameters = {self._flags[name][0] if name in self._flags else name for name in self._condition.columns}
+        self._condition = parse_condition(text, PointVocabulary(parameter_names(paths)), label)
+        nodes = [*walk(self._condition.root)]
+        self._matches = [node for node in nodes if isinstance(node, TextMatch)]
+        self.parameters = {*self._condition.columns, *(match.name for match in self._matches)}
 
     def holds(self, points: Design) -> np.ndarray:
         """Returns at which points it holds, `(n,)` bool. No comparison holds for a parameter that does not exist.
@@ -45,30 +47,23 @@ class PointCondition:
           UsageError: it compares texts with numbers.
         """
         columns = dict[str, np.ndarray]()
-        for name in self._condition.columns:
-            path, text = self._flags.get(name, (name, ""))
+        for path in self._condition.columns:
             column = points.column(points.names.index(path))
-            if name in self._flags:
-                if text not in column.texts:
-                    texts = listing([clean(each) for each in column.texts if each != ABSENT])
-                    raise UsageError(f"{quoted(path)} has no value {quoted(text)}; values: {texts}")
-                equal = np.array([np.nan if each == ABSENT else float(each == text) for each in column.texts])
-                columns[name] = equal[column.places]
-            elif (values := column.numbers) is not None:
-                columns[name] = values
-            else:
+            if (values := column.numbers) is None:
                 texts = listing([f'"{clean(each)}"' for each in column.distinct[:4]])
                 raise UsageError(f"{quoted(path)} has values that are not numbers; compare it with one of {texts}")
-        return np.broadcast_to(self._condition.holds(columns), len(points.points))
+            columns[path] = values
+        known = {match: _matched(match, points.column(points.names.index(match.name))) for match in self._matches}
+        return np.broadcast_to(self._condition.holds(columns, known), len(points.points))
 
-    def _as_flag(self, comparison: re.Match[str]) -> str:
-        """Replaces a comparison with a text by one of a column of ones and zeros, of the same length."""
-        name, operator, _, text = comparison.groups()
-        if name not in self._names:
-            return comparison[0]
-        flag = f"_{len(self._flags)}"
-        self._flags[flag] = self._names[name], text
-        return f"{flag} {operator} 1".ljust(len(comparison[0]))
+
+def _matched(match: TextMatch, column: DesignColumn) -> np.ndarray:
+    """Returns the values of a match `(n,)`."""
+    if match.text not in column.texts:
+        texts = listing([clean(each) for each in column.texts if each != ABSENT])
+        raise UsageError(f"{quoted(match.name)} has no value {quoted(match.text)}; values: {texts}")
+    equal = np.array([np.nan if each == ABSENT else float(each == match.text) for each in column.texts])
+    return equal[column.places]
 
 
 def with_conditional(whole: Design, conditions: Sequence[tuple[str, str]]) -> Design:

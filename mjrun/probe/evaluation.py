@@ -70,7 +70,7 @@ class ColumnMatrix(Mapping[str, Any]):
 
 
 Columns = Mapping[str, np.ndarray]
-KnownValues = dict[tree.NumericExpression, Any]  # values of aggregates and previous values, by their calls
+KnownValues = dict[tree.NumericExpression, Any]  # values of aggregates, previous values and matches, by node
 Evaluation = Callable[[Columns, KnownValues], Any]
 
 
@@ -98,7 +98,7 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
             return lambda columns, known: columns[name]
         case tree.ColumnVector(names=names):
             return lambda columns, known: _vector(columns, names)
-        case tree.AggregateCall() | tree.PreviousValue():
+        case tree.AggregateCall() | tree.PreviousValue() | tree.TextMatch():
             return lambda columns, known: known[value]
         case tree.FunctionCall():
             return _call(value)

@@ -104,6 +104,21 @@ class ColumnReference(NumericExpression):
 
 
 @dataclass(frozen=True, eq=False)
+class TextLiteral(NumericExpression):
+    """A text in quotes, with which a column is compared."""
+
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class TextMatch(NumericExpression):
+    """One where the column `name` has this text, zero where it has another, NaN where it has none."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
 class ColumnVector(NumericExpression):
     """The columns `names` of the table, side by side."""
 

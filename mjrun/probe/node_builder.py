@@ -64,6 +64,13 @@ class NodeBuilder:
         """Builds the condition that all operators hold between their neighbours."""
         pairs = []
         for token, left, right in zip(operators, values, values[1:], strict=False):
+            if isinstance(right, tree.TextLiteral):
+                if not isinstance(left, tree.ColumnReference):
+                    raise self.source.fault(left.start, "what has no texts", "a column compared with a text")
+                match = tree.TextMatch(left.start, right.end, tree.ROW, left.name, right.text)
+                one = tree.NumberLiteral(right.start, right.end, tree.FIXED, 1.0)
+                pairs.append(tree.Comparison(left.start, right.end, token.text, (match, one)))
+                continue
             if self._kind([left, right]) == tree.FIXED:
                 raise self.source.fault(left.start, "a comparison of numbers only", "a column on one side")
             pairs.append(tree.Comparison(left.start, right.end, token.text, (left, right)))

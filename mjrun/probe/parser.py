@@ -9,7 +9,18 @@ import numpy as np
 from mjrun.errors import UsageError, clean, quoted
 from mjrun.probe import expression as tree
 from mjrun.probe.node_builder import NodeBuilder
-from mjrun.probe.scanner import SHOWN, Scanner, SourceText, Token, Vocabulary, is_bare, is_name, is_word, spelled
+from mjrun.probe.scanner import (
+    QUOTES,
+    SHOWN,
+    Scanner,
+    SourceText,
+    Token,
+    Vocabulary,
+    is_bare,
+    is_name,
+    is_word,
+    spelled,
+)
 
 LONGEST = 10_000  # characters of an expression
 DEEPEST = 100  # expressions within expressions
@@ -91,7 +102,8 @@ class Parser:
         operands = [first]
         while self.token.kind == "operator" and tree.LEVELS.get(self.token.text) == level:
             operators.append(self._take())
-            operands.append(self._expression(min(level, tree.SIGN)))
+            text = self._text(operators[-1])
+            operands.append(text or self._expression(min(level, tree.SIGN)))
         if level < tree.NOT:
             truths = tuple(self.nodes.truth(node) for node in operands)
             return tree.BooleanOperation(start, self.end, operators[0].text == "and", truths)
@@ -103,6 +115,18 @@ class Parser:
             kinds = [value.kind for value in values[1:]]
             functions = [np.power if kind == tree.ROW else each for each, kind in zip(functions, kinds, strict=True)]
         return self.nodes.elementwise(start, self.end, functions, values)
+
+    def _text(self, operator: Token) -> tree.TextLiteral | None:
+        """Parses the text that follows an operator; None if there is none."""
+        start = self.token.start
+        if (
+            not self.vocabulary.has_texts
+            or operator.text not in ("==", "!=")
+            or self.text[start : start + 1] not in QUOTES
+        ):
+            return None
+        self._take()
+        return tree.TextLiteral(start, self.end, tree.FIXED, self.scanner.quoted(start)[0])
 
     def _operand(self, floor: int) -> tree.Node:
         token = self.token
@@ -124,6 +148,8 @@ class Parser:
             case "operator", "not" if floor <= tree.NOT:
                 self._take()
                 return tree.negated(self.nodes.truth(self._expression(tree.NOT)))
+            case "text", name:
+                raise self.vocabulary.missing(name, token.start, self.source)
             case "unknown", text if is_name(text):
                 raise self._unknown(token)
         others = ", '(' or 'not'" if floor <= tree.NOT else " or '('"

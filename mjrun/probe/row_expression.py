@@ -18,18 +18,25 @@ from typing import Any
 import numpy as np
 
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
-from mjrun.probe.expression import START, AggregateCall, ColumnReference, Expression, NumericExpression, walk
+from mjrun.probe.expression import START, AggregateCall, ColumnReference, Expression, NumericExpression, TextMatch, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
+
+NO_MATCHES: Mapping[TextMatch, np.ndarray] = {}
 
 
 class Condition(Expression):
     """A condition on each row."""
 
-    def holds(self, columns: Mapping[str, Any]) -> np.ndarray:
-        """Returns where it holds, `(n,)` bool; `columns` are `(n,)` each, by name. No comparison with NaN holds."""
+    def holds(self, columns: Mapping[str, Any], matches: Mapping[TextMatch, np.ndarray] = NO_MATCHES) -> np.ndarray:
+        """Returns where it holds, `(n,)` bool. No comparison with NaN holds.
+
+        Args:
+          columns: the columns `(n,)`, by name.
+          matches: the values `(n,)` of its comparisons with texts.
+        """
         with np.errstate(all="ignore"):
-            return evaluate_truth(self.root, columns, {})
+            return evaluate_truth(self.root, columns, {**matches})
 
 
 class RowExpression(Expression):

@@ -20,7 +20,7 @@ _NAME = re.compile(r"\w+(?:[/:.\-]\w+)*")
 _CONTINUED = re.compile(r"\w|[:.]+\w")  # after which a name has not ended
 _OPERATOR = re.compile(r"\*\*|<=|>=|==|!=|[-+*/^<>(),]")
 _QUOTED = re.compile(r"""'((?:[^']|'')*)'|`((?:[^`]|``)*)`|"((?:[^"]|"")*)\"""", re.DOTALL)
-_QUOTES = "'`\""
+QUOTES = ("'", "`", '"')
 _BARE = re.compile(r"\w(?:[\w/:.\-]*\w)?(?: \w(?:[\w/:.\-]*\w)?)*")
 _OPENING = re.compile(r"([^\W\d]\w*)\s*\(")
 _COMPONENT = re.compile(r"(?:\.\w+)*")
@@ -50,7 +50,7 @@ def spelled(name: str) -> str:
 class Token:
     """A piece of the text, from `start` to `end`; the text of a column is its name in the table."""
 
-    kind: str  # number, column, wildcard, word, operator, unknown, end; within an accessor also object, component
+    kind: str  # number, column, wildcard, text, word, operator, unknown, end; within an accessor also object, component
     text: str
     start: int
     end: int
@@ -101,11 +101,13 @@ class Vocabulary:
       constants: numbers by name.
       control_dt: time between two rows [s], if a row may refer to the previous one with `previous` and `rate`. Such
         rows are instants, and have no aggregates.
+      has_texts: whether columns may have texts; what is quoted after `==` or `!=` is then a text.
     """
 
     beginnings: tuple[str, ...] = ()
     constants: Mapping[str, float] = CONSTANTS
     control_dt: float | None = None
+    has_texts: bool = False
 
     def __init__(self, columns: Mapping[str, str] | Sequence[str]) -> None:
         self.names = tuple(columns)
@@ -172,7 +174,7 @@ class Scanner:
             return max(tokens, key=lambda token: token.end)  # the first of the longest
         if start == len(self.text):
             return Token("end", "", start, start)
-        if self.text[start] in _QUOTES:
+        if self.text[start] in QUOTES:
             return self._quoted_column(start)
         if operator := _OPERATOR.match(self.text, start):
             return Token("operator", operator[0], start, operator.end())
@@ -217,16 +219,18 @@ class Scanner:
         return Token("word", word[0], start, word.end()) if known and ends else None
 
     def _quoted_column(self, start: int) -> Token:
-        name, end = self._quoted(start)
+        name, end = self.quoted(start)
         column = self.vocabulary.column(name)
         if column is None and set(name) & {*WILDCARDS} and self.vocabulary.matching(name):
             return Token("wildcard", name, start, end)
+        if column is None and self.vocabulary.has_texts:
+            return Token("text", name, start, end)
         if column is None:
             raise self.vocabulary.missing(name, start, self.source)
         return Token("column", column, start, end)
 
-    def _quoted(self, start: int) -> tuple[str, int]:
-        """Returns the name in quotes at `start`, and its end."""
+    def quoted(self, start: int) -> tuple[str, int]:
+        """Returns the name or the text in quotes at `start`, and its end."""
         quoted_name, quote = _QUOTED.match(self.text, start), self.text[start]
         if not quoted_name:
             raise self.source.fault(start, "a quote that is not closed", f"another {quote}")
@@ -254,8 +258,8 @@ class Scanner:
 
     def _object(self, position: int) -> Token:
         start = self._after_space(position)
-        if self.text[start : start + 1] in (*_QUOTES,):
-            name, end = self._quoted(start)
+        if self.text[start : start + 1] in QUOTES:
+            name, end = self.quoted(start)
             return Token("object", name, start, end)
         bare = _BARE.match(self.text, start)
         if not bare:

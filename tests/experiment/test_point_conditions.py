@@ -8,6 +8,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.experiment.design import Design, design
+from mjrun.experiment.point_conditions import chosen
 from mjrun.options.sweep import VariationOptions
 from tests.experiment.test_design import MODEL
 
@@ -48,6 +49,17 @@ def test_conditions_on_points_compare_texts() -> None:
     assert {point[1] for point in made.points} == {"5", "50"}  # no comparison holds where it is absent
 
 
+def test_what_is_quoted_after_a_comparison_is_a_text_whatever_it_contains() -> None:
+    named = points(vary={"a.name": ["x == 'y'", "it's", "seed"], "seed": "1,2"})
+
+    def names(condition: str) -> set[str]:
+        return {point[0] for point in chosen(named, [condition]).points}
+
+    assert names("""name == "x == 'y'" """) == {"x == 'y'"}
+    assert names("not (name == 'it''s' or seed > 1)") == {"x == 'y'", "seed"}
+    assert names("seed == '2' and name == 'seed' and seed > 1") == {"seed"}
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
@@ -55,6 +67,8 @@ def test_conditions_on_points_compare_texts() -> None:
         ({"when": {"iterations": "solvers == 'cg'"}}, "solvers"),
         ({"when": {"iterations": "solver == 'pgs'"}}, "'opt.solver' has no value 'pgs'; values: cg, newton"),
         ({"when": {"iterations": "solver < 2"}}, 'values that are not numbers; compare it with one of "cg", "newton"'),
+        ({"when": {"iterations": "'cg' == solver"}}, "no column 'cg'"),
+        ({"when": {"iterations": "seed + 1 == 'cg'"}}, "expected a column compared with a text"),
         ({"when": {"iterations": "iterations < 2"}}, "depend on themselves: iterations"),
         ({"when": {"iterations": "seed < 2", "seed": "iterations < 2"}}, "depend on themselves"),
         (
