@@ -123,7 +123,7 @@ def _is_part(objects: str, of: str) -> bool:
 
 
 def _names(objects: str) -> tuple[set[str], int]:
-    """Returns the names of objects as far as they are known, and their number."""
+    """Returns the names of objects as far as they can be read, and their number."""
     match = MERGED.fullmatch(objects)
     if match is None:
         return {objects}, 1

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.finding_pictures import PicturedModel, data_uri
-from mjrun.check.model_result import Copy, ModelResult
+from mjrun.check.model_result import Copy, ModelResult, without_repeats
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import ModelError, NoRendererError, clean, counted
@@ -84,11 +84,12 @@ def write_check_page(path: str, result: CheckResult, summary: str, makers: Findi
       FileError: the page cannot be written.
     """
     cards = list[PageCard]()
-    for model in worst_first(result.models):
+    shown = [*without_repeats(worst_first(result.models))]
+    for model in shown:
         if len(cards) < MAX_CARDS:
             cards += makers.of(model)
     cards += makers.fixes
-    found = sum(len(model.findings) for model in result.models)
+    found = sum(len(model.findings) for model in shown)
     notes = [summary] + ([f"{counted(found - MAX_CARDS, 'more finding')} …"] if found > MAX_CARDS else [])
     versions = {"mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
     models = [model.model for model in result.models[:MAX_CARDS]]

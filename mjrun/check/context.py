@@ -171,10 +171,18 @@ class LintContext:
         """Returns the element of an object, based on its position among those of its body; or that of its body."""
         owners = getattr(self.model, OWNERS[kind])
         body = int(owners[index])
-        home = self.element("body", body) if body else None
+        home = self.element("body", body) if body else self._root_link
         own = [e for e in _of_body(home) if _is_kind(e, kind)] if home else []
         siblings = np.flatnonzero(owners == body)
         return own[int(np.searchsorted(siblings, index))] if len(own) == len(siblings) else home
+
+    @cached_property
+    def _root_link(self) -> Element | None:
+        """The link that a URDF attaches to no other, which MuJoCo fuses into the world; None if unknown."""
+        parts = self.source.root.children if self.source.root and self.source.root.tag == "robot" else []
+        attached = {child.attributes.get("link") for part in parts for child in part.children if child.tag == "child"}
+        links = [part for part in parts if part.tag == "link" and part.attributes.get("name") not in attached]
+        return links[0] if len(links) == 1 else None
 
     @cached_property
     def _bodies_in_order(self) -> list[Element]:

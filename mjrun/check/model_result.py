@@ -1,6 +1,7 @@
 """Results of the check of one model, and of its fixes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +30,19 @@ class ModelResult:
     def count(self, severity: str) -> int:
         """Returns the number of findings of this severity."""
         return sum(finding.severity == severity for finding in self.findings)
+
+
+def without_repeats(models: Iterable[ModelResult]) -> Iterator[ModelResult]:
+    """Yields models without the findings of earlier ones, which are in a file that both include."""
+    first = dict[tuple[object, ...], str]()
+    for model in models:
+        keys = [(each.code, each.severity, each.file, each.line, each.object, each.message) for each in model.findings]
+        own = (
+            finding
+            for finding, key in zip(model.findings, keys, strict=True)
+            if not finding.line or first.setdefault(key, model.model) == model.model
+        )
+        yield replace(model, findings=tuple(own))
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Thresholds:
     side_mass: float = _threshold("MJ309", 0.02, "relative difference of masses")
     side_inertia: float = _threshold("MJ309", 0.05, "relative difference of principal inertias")
     side_size: float = _threshold("MJ309", 0.05, "relative difference of the sizes of colliding geoms")
+    side_offset: float = _threshold("MJ309", 0.02, "relative difference of distances from the parents")
     side_axis: float = _threshold("MJ309", 0.2, "difference between components of joint axes")
     side_force: float = _threshold("MJ309", 0.02, "relative difference of gears, gains and forceranges")
     side_range: float = _threshold("MJ309", 0.02, "relative difference of joint ranges")

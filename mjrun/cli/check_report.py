@@ -4,13 +4,14 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult, ModelResult, worst_first
 from mjrun.check.codes import explanation, topic
+from mjrun.check.model_result import without_repeats
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path
 from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.simulation_command import import_mujoco
@@ -41,7 +42,7 @@ def check_report(result: CheckResult) -> Report:
 
 def lines(result: CheckResult) -> Iterator[str]:
     """Yields a line per finding in the style of compilers, with its remedy below it, in the order of the models."""
-    for finding, model in _once(result):
+    for finding, model in _shown(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
         yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
         if finding.remedy:
@@ -58,14 +59,14 @@ def summary(result: CheckResult) -> str:
     findings = ", ".join(count for count in counts if count) or "nothing found"
     unloaded = sum(not model.loads for model in result.models)
     parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {findings}"]
-    if repeated := sum(1 for _ in _all(result)) - sum(1 for _ in _once(result)):
+    if repeated := sum(1 for _ in _all(result.models)) - sum(1 for _ in _shown(result)):
         parts.append(f"{repeated} of them in files of several models, shown once")
     if fixed := sum(sum(file.fixes.values()) for file in result.fixed):
         files = _counted(sum(not file.is_new for file in result.fixed), "file")
         parts.append(f"{fixed} {'fixed' if result.written else 'would be fixed'} in {files}")
     if created := sum(file.is_new for file in result.fixed):
         parts.append(f"{_counted(created, 'file')} {'created' if result.written else 'would be created'}")
-    if fixable := sum(len(finding.fixes) for finding, _ in _all(result)):
+    if fixable := sum(len(finding.fixes) for finding, _ in _all(result.models)):
         parts.append(f"{fixable} can be fixed with --fix")
     if unloaded:
         parts.append(f"{unloaded} {'does' if unloaded == 1 else 'do'} not load")
@@ -93,21 +94,21 @@ def full_message(finding: Finding, model: str) -> str:
 
 def cases(result: CheckResult) -> Iterator[Case]:
     """Yields a case per finding, and one per model without findings; a finding in a file of several is shown once."""
-    rules, first = rule_table(), {(id(finding), model) for finding, model in _once(result)}
-    for model in result.models:
+    rules = rule_table()
+    for model, shown in zip(result.models, without_repeats(result.models), strict=True):
         if not model.findings:
             yield Case(model.model, file=model.model)
         for finding in model.findings:
             text = "\n".join(filter(None, (full_message(finding, model.model), finding.remedy)))
             title = f"{finding.code} {rules[finding.code].title}"
-            repeats = (id(finding), model.model) not in first
+            repeats = finding not in shown.findings
             yield Case(model.model, finding.severity, title, text, finding.file, finding.line, repeats)
 
 
 def statistics(result: CheckResult) -> Iterator[str]:
     """Yields a line per rule with the number of its findings, most frequent first."""
     rules = rule_table()
-    counts = Counter(finding.code for finding, _ in _all(result))
+    counts = Counter(finding.code for finding, _ in _all(result.models))
     width = len(str(max(counts.values(), default=0)))
     for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
         yield f"{count:{width}}  {code}  {rules[code].severity:7}  {rules[code].title}"
@@ -140,7 +141,7 @@ def sarif(result: CheckResult) -> dict[str, object]:
     run = {
         "tool": {"driver": driver},
         "invocations": [{"executionSuccessful": True, "exitCode": result.code}],
-        "results": [_result(finding, model, codes.index(finding.code)) for finding, model in _once(result)],
+        "results": [_result(finding, model, codes.index(finding.code)) for finding, model in _shown(result)],
     }
     return {"$schema": SARIF, "version": "2.1.0", "runs": [run]}
 
@@ -184,18 +185,14 @@ def _result(finding: Finding, model: str, index: int) -> dict[str, object]:
     }
 
 
-def _all(result: CheckResult) -> Iterator[tuple[Finding, str]]:
+def _shown(result: CheckResult) -> Iterator[tuple[Finding, str]]:
+    """Yields the findings of all models, those in shared files once."""
+    return _all(without_repeats(result.models))
+
+
+def _all(models: Iterable[ModelResult]) -> Iterator[tuple[Finding, str]]:
     """Yields all findings, each with its model."""
-    return ((finding, model.model) for model in result.models for finding in model.findings)
-
-
-def _once(result: CheckResult) -> Iterator[tuple[Finding, str]]:
-    """Yields all findings, each with its model, but those in files that several models include only once."""
-    first = dict[tuple[object, ...], str]()
-    for finding, model in _all(result):
-        key = (finding.code, finding.severity, finding.file, finding.line, finding.object, finding.message)
-        if not finding.line or first.setdefault(key, model) == model:
-            yield finding, model
+    return ((finding, model.model) for model in models for finding in model.findings)
 
 
 def _counted(number: int, what: str) -> str:

@@ -14,6 +14,7 @@ from mjrun.errors import clean
 SIDES = re.compile(r"left|right|(?<![a-z])(?:[frhbm][lr]|[lr][fhbm]|[lr])(?![a-z])", re.IGNORECASE)
 ALIGNED = 0.9  # cosine between an axis and the line between both sides
 JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+MILLIMETRE = 0.001  # [m]
 OTHER_SIDE = str.maketrans("lrLR", "rlRL")
 
 
@@ -67,6 +68,14 @@ def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
         yield f"{len(sizes[0])} and {len(sizes[1])} colliding geoms"
     elif sizes[0] and (worst := _difference(np.array(sizes[0]), np.array(sizes[1]))) > limits.side_size:
         yield f"sizes of colliding geoms by {100 * worst:.0f} %"
+
+    parents = [context.name("body", int(model.body_parentid[body])) for body in (left, right)]
+    offsets = np.linalg.norm(model.body_pos[[left, right]], axis=1)
+    if (
+        parents[0] != parents[1] == other_side(parents[0])
+        and abs(np.diff(offsets)) > limits.side_offset * offsets.max() + MILLIMETRE
+    ):
+        yield f"distances from {clean(parents[0])} and {clean(parents[1])}, {offsets[0]:.4g} and {offsets[1]:.4g} m"
 
     joints = [_joints(model, body) for body in (left, right)]
     if [model.jnt_type[j] for j in joints[0]] != [model.jnt_type[j] for j in joints[1]]:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.check.context import LintContext
+from mjrun.model.xml_source import read_xml
 from tests.check.models import lint_file
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -25,3 +27,12 @@ def test_links_that_are_fixed_to_each_other_are_one_body_with_all_their_shapes(
     remedies = [finding.remedy for finding in lint_file(path, ["MJ206"])]
     assert len(remedies) == reported
     assert all("the links fixed to it (tip)" in remedy for remedy in remedies)
+
+
+def test_a_shape_of_a_link_that_is_fused_into_the_world_is_placed_at_this_link() -> None:
+    path = Path("r.urdf")
+    shape = SPHERE.format("collision")
+    path.write_text(URDF.replace('"base"/>', f'"base">\n{shape}</link>', 1).format(shape + INERTIAL, shape + INERTIAL))
+    context = LintContext.load(path, read_xml(path))
+    assert int(context.model.geom_bodyid[0]) == 0
+    assert context.place("geom", 0) == (path, 1, None)

@@ -111,3 +111,12 @@ def test_actuators_on_both_sides_are_alike(left: str, right: str, ranges: str, d
     found = [f.message for f in lint(mjcf(sides, f"<actuator>{motors}</actuator>")) if f.code == "MJ309"]
     assert len(found) == bool(difference)
     assert not difference or difference in found[0]
+
+
+@pytest.mark.parametrize(("pos", "difference"), [("0 .3 0", ""), ("0 0 .3015", ""), ("0 0 .4", "0.3 and 0.4 m")])
+def test_links_are_as_far_from_their_parents_on_both_sides(pos: str, difference: str) -> None:
+    calf = '<body name="{}_calf" pos="{}"><joint/><geom size=".1"/></body>'
+    left, right = (GEOM + calf.format(*each) for each in (("left", "0 0 .3"), ("right", pos)))
+    found = messages(side("left", geom=left), side("right", geom=right, y=-1))
+    expected = f"it differs from body 'right_calf': distances from left and right, {difference}"
+    assert found == [f"body 'left_calf': {expected}"] * bool(difference)
