@@ -154,6 +154,8 @@ def completed(
     ahead: int,
     fault: Callable[[ChunkResult], str],
     is_over: Callable[[], bool] = lambda: False,
+    is_wanted: Callable[[], bool] = lambda: False,
+    give_back: Callable[[Sequence[PointChunk]], None] = lambda _: None,
 ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
     """Yields the results of chunks as they arrive; at most `ahead` chunks are in flight.
 
@@ -165,11 +167,16 @@ def completed(
       chunks: None where the next chunk has to wait for other processes.
       fault: returns the reason to refuse results; empty to accept them.
       is_over: returns whether to submit no more chunks; those that are running finish.
+      is_wanted: returns whether chunks that have not begun are wanted back.
+      give_back: receives these chunks.
     """
     running = dict[Future[ChunkResult], PointChunk]()
     again = deque[PointChunk]()
     is_first = True
     while True:
+        if isinstance(executor, ThreadPoolExecutor) and is_wanted():
+            unused = [future for future, chunk in running.items() if not chunk.refusals and future.cancel()]
+            give_back([running.pop(future) for future in unused])
         with executor.batch() if isinstance(executor, SlurmExecutor) else nullcontext():
             while is_waiting := not is_over() and len(running) < ahead:
                 try:

@@ -5,6 +5,9 @@ the others: of two processes whose ranges overlap, at least one sees both leases
 leases by changing their content. Another process that sees the same content for `EXPIRY` seconds on its clock takes
 the points; it does not wait for a process of the same machine that has ended. No clocks are compared, and the file
 system needs no locks. A wrong guess costs time only: a point has the same result, whichever process simulates it.
+
+A process that finds all points leased asks for some by a lease of no points; others then give back those that they have
+not begun, so that points that take much longer than expected do not wait for one process.
 """
 
 import json
@@ -20,7 +23,7 @@ from typing import Self
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import clean
+from mjrun.errors import FileError, clean
 from mjrun.formats.destinations import unwritable
 from mjrun.formats.folders import Folder, folder_at
 from mjrun.platform import system
@@ -36,6 +39,7 @@ TRIES = 8  # attempts to lease a range while other processes lease overlapping o
 PAUSE = 0.05  # longest time between two such attempts [s]
 MOST = 2**12  # bytes of a lease that are read
 DEPTH = 4  # chunks in a range for each chunk in flight: they take some ten seconds
+NONE = (10**18 - 1, 0)  # the range of no points
 SHARES = 4  # ranges for each process, of the points that are free: ranges become smaller towards the end
 
 
@@ -53,6 +57,11 @@ class Lease:
         """Returns the lease that a file represents; None if it is not a lease of this study."""
         match = NAME.fullmatch(name)
         return cls(name, int(match[2]), int(match[3]), match[4]) if match and match[1] == study[:NAMED] else None
+
+    @property
+    def is_request(self) -> bool:
+        """True for a lease of no points, by which a process asks for some."""
+        return self.first > self.last
 
     def overlaps(self, first: int, last: int) -> bool:
         """Returns whether any of these points is in the range."""
@@ -122,6 +131,15 @@ class Leases:
         Raises:
           FileError: the lease cannot be written.
         """
+        lease = self._create(first, last, points)
+        if self._thread.ident is None:
+            self._thread.start()
+        if any(other.overlaps(first, last) for other in self.others()):
+            self._release(lease)
+            return False
+        return True
+
+    def _create(self, first: int, last: int, points: int) -> Lease:
         name = f"{self._study[:NAMED]}-{first}-{last}-{self._owner}{SUFFIX}"
         lease = Lease(name, first, last, self._owner)
         with self._lock:
@@ -130,12 +148,27 @@ class Leases:
             except OSError as error:
                 raise unwritable(self._folder.path(name), error) from None
             self._own[lease] = points
-        if self._thread.ident is None:
-            self._thread.start()
-        if any(other.overlaps(first, last) for other in self.others()):
-            self._release(lease)
-            return False
-        return True
+        return lease
+
+    def ask(self, *, is_idle: bool) -> None:
+        """Asks other processes for points, or stops to."""
+        own = [lease for lease in self._own if lease.is_request]
+        if is_idle and not own:
+            with suppress(FileError):
+                self.claim(*NONE, 1)
+        elif not is_idle:
+            for lease in own:
+                self._release(lease)
+
+    def give_back(self, points: np.ndarray) -> None:
+        """Releases points that this process has not begun, the last ones of their ranges."""
+        for lease in [*self._own]:
+            own = points[(points >= lease.first) & (points <= lease.last)]
+            left = self._own[lease] - len(own)
+            if len(own) and left > 0:
+                self._create(lease.first, int(own.min()) - 1, left)
+            if len(own):
+                self._release(lease)
 
     def others(self) -> list[Lease]:
         """Returns the leases of other processes that are still valid."""
@@ -235,17 +268,24 @@ class LeasedPoints:
     ) -> None:
         self.points, self._known, self._files, self._leases = np.asarray(points, np.int64), known, files, leases
         self._most_chunks = DEPTH * ahead
-        self._was_missing = self._is_missing()
+        self._before = self._attempts()
         self._is_open = np.ones(len(self.points), bool)  # neither known nor leased by this process
         self._leased = np.array([], np.intp)  # leased places that are not in a chunk yet
         self._next = 0  # place after the last range
-        self._pause_end = 0.0
+        self._owners = 1  # processes that share the points
+        self._pause_end = self._asked = 0.0
+        self._is_giving = False
         self.elsewhere, self.is_waiting = 0, False
 
     @property
     def left(self) -> int:
         """The number of points that are not in a chunk yet."""
         return int(self._is_open.sum()) + len(self._leased)
+
+    @property
+    def share(self) -> int:
+        """The number of points that are not in a chunk yet, divided by the number of processes that share them."""
+        return -(-self.left // self._owners)
 
     def take(self, size: Callable[[np.ndarray], int]) -> np.ndarray:
         """Returns the points of the next chunk; none while other processes have leased all that are left.
@@ -258,14 +298,33 @@ class LeasedPoints:
         """
         if not len(self._leased) and time.monotonic() >= self._pause_end:
             self._lease(size)
-        self.is_waiting = not len(self._leased) and self._is_open.any()
+        self.is_waiting = not self._is_giving and not len(self._leased) and bool(self._is_open.any())
+        self._leases.ask(is_idle=self.is_waiting)
         part = self._leased[: size(self._leased)] if len(self._leased) else self._leased
         self._leased = self._leased[len(part) :]
         return self.points[part]
 
+    @property
+    def is_wanted(self) -> bool:
+        """True if another process has found all points leased; looks every `BEAT` seconds."""
+        now = time.monotonic()
+        if now < self._asked + BEAT:
+            return False
+        self._asked = now
+        return any(lease.is_request for lease in self._leases.others())
+
+    def give_back(self, points: Sequence[int]) -> None:
+        """Releases leased points: those that are not in a chunk, and `points`, whose chunks have not begun."""
+        places = np.concatenate([self._leased, np.searchsorted(self.points, points)])
+        self._leased = self._leased[:0]
+        if len(places):
+            self._is_open[places] = True
+            self._leases.give_back(self.points[places])
+            self._pause_end, self._is_giving = time.monotonic() + 2 * POLL, True  # the others have the first choice
+
     def _lease(self, size: Callable[[np.ndarray], int]) -> None:
         """Leases a range of points, and reads the results in it that other processes have published."""
-        failures = 0
+        failures, self._is_giving = 0, False
         while failures < TRIES:
             others = self._leases.others()
             free, owners = self._is_open.copy(), {""}
@@ -277,7 +336,8 @@ class LeasedPoints:
             places = np.flatnonzero(free)
             if not len(places):
                 break
-            run = self._run(places[self._start(places, is_alone=not others) :], len(places), len(owners), size)
+            self._owners = len(owners)
+            run = self._run(places[self._start(places, is_alone=not others) :], len(places), size)
             first, last = self.points[run[[0, -1]]].tolist()
             if not self._leases.claim(first, last, len(run)):
                 self._next = len(self.points)  # two that begin at the same time do not meet again
@@ -300,10 +360,10 @@ class LeasedPoints:
             return after
         return 0 if is_alone else secrets.randbelow(len(places))
 
-    def _run(self, places: np.ndarray, free: int, owners: int, size: Callable[[np.ndarray], int]) -> np.ndarray:
+    def _run(self, places: np.ndarray, free: int, size: Callable[[np.ndarray], int]) -> np.ndarray:
         """Returns the first consecutive places in one block: a few chunks, and a fair share of the free points."""
         count = size(places)
-        chunks = max(1, min(self._most_chunks, free // (SHARES * owners * count)))
+        chunks = max(1, min(self._most_chunks, free // (SHARES * self._owners * count)))
         run = places[: count * chunks]
         is_next = run - run[0] == np.arange(len(run))
         blocks = np.searchsorted(self._files.bounds, self.points[run], "right")
@@ -312,13 +372,13 @@ class LeasedPoints:
     def _read(self, first: int, last: int) -> None:
         """Reads new results of other processes in this range, and closes all points that are known now."""
         if self._files.update(self._known, first, last):
-            is_new = self._is_open & self._was_missing & ~self._is_missing()
+            is_new = self._is_open & (self._before != self._attempts())
             self.elsewhere += int(is_new.sum())
             self._is_open &= ~is_new
 
-    def _is_missing(self) -> np.ndarray:
-        """Returns whether each point has no result yet, `(n,)`."""
-        is_missing = self._known.is_missing
-        if len(self.points) == len(is_missing):
-            return is_missing
-        return is_missing[np.searchsorted(self._known.points, self.points)]
+    def _attempts(self) -> np.ndarray:
+        """Returns a number for each point that another attempt changes, `(n,)`: its wall time, or a negative one."""
+        attempts = np.where(self._known.is_missing, -1, self._known.wall).astype(np.float32)
+        if len(self.points) == len(attempts):
+            return attempts
+        return attempts[np.searchsorted(self._known.points, self.points)]

@@ -150,19 +150,22 @@ class PreparedPoints(ABC):
     def chunks(
         self, leased: LeasedPoints, options: ExecutionOptions, sizes: executors.ChunkSizes
     ) -> Iterator[PointChunk | None]:
-        """Yields points in chunks; asks `sizes` for the size of each chunk when it is needed.
+        """Returns an iterator of points in chunks; asks `sizes` for the size of each chunk when it is needed.
 
-        Yields None while other processes have leased all points that are left.
+        It yields None while other processes have leased all points that are left, and after its end the points that
+        are given back.
         """
         limit = math.inf if options.time_limit is None else float(options.time_limit)
         steps = self.steps(leased.points)
 
         def size(places: np.ndarray) -> int:
-            return sizes.next(steps[places[: executors.MOST]], leased.left)
+            return sizes.next(steps[places[: executors.MOST]], leased.share)
 
-        while leased.left:
+        def next_chunk() -> PointChunk | None:
             part = leased.take(size).tolist()
-            yield PointChunk(self.shipped, tuple(map(StudyPoint, part, self.points.at(part))), limit) if part else None
+            return PointChunk(self.shipped, tuple(map(StudyPoint, part, self.points.at(part))), limit) if part else None
+
+        return _Chunks(leased, next_chunk)
 
     def simulate(
         self,
@@ -251,8 +254,25 @@ class PreparedPoints(ABC):
 
         sizes = self.chunk_sizes(options, ahead)
         chunks = self.chunks(leased, options, sizes)
-        for arrived in executors.completed(executor, chunks, ahead, fault, lambda: bool(budget.reached)):
+
+        def give_back(chunks: Sequence[PointChunk]) -> None:
+            leased.give_back([point.index for chunk in chunks for point in chunk.points])
+
+        is_over, is_wanted = lambda: bool(budget.reached), lambda: leased.is_wanted
+        for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back):
             for _, result in arrived:
                 results = result.results
                 sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
             yield arrived
+
+
+class _Chunks(Iterator[PointChunk | None]):
+    """Chunks of leased points; it ends while none is left."""
+
+    def __init__(self, leased: LeasedPoints, next_chunk: Callable[[], PointChunk | None]) -> None:
+        self._leased, self._next_chunk = leased, next_chunk
+
+    def __next__(self) -> PointChunk | None:
+        if not self._leased.left:
+            raise StopIteration
+        return self._next_chunk()

@@ -154,7 +154,7 @@ def _leases(files: ChunkFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
             content, silent = LeaseContent.read(files.folder, name), files.folder.age(name)
         except OSError:  # its owner has released it
             continue
-        if lease and not system.has_ended(content.process):
+        if lease and not lease.is_request and not system.has_ended(content.process):
             yield lease, content, max(0.0, silent)
 
 

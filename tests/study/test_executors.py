@@ -103,10 +103,12 @@ def test_warp_without_its_library_is_told_before_any_point(tmp_path: Path, monke
         open_executor("warp", 1, tmp_path, stack)
 
 
-def test_when_a_run_is_over_only_the_running_chunk_finishes(
-    chunks: list[PointChunk], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("case", ["over", "wanted"])
+def test_chunks_that_have_not_begun_are_dropped_or_given_back(
+    chunks: list[PointChunk], monkeypatch: pytest.MonkeyPatch, case: str
 ) -> None:
-    started, has_begun, may_end, over = list[PointChunk](), Event(), Event(), list[bool]()
+    started, has_begun, may_end = list[PointChunk](), Event(), Event()
+    reached, given = list[str](), list[PointChunk]()
 
     def run(chunk: PointChunk) -> ChunkResult:
         started.append(chunk)
@@ -117,14 +119,16 @@ def test_when_a_run_is_over_only_the_running_chunk_finishes(
     monkeypatch.setattr("mjrun.study.executors.run_chunk", run)
     monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0.01)
     with ThreadPoolExecutor(1) as pool:
-        arriving = completed(pool, iter(chunks), 3, lambda _: "", lambda: bool(over))
+        is_over, is_wanted = (lambda name=name: name in reached for name in ("over", "wanted"))
+        arriving = completed(pool, iter(chunks[:3]), 3, lambda _: "", is_over, is_wanted, given.extend)
         assert next(arriving) == []
         assert has_begun.wait(PATIENCE)
-        over.append(True)
+        reached.append(case)
         assert [*next(arriving), *next(arriving)] == []
         may_end.set()
         finished = [chunk for arrived in arriving for chunk, _ in arrived]
     assert finished == started == chunks[:1]
+    assert given == (chunks[1:3] if case == "wanted" else [])
 
 
 def division(sizes: ChunkSizes, costs: Sequence[float], ahead: int, steps: np.ndarray | None = None) -> list[int]:

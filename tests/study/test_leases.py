@@ -22,7 +22,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_files import ChunkFiles
 from mjrun.study.leases import BEAT, EXPIRY, POLL, LeasedPoints, Leases
 from mjrun.study.result_columns import ResultColumns, ResultRows
-from mjrun.study.spec import PointResult
+from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
 
 STUDY = "ab" * 32
@@ -48,11 +48,11 @@ class Unrenewed(Leases):
 class Process:
     """One of several processes that simulate all points of a study, in chunks of `size`."""
 
-    def __init__(self, folder: Path, count: int, size: int) -> None:
+    def __init__(self, folder: Path, count: int, size: int, *, retry: bool = False) -> None:
         self._files = ChunkFiles(folder, ["square"], STUDY)
         self._files.create()
         self.known: ResultColumns = self._files.read(range(count), lambda _: [])
-        missing = np.flatnonzero(self.known.is_missing)
+        missing = np.flatnonzero(~self.known.is_final if retry else self.known.is_missing)
         self.leases, self._size = Unrenewed(self._files.folder, STUDY), size
         self.points = LeasedPoints(missing, self.known, self._files, self.leases, ahead=2)
         self._chunks = list[np.ndarray]()
@@ -63,12 +63,18 @@ class Process:
         self._chunks += [chunk] if len(chunk) else []
         return bool(len(chunk))
 
-    def end(self) -> list[int]:
+    def give_back(self, count: int) -> None:
+        """Gives back the last chunks."""
+        given, self._chunks = self._chunks[-count:], self._chunks[:-count]
+        self.points.give_back([point for chunk in given for point in chunk.tolist()])
+
+    def end(self, status: Status = "ok", wall: float = 0.0) -> list[int]:
         """Publishes the results of all chunks that it has begun; returns their points."""
         points = [point for chunk in self._chunks for point in chunk.tolist()]
         self._chunks.clear()
         if points:
-            results = ResultRows.of([PointResult(point, "ok", (point**2.0,), 1) for point in points], 1)
+            rows = [PointResult(point, status, (point**2.0,), 1, wall=wall) for point in points]
+            results = ResultRows.of(rows, 1)
             self._files.write(points, [f"{point:032x}" for point in points], results)
             self.known.put_points(np.array(points), results)
             self.leases.publish(points)
@@ -91,6 +97,8 @@ def test_each_point_is_simulated_once_and_known_to_all(
         while any(process.points.left for process in processes):
             process = order.choice(processes)
             process.begin()
+            if order.random() > 0.8:
+                process.give_back(1 + order.randrange(3))
             done.update(process.end() if order.random() < 0.5 else [])
             clock.now += POLL * order.random()
         for process in processes:
@@ -100,6 +108,47 @@ def test_each_point_is_simulated_once_and_known_to_all(
     for process in processes:
         assert process.known.metrics[:, 0].tolist() == [point**2 for point in range(count)]
     assert not [*folder.rglob("*.lease")]
+
+
+def test_points_that_a_process_has_not_begun_go_to_one_that_asks(tmp_path: Path, clock: Clock) -> None:
+    slow, idle = Process(tmp_path, 8, 1), Process(tmp_path, 8, 1)
+    for _ in range(8):
+        assert slow.begin()
+    assert not slow.points.is_wanted
+    assert not idle.begin()
+    assert not slow.points.is_wanted  # it has just looked
+    clock.now += BEAT
+    assert slow.points.is_wanted
+    slow.give_back(5)
+    assert not slow.begin()  # at first
+    assert not slow.points.is_waiting
+    clock.now += POLL
+    assert idle.begin()
+    taken = idle.end()
+    assert len(taken) == 1
+    assert 3 <= taken[0] < 8
+    clock.now += BEAT
+    assert not slow.points.is_wanted
+    while slow.begin():
+        pass
+    assert sorted([*slow.end(), *taken]) == [*range(8)]
+    assert not idle.begin()
+    assert (slow.points.left, idle.points.left, idle.points.elsewhere) == (0, 0, 7)
+    assert not [*tmp_path.rglob("*.lease")]
+
+
+def test_failed_points_that_two_processes_retry_are_shared(tmp_path: Path, clock: Clock) -> None:
+    first = Process(tmp_path, 8, 8)
+    assert first.begin()
+    assert len(first.end("timeout", 1.0)) == 8
+    one, other = Process(tmp_path, 8, 2, retry=True), Process(tmp_path, 8, 3, retry=True)
+    done = list[int]()
+    while one.points.left or other.points.left:
+        for number, process in enumerate([one, other]):
+            process.begin()
+            done += process.end("timeout", 2.0 + number)  # again
+            clock.now += POLL
+    assert sorted(done) == [*range(8)]
 
 
 def test_a_lease_that_is_not_renewed_expires_whatever_its_time(tmp_path: Path, clock: Clock) -> None:
