@@ -19,4 +19,5 @@ def test_a_file_may_expand_to_a_gibibyte_or_a_hundred_times_its_size(tmp_path: P
     with pytest.raises(FileError, match=r"a\.npz: would expand to [\d.,e+]+ GB in memory") as caught:
         require_expandable(path, largest + 1)
     assert caught.value.exit_code == 7
+    assert f"{(largest + 1) / max(1, size):,.0f} times its size" in str(caught.value)
     assert "write it again without compression" in str(caught.value)

@@ -37,11 +37,11 @@ from mjrun.outputs.scene_frames import (
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
+from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, lacks_gpu
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import DrawingCosts, FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
-from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of

@@ -14,8 +14,8 @@ from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import restore
+from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, OpenGLContext
-from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 

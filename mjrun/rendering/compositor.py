@@ -15,10 +15,10 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
 from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import widened
+from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
-from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.graph import Graph
 from mjrun.rendering.layout import compose, layout_size
 from mjrun.rendering.segment_ids import Segmentation

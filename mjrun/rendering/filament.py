@@ -16,9 +16,9 @@ from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_image import RenderedView
+from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker, WorkerEndedError

@@ -12,7 +12,7 @@ from mjrun.errors import DrawError
 from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import restore
-from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
 from mjrun.rendering.filament_scene import NUMBERED, FilamentScene, PixelFormat
 from mjrun.rendering.segment_ids import NOTHING, Segmentation

@@ -68,6 +68,7 @@ def test_a_push_in_a_document_is_that_of_the_command_line(written: str, texts: l
         ("torso=0/1@1+1", "1:22: push: expected a push with a force of three finite numbers, FX/FY/FZ [N], got"),
         ("[a=0/0/1@0+1, a=0/0/1@0+0]", "1:36: push[1]: expected a push of a duration above 0 [s], got 'a=0/0/1@0+0'"),
         ("{force: [1, 2, 3], at: 0, duration: 1}", "1:22: push: give either body or site"),
+        ("{body: a, site: b, force: [1, 2, 3], at: 0, duration: 1}", "1:38: push.site: give either body or site"),
         ("{body: a, force: [1, 2, 3], at: 0, duration: 0}", "1:67: push.duration: expected a positive number, got 0"),
         ("{body: a, force: [1, 2], at: 0, duration: 1}", "1:39: push.force: expected 3 numbers, got 2"),
         ("7", "1:22: push: expected text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}, got 7"),

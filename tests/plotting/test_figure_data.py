@@ -96,8 +96,9 @@ def test_equal_ratios_are_found() -> None:
     assert is_geometric(np.geomspace(1e-4, 1e-1, 7))
     assert not is_geometric(np.linspace(1, 10, 7))
     assert not is_geometric(np.array([0.0, 1, 10]))
-    assert is_even_in_ratios(np.geomspace(1e-3, 1, 100))
-    assert not is_even_in_ratios(np.linspace(1e-3, 1, 100))
+    for factor in (1, 1e3):
+        assert is_even_in_ratios(factor * np.geomspace(1e-3, 1, 100))
+        assert not is_even_in_ratios(factor * np.linspace(1e-3, 1, 100))
 
 
 def test_values_over_decades_are_found() -> None:

@@ -22,9 +22,9 @@ from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import save
 from mjrun.rendering import filament
+from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.decorations import Ghost
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual

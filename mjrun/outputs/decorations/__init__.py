@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.options.option import is_given, options_of
 from mjrun.options.rendering import SceneOptions
-from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.added_geoms import Decoration
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 

@@ -16,7 +16,7 @@ from mjrun.model.names import identify
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
-from mjrun.rendering.decorations import Ghost
+from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.visual import Visual, visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline, rational

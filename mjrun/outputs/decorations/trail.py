@@ -10,7 +10,7 @@ from mjrun.camera.targets import identify_objects
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.rendering import SceneOptions
-from mjrun.rendering.decorations import LIMIT, Trail, trails
+from mjrun.rendering.added_geoms import LIMIT, Trail, trails
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.camera.targets import ObjectTrajectory, identify_objects, object_paths
 from mjrun.errors import UnknownNameError
-from mjrun.rendering.decorations import WIDENING, Decoration, Ghost, Trail, ramp, trails
+from mjrun.rendering.added_geoms import WIDENING, Decoration, Ghost, Trail, ramp, trails
 from mjrun.rendering.visual import Visual
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
