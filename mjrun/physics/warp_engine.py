@@ -123,25 +123,23 @@ class WarpWorlds:
             self._start = [(array, device.warp.clone(array)) for array in self._arrays()]
         self.nconmax, self.njmax = self._data.naconmax // self.count, int(self._data.njmax)
         self._step: Callable[[], None] = partial(device.library.step, self._device_model, self._data)
+        self._forward: Callable[[], None] = partial(device.library.forward, self._device_model, self._data)
 
     def active(self) -> AbstractContextManager[Any]:
         """Makes Warp use the device of these worlds within the context."""
         return self._device.active()
 
     def compile(self) -> None:
-        """Takes the first step, for which Warp compiles all uncached kernels, and records another step as a graph.
+        """Takes the first step, for which Warp compiles all uncached kernels, and records graphs of a step.
 
         A graph launches all kernels at once instead of one by one from Python, as in mujoco_warp's testspeed.
 
         Raises:
           UsageError: mujoco_warp cannot simulate this model, or this number of worlds.
         """
-        warp = self._device.warp
         with self._device.refusals(self.count), self.active():
             self._step()
-            with warp.ScopedCapture() as capture:
-                self._step()
-            self._step = partial(warp.capture_launch, capture.graph)
+            self._step, self._forward = self._graph(self._step), self._graph(self._forward)
             self.wait()
 
     def restart(self) -> None:
@@ -156,7 +154,7 @@ class WarpWorlds:
 
     def forward(self) -> None:
         """Computes the derived fields of the current state."""
-        self._device.library.forward(self._device_model, self._data)
+        self._forward()
 
     def wait(self) -> None:
         """Waits until the device is idle."""
@@ -224,6 +222,13 @@ class WarpWorlds:
         texts = [overflow_message(mark.name, limits) for mark in single if marks & mark.value]
         return list(dict.fromkeys(texts))
 
+    def _graph(self, launch: Callable[[], None]) -> Callable[[], None]:
+        """Records the kernels that a function launches, without running them; returns a function that launches all."""
+        warp = self._device.warp
+        with warp.ScopedCapture() as capture:
+            launch()
+        return partial(warp.capture_launch, capture.graph)
+
     def _contacts(self) -> np.ndarray:
         """Returns the number of contacts in each world, `(n,)`."""
         contact, count = self._data.contact, min(int(self._data.nacon.numpy()[0]), self._data.naconmax)
@@ -287,6 +292,9 @@ class WarpEngine:
         model = models_of(models, len(starts))[0]
         worlds = WarpWorlds(self._device, models, starts)
         worlds.require(record)
+        if steps:
+            worlds.compile()
+            worlds.restart()
         walk = _Walk(worlds, model, controls, record, running)
         rows = [*range(0, steps, every), steps]
         longest = block_steps(model, record, len(starts))
