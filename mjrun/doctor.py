@@ -299,7 +299,8 @@ def _encoder() -> list[Diagnostic]:
         version = encoder_version()
     except errors.EncoderError as error:
         remedy = f"{pip('install')} --force-reinstall imageio-ffmpeg"
-        return [Diagnostic("encoder", "ffmpeg", MISSING, str(error), remedy)]
+        what, *details = (line.strip() for line in str(error).splitlines())
+        return [Diagnostic("encoder", "ffmpeg", MISSING, ": ".join([what, *details[:1]]), remedy)]
     codecs = working_codecs()
     working = [codec for codec, works in codecs.items() if works]
     failing = [codec for codec, works in codecs.items() if not works]

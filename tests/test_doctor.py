@@ -138,3 +138,13 @@ def test_collections_of_models_are_counted_or_say_how_to_get_them(monkeypatch: p
     assert (found["scene"].status, found["scene"].value) == ("ok", f"{scenes} scenes: mjrun info scene:")
     assert found["menagerie"].value == "MJRUN_MENAGERIE=/no/such/folder: is not a folder"
     assert found["menagerie"].remedy == "not needed"
+
+
+def test_an_ffmpeg_that_is_not_there_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> str:
+        raise RuntimeError("No ffmpeg exe could be found.\nInstall it.")
+
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", missing)
+    (found,) = mjrun.doctor._encoder()
+    assert found.status == mjrun.doctor.MISSING
+    assert found.value == "ffmpeg cannot be run; reinstall imageio-ffmpeg: No ffmpeg exe could be found."

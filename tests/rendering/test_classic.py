@@ -207,7 +207,8 @@ def test_depth_and_ids_are_those_of_rays(swing: Path, backend: Backend, camera: 
     inner = same & ~edges & np.isfinite(depths) & (depths < 4)
     assert inner.mean() > 0.4
     box = inner & (ids == 1)
-    assert picture.depth[box] == pytest.approx(depths[box], rel=1e-5)  # balls are drawn with flat facets
+    error = 1e-5 if backend.software else 3e-5
+    assert picture.depth[box] == pytest.approx(depths[box], rel=error)  # balls are drawn with flat facets
     assert picture.depth[inner] == pytest.approx(depths[inner], rel=5e-3)
     assert np.array_equal(np.isinf(picture.depth), picture.ids < 0)
 

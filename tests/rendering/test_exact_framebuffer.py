@@ -92,7 +92,7 @@ def test_depth_is_that_of_rays(backend: Backend) -> None:
         # The ray's vector is one metre deep, so that distances along it are planar depths.
         depth = mujoco.mj_ray(model, data, pose.position, calibration.pose[:3, :3] @ ray, None, 1, -1, hit)
         if hit[0] == 1:
-            assert depths[row, column] == pytest.approx(depth, rel=1e-5)
+            assert depths[row, column] == pytest.approx(depth, rel=1e-5 if backend.software else 3e-5)
 
 
 def test_multisampling_of_colours_changes_nothing(backend: Backend) -> None:

@@ -36,6 +36,13 @@ def test_every_link_leads_to_a_page_or_a_file(pages: dict[str, str]) -> None:
             assert place in pages or (place.startswith("files/") and file.is_file()), f"{name}: {target}"
 
 
+def test_every_test_that_a_page_names_exists() -> None:
+    pages = [*ROOT.glob("docs/*.md"), *ROOT.glob("*.md")]
+    named = {name for page in pages for name in re.findall(r"\btests/[\w/]+\.py", page.read_text())}
+    assert len(named) > 20
+    assert not [name for name in sorted(named) if not (ROOT / name).exists()]
+
+
 def test_every_page_is_in_the_contents_once(pages: dict[str, str]) -> None:
     listed = [f"{name}.md" for names in make_docs.CONTENTS.values() for name in names]
     for name, text in pages.items():
