@@ -19,6 +19,7 @@ import mjrun
 import mjrun.options
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.options.option import Options, options_of
+from tests.syntax_trees import nodes_of
 
 ROOT = Path(mjrun.__file__).parent
 ROOMS = sorted({path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/*.py")} | {"."})
@@ -52,15 +53,10 @@ def _is_property_or_command(node: ast.AST) -> bool:
 
 
 @cache
-def _nodes(path: Path) -> list[ast.AST]:
-    return list(ast.walk(ast.parse(path.read_text())))
-
-
-@cache
 def _docstrings(path: Path) -> list[tuple[ast.AST, int, str]]:
     return [
         (node, node.body[0].lineno, text)
-        for node in _nodes(path)
+        for node in nodes_of(path)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         if (text := ast.get_docstring(node))
     ]
@@ -72,7 +68,7 @@ def _place(path: Path, line: int, text: str) -> str:
 
 def _texts(path: Path) -> Iterator[tuple[int, str]]:
     """The strings of three words or more, and the comments, each with its line."""
-    for node in _nodes(path):
+    for node in nodes_of(path):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and len(node.value.split()) >= 3:
             yield node.lineno, node.value
     for number, line in enumerate(path.read_text().splitlines(), 1):

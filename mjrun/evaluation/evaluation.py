@@ -263,7 +263,7 @@ def failure_groups(groups: Sequence[PlayedEpisodes]) -> list[EpisodeFailures]:
 
 @dataclass(frozen=True)
 class _Played:
-    """The episodes of all policies at all points, and how many of them were simulated rather than read."""
+    """The episodes of every policy at every point, and how many of them were simulated rather than read."""
 
     groups: Sequence[PlayedEpisodes]
     simulated: int

@@ -117,7 +117,7 @@ class Parser:
         return self.nodes.elementwise(start, self.end, functions, values)
 
     def _text(self, operator: Token) -> tree.TextLiteral | None:
-        """Parses the text that follows an operator; None if there is none."""
+        """Parses the text that follows an operator; None if no text follows."""
         start = self.token.start
         if (
             not self.vocabulary.has_texts

@@ -66,15 +66,15 @@ def test_paths_are_judged_by_where_they_lead(tmp_path: Path, path: str, readable
 
 
 def test_paths_lead_where_the_system_says(tmp_path: Path) -> None:
-    """All paths of four names, in a tree with links of every kind, lead where `os.path.realpath` comes to."""
+    """All paths of three names, here and below `a`, lead where `os.path.realpath` comes to; links are of every kind."""
     (tmp_path / "a/b").mkdir(parents=True)
     (tmp_path / "file").write_text("")
     links = {"up": "..", "far": str(tmp_path), "a/near": "b/../b", "a/gone": "missing/x", "a/b/chain": "../near/.."}
     for name, target in links.items():
         (tmp_path / name).symlink_to(target)
     names = ("a", "b", "..", "file", "up", "far", "near", "gone", "chain", "", ".")
-    for parts in itertools.product(names, repeat=4):
-        path = f"{tmp_path}/{'/'.join(parts)}"
+    for parts in itertools.product((str(tmp_path), f"{tmp_path}/a"), names, names, names):
+        path = "/".join(parts)
         assert Confinement((os.path.realpath(path),)).allows(path), path
         assert not Confinement((f"{os.path.realpath(path)}/below",)).allows(path), path
 

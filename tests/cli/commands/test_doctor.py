@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures("codecs_are_tried_once")
 
 
-def test_the_doctor_names_what_works(mjrun_here: Command, backend: Backend) -> None:
+def test_the_doctor_names_what_works_in_document_and_page(mjrun_here: Command, backend: Backend) -> None:
     done = mjrun_here("doctor", "--json")
     assert done.returncode == 0
     found = json.loads(done.stdout)
@@ -33,20 +33,17 @@ def test_the_doctor_names_what_works(mjrun_here: Command, backend: Backend) -> N
     device = by_name["egl devices", "device 0"]
     assert (device["status"], "(MUJOCO_EGL_DEVICE_ID=" in device["value"]) == ("ok", True)
 
+    page = mjrun_here("doctor").stdout.decode()
+    for finding in found["findings"]:
+        assert finding["value"] in page
+        assert finding["remedy"] in page
+
 
 def test_the_doctor_says_who_draws_with_filament(mjrun_here: Command, vulkan: Backend) -> None:
     found = json.loads(mjrun_here("doctor", "--json").stdout)["findings"]
     filament = next(finding for finding in found if finding["name"] == "filament")
     assert filament["status"] == "ok"
     assert vulkan.renderer in filament["value"]
-
-
-@pytest.mark.slow
-def test_the_page_and_the_document_say_the_same(mjrun_here: Command) -> None:
-    page = mjrun_here("doctor").stdout.decode()
-    for finding in json.loads(mjrun_here("doctor", "--json").stdout)["findings"]:
-        assert finding["value"] in page
-        assert finding["remedy"] in page
 
 
 NO_EGL = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/none.json"}

@@ -64,8 +64,8 @@ CURVES = ["--y", "energy/*", "--y", "angle [deg]=qpos/hinge*180/pi", "--mark-eve
 
 @pytest.mark.parametrize(
     ("measured", "curves"),
-    [([], CURVES), (["--probe", "energy,qpos"], CURVES), (["--every", "3"], CURVES), ([], [])],
-    ids=["columns of y", "probes", "every third step", "usual probes"],
+    [([], CURVES), (["--probe", "energy,qpos", "--every", "3"], CURVES), ([], [])],
+    ids=["columns of y", "probes of every third step", "usual probes"],
 )
 def test_a_plot_of_a_model_is_that_of_its_trace(mjrun_here: Command, measured: list[str], curves: list[str]) -> None:
     simulation = [str(PENDULUM), "--key", "level", "--duration", "1", *measured]
