@@ -1481,7 +1481,8 @@ class Study(_Study):
       with_csv: writes results.csv whatever the number of points.
 
     Options:
-      output: Folder for the study; running again with the same folder continues the study.
+      output: Folder for the study, on this machine or in an object store: s3://bucket/study. Running
+        again with the same folder continues the study.
       metric: Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time,
         xpos/torso/z < 0.8), 'pace [km/h]=3.6*max(speed/torso)' with a unit. Uses the same expressions
         as assert.
@@ -2623,7 +2624,8 @@ def sweep(
       MjrunError: as `mjrun.Study(…).run()` raises.
 
     Options:
-      output: Folder for the study; running again with the same folder continues the study.
+      output: Folder for the study, on this machine or in an object store: s3://bucket/study. Running
+        again with the same folder continues the study.
       key: Keyframe to start from, by name or index.
       qpos: Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.
       qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.

@@ -1,5 +1,7 @@
-"""The suffixes of model files, of documents and of demonstrations, and which model files can be used for what."""
+"""The suffixes of model files, of documents and of demonstrations, which model files can be used for what, and URLs."""
 
+import re
+from os import PathLike
 from pathlib import Path
 
 YAML = (".yaml", ".yml")  # run documents, studies, fits, evaluations, tasks, camera scripts; LEAPP packages
@@ -15,6 +17,14 @@ HDF5 = (".h5", ".hdf5")  # tables, and demonstrations, of which FILE:EPISODE nam
 CHECKED = (*XML, ".mjz")
 # Files that name others beside them.
 REFERRING = (*MODELS, *YAML)
+
+
+URL = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://.+")  # with its scheme
+
+
+def is_url(path: "str | PathLike[str]") -> bool:
+    """Returns whether a text is the URL of a folder or of a file, such as `s3://bucket/study`."""
+    return isinstance(path, str) and URL.fullmatch(path) is not None
 
 
 def is_yaml(path: str | Path) -> bool:

@@ -6,16 +6,19 @@ from dataclasses import field
 from pathlib import Path, PurePosixPath
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import Problem, UsageError, clean, quoted
+from mjrun.errors import Problem, UsageError, clean, option, quoted
 from mjrun.model.sources import is_file
 from mjrun.options.kinds import ReadingContext
 from mjrun.outputs.output_files import ReservedFiles
+from mjrun.suffixes import is_url
 
 
 def refusal(text: str) -> str:
     """Returns why a document must not write to the path `text`, judged by the text alone; empty if it may."""
     parts = PurePosixPath(text).parts
     depths = [sum(-1 if part == ".." else 1 for part in parts[:end]) for end in range(1, len(parts) + 1)]
+    if is_url(text):
+        return f"a document cannot write to the URL {quoted(text)}; only {option('output')} can, on the command line"
     if text == "-":
         return "a document cannot write to standard output (-)"
     if text.startswith(("/", "~")):

@@ -26,7 +26,8 @@ from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Node, document
 from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import publish_together, written_file
-from mjrun.formats.input_file import is_file, opened
+from mjrun.formats.folders import folder_at, opened_at
+from mjrun.formats.input_file import opened
 from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
 from mjrun.options.option import Options, document_options, options, required
 from mjrun.options.schema_validation import InvalidValueError, MisfitError, Misfits, Schema
@@ -35,6 +36,7 @@ from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.job_plan import SCHEMA, StudyPlan
 from mjrun.study.study import Study
+from mjrun.suffixes import is_url
 
 LARGEST = 2**26  # bytes per line
 
@@ -98,8 +100,10 @@ class _MovedReader(DocumentContext):
         return path
 
 
-def portable_document(study: Study, folder: Path) -> Mapped:
+def portable_document(study: Study, folder: str | Path) -> Mapped:
     """Returns the study as a document in `folder`, without its output.
+
+    In a store, which is nowhere in the file system, its paths are relative to the current folder.
 
     Raises:
       UsageError: a document cannot represent the study.
@@ -107,7 +111,7 @@ def portable_document(study: Study, folder: Path) -> Mapped:
     document = study_document(replace(study, output="study", html=None))
     if document["model"] == "-":
         raise UsageError("a study cannot be resumed with a model from standard input; give a file")
-    reader = _MovedReader(Path(os.path.relpath(Path.cwd(), folder)), lexical=True)
+    reader = _MovedReader(Path() if is_url(folder) else Path(os.path.relpath(Path.cwd(), folder)), lexical=True)
     values = cast("Values", STUDY.record.read(document, reader))
     moved: Mapped = {"model": reader.model(str(document["model"]))}
     for each in document_options(_StudyOptions):
@@ -163,7 +167,7 @@ def write_plan(path: str, plan: StudyPlan) -> None:
     """
     folder = Path(path).parent
     study = portable_document(plan.study, folder)
-    home = os.path.relpath(plan.study.output, folder)
+    home = plan.study.output if is_url(plan.study.output) else os.path.relpath(plan.study.output, folder)
     about = {"schema": SCHEMA, "folder": home, "study": study, "identity": plan.identity, "ranges": plan.ranges}
     text = f"{json.dumps(about)}\n" if plan.ranges else ""
     with written_file(Path(path), text.encode()) as output, plan.study.manifest_writer({}) as manifest:
@@ -191,7 +195,7 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
     folder = Path(path).parent
     values = dict(given or {})
     if "output" not in values:
-        values["output"] = str(_study_folder(folder, plan.folder))
+        values["output"] = _study_folder(folder, plan.folder)
     study = _study(path, cast("Mapping[str, object]", plan.study), folder, values)
     return StudyPlan(study, plan.identity, [(first, stop) for first, stop in plan.ranges])
 
@@ -203,28 +207,28 @@ def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
       DocumentError: the manifest does not contain a study.
       FileError: the manifest cannot be read.
     """
-    manifest = Path(path) / MANIFEST
-    with opened(manifest, "manifest of a study", [".json"]) as file:
+    manifest = folder_at(path).path(MANIFEST)
+    with opened_at(manifest, "manifest of a study", [".json"]) as file:
         text = file.read(LARGEST)
     try:
         facts = json.loads(text)
         study = facts["study"]
     except (ValueError, KeyError, TypeError, RecursionError):
         raise FileError(manifest, "does not contain a study", "give the study's document instead") from None
-    return _study(str(manifest), study, Path(path), {"output": path, **(given or {})})
+    return _study(manifest, study, Path() if is_url(path) else Path(path), {"output": path, **(given or {})})
 
 
-def _study_folder(folder: Path, path: str) -> Path:
-    """Returns the folder of a study that a plan in `folder` names.
+def _study_folder(folder: Path, path: str) -> str:
+    """Returns the folder of a study that a plan in `folder` names, or its URL.
 
     Raises:
       UsageError: the folder is outside of the plan's and is not a study: a plan is untrusted and must not write there.
     """
-    study = Path(os.path.normpath(folder / path))
-    outside = Path(path).is_absolute() or Path(os.path.normpath(path)).parts[:1] == (os.pardir,)
-    if outside and not is_file(study / MANIFEST):
+    study = path if is_url(path) else os.path.normpath(folder / path)
+    outside = is_url(path) or Path(path).is_absolute() or Path(os.path.normpath(path)).parts[:1] == (os.pardir,)
+    if outside and not folder_at(study).has(MANIFEST):
         raise UsageError(
-            f"{option('output')}: the plan names {quoted(str(study))}, outside of the plan's folder and not a study\n"
+            f"{option('output')}: the plan names {quoted(study)}, outside of the plan's folder and not a study\n"
             f"to write the results there, give {option('output')} DIR"
         )
     return study

@@ -93,7 +93,7 @@ def shown_files(paths: Iterable[str], options: PageOptions) -> list[PageFile]:
     return [page_file(path, str(options.html), options.embed_up_to) for path in [*paths][:MOST_VIDEOS]]
 
 
-def origin(path: Path, facts: Mapping[str, object], names: Sequence[str]) -> FileManifest:
+def origin(path: str | Path, facts: Mapping[str, object], names: Sequence[str]) -> FileManifest:
     """Returns the facts with these names as a manifest."""
     return FileManifest(clean(str(path)), {name: facts[name] for name in names if facts.get(name) not in (None, "")})
 

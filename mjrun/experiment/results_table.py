@@ -13,6 +13,7 @@ import numpy as np
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
 from mjrun.experiment.design import Design, is_whole
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
+from mjrun.formats.folders import Folder, folder_at
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.table_column import Column, split_unit
@@ -54,6 +55,9 @@ class ResultsTable:
             for column, values in zip(self.columns, self._values, strict=True)
             if not column.labels
         }
+
+    def __len__(self) -> int:
+        return len(self._values[0])
 
     def add(self, column: Column, values: Sequence[float] | np.ndarray) -> None:
         """Appends a numeric column `(n,)`."""
@@ -105,7 +109,7 @@ class ResultsTable:
         return {text: (values == (labels.index(text) if text in labels else np.nan)).astype(float) for text in texts}
 
     def open(
-        self, stack: ExitStack, folder: Path, manifest: Mapping[str, object], files: Sequence[str] = FILES
+        self, stack: ExitStack, folder: Path | Folder, manifest: Mapping[str, object], files: Sequence[str] = FILES
     ) -> list[TableWriter]:
         """Writes the table to `files` in the folder, each in the format of its suffix.
 
@@ -114,9 +118,9 @@ class ResultsTable:
         Raises:
           FileError: a file cannot be written.
         """
-        writers, count = list[TableWriter](), len(self._values[0])
+        writers, count, folder = list[TableWriter](), len(self), folder_at(folder)
         for name in files:
-            path = str(folder / name)
+            path = folder.path(name)
             writers.append(stack.enter_context(TableWriter(path, output_format(path).name, self.columns, manifest)))
             for start in range(0, count, BLOCK):
                 writers[-1].write(
@@ -261,7 +265,7 @@ def metric_columns(metrics: Sequence[Metric]) -> list[str]:
     return [*dict.fromkeys(name for metric in metrics for name in metric.columns if name != TIME)]
 
 
-def manifest_writer(path: Path, facts: Mapping[str, object]) -> OutputWriter:
+def manifest_writer(path: Path | str, facts: Mapping[str, object]) -> OutputWriter:
     """Writes the manifest of a folder, to be published by the caller.
 
     Raises:

@@ -6,22 +6,21 @@ renamed. An error of a store is tried again a few times before it is raised.
 
 import errno
 import os
-import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
-from mjrun.errors import UsageError, clean
-from mjrun.formats.destinations import Destination, StagedFile, unwritable
-from mjrun.formats.input_file import is_file, is_folder
+from mjrun.errors import FileError, UsageError, clean
+from mjrun.formats.destinations import Destination, StagedFile
+from mjrun.formats.input_file import is_file, is_folder, opened
 from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
 from mjrun.packages import require
+from mjrun.suffixes import URL, is_url
 
-URL = re.compile(r"([a-z][a-z0-9+.-]+)://.+", re.IGNORECASE)
 DELAYS = (1.0, 4.0)  # [s] before each new try; the libraries of most stores try several times themselves
 LASTING = (FileNotFoundError, FileExistsError, PermissionError, NotImplementedError, ImportError, TypeError, ValueError)
 UNCONDITIONAL = (errno.ENOSYS, errno.EINVAL)  # errors of a store that does not know conditional requests
@@ -30,13 +29,8 @@ EXTRA = "cloud"
 T = TypeVar("T")
 
 
-def is_url(path: str | os.PathLike[str]) -> bool:
-    """Returns whether `path` is the URL of a folder or a file, such as `s3://bucket/study`."""
-    return isinstance(path, str) and URL.fullmatch(path) is not None
-
-
 class Folder(ABC):
-    """A folder. Its methods raise OSError where they fail."""
+    """A folder. Each method raises FileError where it fails."""
 
     @abstractmethod
     def path(self, name: str = "") -> str:
@@ -68,27 +62,27 @@ class Folder(ABC):
 
     @abstractmethod
     def age(self, name: str) -> float:
-        """Returns the time since a file was changed, by the clock of this machine [s]."""
-
-    @abstractmethod
-    def open(self, name: str) -> BinaryIO:
-        """Opens a file for reading at any place."""
-
-    @abstractmethod
-    def create_file(self, name: str, content: bytes) -> None:
-        """Creates a small file.
-
-        Raises:
-          FileExistsError: it exists.
-        """
-
-    @abstractmethod
-    def rewrite(self, name: str, content: bytes) -> None:
-        """Replaces the content of a small file.
+        """Returns the time since a file was changed, by the clock of this machine [s].
 
         Raises:
           FileNotFoundError: it does not exist.
         """
+
+    @abstractmethod
+    def open(self, name: str) -> BinaryIO:
+        """Opens a file for reading at any place.
+
+        Raises:
+          FileNotFoundError: it does not exist.
+        """
+
+    @abstractmethod
+    def create_file(self, name: str, content: bytes) -> None:
+        """Creates a small file, which must not exist."""
+
+    @abstractmethod
+    def rewrite(self, name: str, content: bytes) -> None:
+        """Replaces the content of a small file, which must exist."""
 
     @abstractmethod
     def remove(self, name: str) -> None:
@@ -127,6 +121,27 @@ def destination_at(path: str | Path) -> Destination:
     return folder_at(folder).destination(name)
 
 
+@contextmanager
+def opened_at(path: str | Path, what: str, suffixes: Collection[str], hint: str = "") -> Iterator[BinaryIO]:
+    """Opens the file at a path or a URL for reading, as `input_file.opened`.
+
+    Raises:
+      FileError: the file is missing or cannot be read.
+      UsageError: no library reads such URLs.
+    """
+    if not is_url(path):
+        with opened(Path(path), what, suffixes, hint) as file:
+            yield file
+        return
+    folder, _, name = str(path).rpartition("/")
+    try:
+        file = folder_at(folder).open(name)
+    except FileNotFoundError:
+        raise FileError(path, "no such file", hint) from None
+    with file:
+        yield file
+
+
 class LocalFolder(Folder):
     """A folder of a file system."""
 
@@ -140,7 +155,8 @@ class LocalFolder(Folder):
         return LocalFolder(self._path / name)
 
     def create(self) -> None:
-        self._path.mkdir(parents=True, exist_ok=True)
+        with _failing(self.path(), "made"):
+            self._path.mkdir(parents=True, exist_ok=True)
         remove_left_behind(self._path)
 
     def exists(self) -> bool:
@@ -150,34 +166,35 @@ class LocalFolder(Folder):
         return is_file(self._path / name)
 
     def names(self, suffix: str) -> list[str]:
-        try:
-            return sorted(name for name in os.listdir(self._path) if name.endswith(suffix))  # noqa: PTH208  (names)
-        except (FileNotFoundError, NotADirectoryError):
-            return []
+        with _failing(self.path()), suppress(FileNotFoundError, NotADirectoryError):
+            return sorted(name for name in os.listdir(self._path) if name.endswith(suffix))  # noqa: PTH208
+        return []
 
     def size(self, name: str) -> int:
-        try:
+        with _failing(self.path(name)), suppress(FileNotFoundError):
             return (self._path / name).stat().st_size
-        except FileNotFoundError:
-            return 0
+        return 0
 
     def age(self, name: str) -> float:
-        return time.time() - (self._path / name).stat().st_mtime
+        with _failing(self.path(name), unless=FileNotFoundError):
+            return time.time() - (self._path / name).stat().st_mtime
 
     def open(self, name: str) -> BinaryIO:
-        return (self._path / name).open("rb")
+        with _failing(self.path(name), unless=FileNotFoundError):
+            return (self._path / name).open("rb")
 
     def create_file(self, name: str, content: bytes) -> None:
-        with (self._path / name).open("xb") as stream:
+        with _failing(self.path(name), "written"), (self._path / name).open("xb") as stream:
             stream.write(content)
 
     def rewrite(self, name: str, content: bytes) -> None:
-        with (self._path / name).open("r+b") as stream:
+        with _failing(self.path(name), "written"), (self._path / name).open("r+b") as stream:
             stream.write(content)
             stream.truncate()
 
     def remove(self, name: str) -> None:
-        (self._path / name).unlink(missing_ok=True)
+        with _failing(self.path(name), "removed"):
+            (self._path / name).unlink(missing_ok=True)
 
     def destination(self, name: str) -> StagedFile:
         return StagedFile(self._path / name)
@@ -195,7 +212,7 @@ class StoredFolder(Folder):
 
     def __init__(self, url: str) -> None:
         require_unconfined(f"{clean(url)} is not a folder of this machine")
-        require(f"{clean(url)}", EXTRA, "fsspec")
+        require(clean(url), EXTRA, "fsspec")
         import fsspec
 
         self._url, (scheme, _, _) = url, url.partition("://")
@@ -219,30 +236,30 @@ class StoredFolder(Folder):
             self._store.mkdir(self._key, create_parents=False)
 
     def exists(self) -> bool:
-        return self._call(lambda: self._store.exists(self._key))
+        with _failing(self._url):
+            return self._call(lambda: self._store.exists(self._key))
 
     def has(self, name: str) -> bool:
-        return self._call(lambda: self._store.isfile(self._place(name)))
+        with _failing(self.path(name)):
+            return self._call(lambda: self._store.isfile(self._place(name)))
 
     def names(self, suffix: str) -> list[str]:
-        try:
-            places: list[str] = self._call(lambda: self._store.ls(self._key, detail=False, refresh=True))
-        except FileNotFoundError:
-            return []
+        places: list[str] = []
+        with _failing(self._url), suppress(FileNotFoundError):
+            places = self._call(lambda: self._store.ls(self._key, detail=False, refresh=True))
         return sorted(name for place in places if (name := place.rpartition("/")[2]).endswith(suffix))
 
     def size(self, name: str) -> int:
-        try:
+        with _failing(self.path(name)), suppress(FileNotFoundError):
             return self._call(lambda: self._store.size(self._place(name)))
-        except FileNotFoundError:
-            return 0
+        return 0
 
     def age(self, name: str) -> float:
-        changed = self._call(lambda: self._store.modified(self._place(name)))
-        return time.time() - changed.timestamp()
+        with _failing(self.path(name), unless=FileNotFoundError):
+            return time.time() - self._call(lambda: self._store.modified(self._place(name))).timestamp()
 
     def open(self, name: str) -> BinaryIO:
-        with scratch_folder() as folder:
+        with _failing(self.path(name), unless=FileNotFoundError), scratch_folder() as folder:
             copy = folder / "copy"
             self._call(lambda: self._store.get_file(self._place(name), str(copy)))
             return copy.open("rb")  # which stays readable without its name
@@ -259,20 +276,22 @@ class StoredFolder(Folder):
                 if tries == 1:  # a later one finds what the first has created in spite of its error
                     raise
 
-        try:
-            self._call(create)
-        except OSError as error:
-            if error.errno not in UNCONDITIONAL or self.has(name):
-                raise
-            self._call(lambda: self._store.pipe_file(self._place(name), content))
+        with _failing(self.path(name), "written"):
+            try:
+                self._call(create)
+            except OSError as error:
+                if error.errno not in UNCONDITIONAL or self.has(name):
+                    raise
+                self._call(lambda: self._store.pipe_file(self._place(name), content))
 
     def rewrite(self, name: str, content: bytes) -> None:
         if not self.has(name):
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-        self._call(lambda: self._store.pipe_file(self._place(name), content))
+            raise FileError(self.path(name), "cannot be written: it is removed")
+        with _failing(self.path(name), "written"):
+            self._call(lambda: self._store.pipe_file(self._place(name), content))
 
     def remove(self, name: str) -> None:
-        with suppress(FileNotFoundError):
+        with _failing(self.path(name), "removed"), suppress(FileNotFoundError):
             self._call(lambda: self._store.rm_file(self._place(name)))
 
     def destination(self, name: str) -> "UploadedFile":
@@ -280,7 +299,8 @@ class StoredFolder(Folder):
 
     def upload(self, file: str, name: str) -> None:
         """Writes the content of a local file as a file of the folder."""
-        self._call(lambda: self._store.put_file(file, self._place(name)))
+        with _failing(self.path(name), "written"):
+            self._call(lambda: self._store.put_file(file, self._place(name)))
 
     def _place(self, name: str) -> str:
         return f"{self._key}/{name}"
@@ -313,10 +333,7 @@ class UploadedFile(Destination):
         self.path = str(self._scratch.__enter__() / "file")
 
     def publish(self) -> list[Path]:
-        try:
-            self._folder.upload(self.path, self._name)
-        except OSError as error:
-            raise unwritable(self.shown, error) from None
+        self._folder.upload(self.path, self._name)
         return []  # which is not on this machine
 
     def take_back(self) -> None:
@@ -324,6 +341,17 @@ class UploadedFile(Destination):
 
     def discard(self) -> None:
         self._scratch.__exit__(None, None, None)
+
+
+@contextmanager
+def _failing(shown: str, how: str = "read", unless: type[OSError] | tuple[()] = ()) -> Iterator[None]:
+    """Turns errors of the operating system or of a store into a FileError: a file cannot be `how`."""
+    try:
+        yield
+    except unless:
+        raise
+    except OSError as error:
+        raise FileError(shown, f"cannot be {how}: {error.strerror or error}") from None
 
 
 def _missing_library(url: str, scheme: str) -> UsageError:

@@ -10,7 +10,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.input_file import decoding, opened
+from mjrun.formats.folders import folder_at, opened_at
+from mjrun.formats.input_file import decoding
 from mjrun.formats.tables import input_format
 from mjrun.model.table_column import with_unit
 from mjrun.suffixes import MODELS
@@ -67,7 +68,7 @@ class StudyResults:
     """The results of the points of a study.
 
     Attributes:
-      folder: folder of the study.
+      folder: folder of the study, or its URL.
       parameters: names of the varied parameters.
       metrics: names of the metrics.
       numbers: columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where a number is missing.
@@ -78,7 +79,7 @@ class StudyResults:
         it.
     """
 
-    folder: Path
+    folder: str
     parameters: Sequence[str]
     metrics: Sequence[str]
     numbers: Mapping[str, np.ndarray]
@@ -101,7 +102,7 @@ class StudyResults:
     @property
     def traces(self) -> Mapping[int, Path]:
         """The stored traces, by the number of their point."""
-        folders = sorted(self.folder.glob("points/*"))
+        folders = sorted(Path(self.folder).glob("points/*"))
         traces = {int(folder.name): folder / TRACE for folder in folders if folder.name.isdecimal()}
         return {point: path for point, path in traces.items() if path.is_file() and point < len(self)}
 
@@ -116,14 +117,13 @@ def read_study(folder: str | Path) -> StudyResults:
       FileError: the folder has no results, or they cannot be read.
       MissingExtraError: pyarrow is not installed.
     """
-    folder = Path(folder)
-    path = folder / RESULTS
-    input_format(path)  # which checks that its library is installed
-    if not path.is_file():
-        is_begun = (folder / "parts").is_dir()
-        collect = f"mjrun sweep {clean(str(folder))} --collect"
+    place = folder_at(folder)
+    path = place.path(RESULTS)
+    input_format(Path(path))  # which checks that its library is installed
+    if not place.has(RESULTS):
+        collect = f"mjrun sweep {clean(place.path())} --collect"
         unfinished = f"the study is not finished: `{collect}` makes a table of the finished points"
-        raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
+        raise FileError(place.path(), f"has no {RESULTS}", unfinished if (place / "parts").exists() else _HINT)
     numbers, texts, names, manifest, units = read_results(path)
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
         raise FileError(path, "holds no results of a study", _HINT)
@@ -134,11 +134,11 @@ def read_study(folder: str | Path) -> StudyResults:
     parameters = [name for name in names[1 : names.index(STATUS)] if name not in metrics]
     columns = manifest.get("columns")
     metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
-    sensitivity = _sensitivity(folder / SENSITIVITY) if (folder / SENSITIVITY).is_file() else {}
-    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns, units, sensitivity)
+    sensitivity = _sensitivity(place.path(SENSITIVITY)) if place.has(SENSITIVITY) else {}
+    return StudyResults(place.path(), parameters, metrics, numbers, texts, metric_columns, units, sensitivity)
 
 
-def _sensitivity(path: Path) -> dict[str, dict[str, dict[str, float]]]:
+def _sensitivity(path: str) -> dict[str, dict[str, dict[str, float]]]:
     """Reads indices by the names of metrics, indices and parameters.
 
     Raises:
@@ -154,23 +154,27 @@ def _sensitivity(path: Path) -> dict[str, dict[str, dict[str, float]]]:
     return made
 
 
-def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any], Mapping[str, str]]:
-    """Reads a table of results: its columns of numbers and of texts, all names in order, its manifest, and units.
+def read_results(path: str | Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any], Mapping[str, str]]:
+    """Reads a table of results at a path or a URL.
+
+    Returns:
+      Its columns of numbers and of texts, all names in order, its manifest, and units.
 
     Raises:
       FileError: it cannot be read.
       MissingExtraError: pyarrow is not installed.
     """
-    input_format(path)
+    shown = Path(path)
+    input_format(shown)
     from pyarrow import parquet
 
     from mjrun.formats.arrow_columns import column_numbers, parquet_columns, units
 
     numbers, texts = dict[str, np.ndarray](), dict[str, TextColumn]()
-    with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
+    with opened_at(path, "table", [shown.suffix]) as stream, decoding(shown, "cannot be read as results of a study"):
         schema = parquet.read_schema(stream)
         names, text_columns = schema.names, [field.name for field in schema if _is_text(field.type)]
-        for field, column in parquet_columns(path, stream, text_columns):
+        for field, column in parquet_columns(shown, stream, text_columns):
             if _is_text(column.type):
                 texts[field.name] = _text_column(column)
             else:

@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from mjrun.errors import Problem, suggestion
 from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfits, Schema, check
+from mjrun.suffixes import is_url
 
 V = TypeVar("V", contravariant=True)
 T = TypeVar("T")
@@ -205,13 +206,14 @@ class File(Kind[str | PathLike[str], str]):
 
     Attributes:
       written: True for an output; inputs are relative to the document's folder, outputs to the output folder.
+      stored: whether an output may be in a store, given by its URL.
     """
 
     metavar = "FILE"
 
-    def __init__(self, metavar: str = "", *, written: bool = False) -> None:
+    def __init__(self, metavar: str = "", *, written: bool = False, stored: bool = False) -> None:
         super().__init__(metavar)
-        self.written = written
+        self.written, self.stored = written, stored
 
     @property
     def form(self) -> Schema:
@@ -221,6 +223,8 @@ class File(Kind[str | PathLike[str], str]):
         path = fspath(value)
         if not path:  # usually an unset variable of a shell script
             raise InvalidValueError("the name of a file")
+        if self.written and not self.stored and is_url(path):
+            raise InvalidValueError("a path on this machine; only mjrun sweep writes its folder to a store")
         return path
 
     def read(self, value: object, reader: ReadingContext) -> object:

@@ -23,6 +23,7 @@ EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
     "sweep": (("scipy", "pyarrow"), "mjrun sweep"),
     "dask": (("distributed",), "mjrun sweep on Dask"),
     "slurm": (("submitit",), "mjrun sweep on Slurm"),
+    "cloud": (("fsspec",), "mjrun sweep in object stores"),
 }
 MOST_POINTS = 10_000_000  # of a study
 MOST_IN_CSV = 100_000  # points of a study whose table is also written as CSV without --csv
@@ -191,11 +192,12 @@ class StudyOptions(KeepOptions, PageOptions, VariationOptions, ConfidenceOptions
 
     simulation: object = field(kw_only=False)
     output: str = required(
-        converter=File("DIR", written=True),
+        converter=File("DIR", written=True, stored=True),
         kw_only=False,
         short="-o",
         usual="MODEL_study, or from the document",
-        help="Folder for the study; running again with the same folder continues the study.",
+        help="Folder for the study, on this machine or in an object store: s3://bucket/study. Running again with the "
+        "same folder continues the study.",
     )
     metric: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=EXPR", "drift=max(abs(energy/drift))"),

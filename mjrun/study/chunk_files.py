@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, MjrunError
+from mjrun.errors import MjrunError
 from mjrun.experiment.design_points import ABSENT, Design
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.folders import Folder, folder_at
@@ -178,10 +178,7 @@ class ChunkFiles:
         Raises:
           FileError: the folder cannot be created.
         """
-        try:
-            self.folder.create()
-        except OSError as error:
-            raise FileError(self.folder.path(), f"cannot be made: {error.strerror}") from None
+        self.folder.create()
 
     def exist(self) -> bool:
         """Returns whether the folder of the parts exists."""
@@ -302,8 +299,6 @@ class ChunkFiles:
                     schema = pyarrow.parquet.read_schema(stream)
             except FileNotFoundError:  # merged by another process
                 continue
-            except PermissionError as error:
-                raise FileError(self.folder.path(name), f"cannot be read: {error.strerror}") from None
             except (OSError, pyarrow.ArrowException):
                 damaged += [name] if PART.fullmatch(name) else []
                 continue
@@ -336,10 +331,7 @@ class ChunkFiles:
         Raises:
           FileError: the folder cannot be read.
         """
-        try:
-            return self.folder.names(SUFFIX)
-        except OSError as error:
-            raise FileError(self.folder.path(), f"cannot be read: {error.strerror or error}") from None
+        return self.folder.names(SUFFIX)
 
     def _put(self, name: str, known: ResultColumns) -> bool:
         """Adds the results in a part; returns False for one of another study whose hash begins with the same digits."""
@@ -360,16 +352,13 @@ class ChunkFiles:
 
         from mjrun.formats.arrow_columns import parquet_groups
 
-        path = self.folder.path(name)
         try:
             stream = self.folder.open(name)
         except FileNotFoundError:  # merged by another process: the new part is read instead
             return
-        except OSError as error:
-            raise FileError(path, f"cannot be read: {error.strerror or error}") from None
         try:
             with stream:
-                for table in parquet_groups(Path(path), stream, TEXTS, () if has_keys else ("key",)):
+                for table in parquet_groups(Path(self.folder.path(name)), stream, TEXTS, () if has_keys else ("key",)):
                     if not _is_part(table.schema, self._metrics, has_keys=has_keys):
                         return
                     yield _part_rows(table, self._metrics)

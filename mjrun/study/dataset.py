@@ -209,7 +209,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         """Writes the labels and returns the result; the points `lost` have results, but their files are missing."""
         results, folder = prepared.known, Path(self.output)
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
-        study_table(prepared.points, (), results, prepared.units).write(prepared.folder, facts)
+        study_table(prepared.points, (), results, prepared.units).write(folder, facts)
         self._remove_points_from(len(results))
         parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
         rejected = 0

@@ -17,6 +17,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.formats.folders import Folder, LocalFolder
 from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
@@ -112,8 +113,11 @@ def open_executor(
     return stack.enter_context(_made_by(engine)), count * QUEUED
 
 
-def check_engine(engine: str) -> None:
+def check_engine(engine: str, folder: Folder | None = None) -> None:
     """Refuses an engine that cannot be used, before anything is written.
+
+    Args:
+      folder: folder of the results.
 
     Raises:
       UsageError: the engine is unknown.
@@ -127,6 +131,9 @@ def check_engine(engine: str) -> None:
         require_extra("dask")
     elif engine == SLURM:
         require_extra("slurm")
+        if folder and not isinstance(folder, LocalFolder):
+            reason = f"the jobs need a folder that the machines share, and {clean(folder.path())} is in a store"
+            raise UsageError(f"{option('engine')} slurm: {reason}\nwrite a plan with {option('plan')} for a job array")
     elif engine != "local":
         _factory(engine)
 

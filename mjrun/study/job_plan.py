@@ -97,7 +97,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
         _require_identity(prepared, plan.identity)
         if points[-1] >= len(prepared.points.points):
             raise UsageError(f"the plan has a point {points[-1]}, but its study has {len(prepared.points.points)}")
-        check_engine(study.engine)
+        check_engine(study.engine, prepared.folder)
         prepared.numbers = points
         prepared.files.bounds = points[np.flatnonzero(np.diff(points, prepend=-2) > 1)]
         prepared.files.create()

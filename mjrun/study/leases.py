@@ -24,7 +24,6 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.destinations import unwritable
 from mjrun.formats.folders import Folder, folder_at
 from mjrun.platform import system
 from mjrun.study.chunk_files import NAMED, ChunkFiles
@@ -100,7 +99,7 @@ class LeaseContent:
             return cls(host, process, int(values["beat"]), int(values["points"]), float(values["seconds"]))
         except FileNotFoundError:
             raise
-        except (OSError, ValueError, TypeError, KeyError, OverflowError):
+        except (FileError, OSError, ValueError, TypeError, KeyError, OverflowError):
             return cls()
 
 
@@ -143,10 +142,7 @@ class Leases:
         name = f"{self._study[:NAMED]}-{first}-{last}-{self._owner}{SUFFIX}"
         lease = Lease(name, first, last, self._owner)
         with self._lock:
-            try:
-                self._folder.create_file(name, self._content())
-            except OSError as error:
-                raise unwritable(self._folder.path(name), error) from None
+            self._folder.create_file(name, self._content())
             self._own[lease] = points
         return lease
 
@@ -202,8 +198,9 @@ class Leases:
 
     def __exit__(self, *_: object) -> None:
         self._closed.set()
-        for lease in [*self._own]:
-            self._release(lease)
+        with self._lock, suppress(FileError):  # where one cannot be removed, others cannot, either: they will expire
+            for lease in [*self._own]:
+                self._folder.remove(lease.name)
 
     def _is_valid(self, lease: Lease, now: float, *, is_due: bool) -> bool:
         """Returns whether a process still works on a range; removes the lease of one that does not."""
@@ -219,14 +216,14 @@ class Leases:
         self._seen[lease.name] = content, since
         if now - since < EXPIRY and not system.has_ended(content.process):
             return True
-        with suppress(OSError):
+        with suppress(FileError):
             self._folder.remove(lease.name)
         return False
 
     def _release(self, lease: Lease) -> None:
         with self._lock:
             self._own.pop(lease, None)
-            with suppress(OSError):  # another process has taken it
+            with suppress(FileError):  # it will expire
                 self._folder.remove(lease.name)
 
     def _renew(self) -> None:
@@ -236,7 +233,7 @@ class Leases:
                 content = self._content()
                 for lease in self._own:
                     # Another process may have taken it, or the disk may be full.
-                    with suppress(OSError):
+                    with suppress(FileError):
                         self._folder.rewrite(lease.name, content)
 
     def _content(self) -> bytes:

@@ -20,6 +20,7 @@ from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.experiment.point_conditions import parameter_names
 from mjrun.experiment.results_table import TableNames
 from mjrun.formats.atomic_output import written_file
+from mjrun.formats.folders import LocalFolder
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
 from mjrun.options.option import options_of
 from mjrun.options.sweep import KeepOptions
@@ -72,6 +73,10 @@ class PointKeeper:
         self._choice = PointChoice(options, prepared.points.names, [name for name, _ in prepared.spec.metrics])
         kinds = {*options.keep, *(["video"] if options.contact_sheet is not None else [])}
         self.kinds = tuple(kind for kind in NAMES if kind in kinds)
+        if self.kinds and not isinstance(prepared.folder, LocalFolder):
+            name, url = "keep" if options.keep else "contact_sheet", clean(prepared.folder.path())
+            where = f"files of points are made on this machine, and {url} is in a store"
+            raise UsageError(f"{option(name)}: {where}\nuse a local folder with the same points")
         if options.contact_sheet is not None:
             from mjrun.formats.codecs import encoding  # slow to import, and few studies keep files
 
@@ -158,7 +163,7 @@ class PointKeeper:
             "steps": result.steps,
             "metrics": {name: value if np.isfinite(value) else None for name, value in metrics.items()},
         }
-        folder = prepared.folder / FOLDER / f"{index:06}"
+        folder = Path(prepared.folder.path(FOLDER)) / f"{index:06}"
         key, every = prepared.keys[index], prepared.spec.every
         return PointOutputs(folder, simulation, key, self.kinds, self._options, every, facts)
 

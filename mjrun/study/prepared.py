@@ -90,8 +90,8 @@ class PreparedStudy(PreparedPoints):
             written = with_end(options.metric, base) if self.spec.metrics else ()
             metrics = self._check(options, written)
             self.columns, self.units = metric_columns(metrics), self._units(written, metrics)
-            folder, names = Path(options.output), [name for name, _ in spec.metrics]
-            super().__init__(self.spec, self.points, self.shipped, folder, names)
+            names = [name for name, _ in spec.metrics]
+            super().__init__(self.spec, self.points, self.shipped, options.output, names)
 
     @cached_property
     def identity(self) -> Mapping[str, object]:

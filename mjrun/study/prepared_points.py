@@ -18,6 +18,7 @@ import numpy as np
 
 from mjrun.errors import clean, counted, listing
 from mjrun.experiment.design import Design
+from mjrun.formats.folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
@@ -67,19 +68,20 @@ class PreparedPoints(ABC):
       spec: specification of the points.
       points: parameters and the values of each point.
       shipped: the specification as processes receive it.
-      folder: folder of the results.
+      folder: folder of the results, or its URL.
       metrics: names of the numbers of each result.
 
     Attributes:
+      folder: folder of the results.
       files: files of results.
       numbers: the points that this process works on, ascending; all of them unless it is assigned before they are read.
     """
 
     def __init__(
-        self, spec: PointSpec, points: Design, shipped: ShippedStudy, folder: Path, metrics: Sequence[str]
+        self, spec: PointSpec, points: Design, shipped: ShippedStudy, folder: str | Path, metrics: Sequence[str]
     ) -> None:
-        self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder
-        self.files = ChunkFiles(folder, metrics, self._digest())
+        self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder_at(folder)
+        self.files = ChunkFiles(self.folder, metrics, self._digest())
         self.numbers = np.arange(len(points.points))
 
     @cached_property
@@ -194,7 +196,7 @@ class PreparedPoints(ABC):
             ExitStack() as stack,
         ):
             executor, ahead = executors.open_executor(
-                options.engine, options.jobs, self.folder, stack, options.slurm, reporter.note
+                options.engine, options.jobs, Path(self.folder.path()), stack, options.slurm, reporter.note
             )
             leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
             for arrived in self._completed(executor, leased, ahead, options, budget, reporter):

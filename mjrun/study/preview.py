@@ -95,7 +95,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
     parts = len(sizes) if wall is None else min(len(sizes), 1 + int(wall / INTERVAL))
     part = part_bytes([name for name, _ in prepared.spec.metrics], len(missing) // parts) if parts else 0
     return StudyPreview(
-        path=str(prepared.folder),
+        path=prepared.folder.path(),
         points=count,
         known=count - len(missing),
         missing=len(missing),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
+from mjrun.formats.folders import Folder, folder_at
 from mjrun.options.sweep import MANIFEST
 from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
@@ -99,9 +100,9 @@ def study_status(folder: str | Path) -> StudyStatus:
     Raises:
       FileError: the folder is not that of a study, or cannot be read.
     """
-    folder = Path(folder)
-    points, metrics, study = study_facts(folder)
-    files, known = ChunkFiles(folder, metrics, study), ResultColumns(range(points), len(metrics))
+    place = folder_at(folder)
+    points, metrics, study = study_facts(place)
+    files, known = ChunkFiles(place, metrics, study), ResultColumns(range(points), len(metrics))
     leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease
     files.update(known, 0, points - 1)
     running, rates = list[RunningRange](), dict[str, float]()
@@ -114,7 +115,7 @@ def study_status(folder: str | Path) -> StudyStatus:
         rates[lease.owner] = content.points / content.seconds if content.seconds > 0 else 0.0
     missing, rate = int(known.is_missing.sum()), sum(rates.values()) or None
     return StudyStatus(
-        path=str(folder),
+        path=place.path(),
         points=points,
         done=points - missing,
         failed=int((known.status != 0).sum()) - missing,
@@ -126,17 +127,18 @@ def study_status(folder: str | Path) -> StudyStatus:
     )
 
 
-def study_facts(folder: Path) -> tuple[int, list[str], str]:
+def study_facts(folder: Folder) -> tuple[int, list[str], str]:
     """Returns the number of points of a study, its metrics and its hash.
 
     Raises:
       FileError: the manifest cannot be read, or is of an older version of mjrun.
     """
-    path = folder / MANIFEST
+    path = folder.path(MANIFEST)
     try:
-        facts = json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise FileError(folder, f"has no {MANIFEST}: {error.strerror}", HINT) from None
+        with folder.open(MANIFEST) as stream:
+            facts = json.loads(stream.read())
+    except FileNotFoundError:
+        raise FileError(folder.path(), f"has no {MANIFEST}", HINT) from None
     except ValueError:
         raise FileError(path, "is not the manifest of a study", HINT) from None
     match facts:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -29,7 +28,9 @@ from mjrun.experiment.sample_designs import SAMPLES
 from mjrun.experiment.sensitivity import MetricSensitivity
 from mjrun.experiment.statistics import CONFIDENCE
 from mjrun.formats.atomic_output import OutputWriter, publish_together
+from mjrun.formats.folders import folder_at
 from mjrun.formats.study_reader import read_study
+from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
@@ -100,7 +101,7 @@ class Study(StudyOptions, ExecutionOptions):
                 check_page(self.html)
             prepared = PreparedStudy(self, self.spec)
             keeper = PointKeeper(self, prepared)
-            check_engine(self.engine)
+            check_engine(self.engine, prepared.folder)
             prepared.files.create()
             prepared.warn_of_damaged(reporter)
             self._report_changes(prepared, reporter)
@@ -156,13 +157,14 @@ class Study(StudyOptions, ExecutionOptions):
     def manifest_writer(self, facts: Mapping[str, object]) -> OutputWriter:
         """Writes the manifest, to be published by the caller."""
         document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
-        return manifest_writer(Path(self.output) / MANIFEST, document)
+        return manifest_writer(folder_at(self.output).path(MANIFEST), document)
 
     def _report_changes(self, prepared: PreparedStudy, reporter: Reporter) -> None:
         """Reports the keys of the document, files, code and versions that have changed since the last run."""
         try:
-            before = json.loads((Path(self.output) / MANIFEST).read_text("utf-8"))
-        except (OSError, ValueError):
+            with prepared.folder.open(MANIFEST) as stream:
+                before = json.loads(stream.read())
+        except (OSError, FileError, ValueError):
             return
         now = json.loads(json.dumps({"study": self.document, "identity": prepared.identity_hashes}, default=str))
         changed = [
@@ -187,24 +189,27 @@ class Study(StudyOptions, ExecutionOptions):
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
         values = {name: results.metrics[:, index] for index, name in enumerate(names)}
         means = repeats.RepeatMeans(points, values, self.confidence)
-        others = dict[tuple[str, ...], ResultsTable]()
+        tables: dict[tuple[str, ...], ResultsTable] = {FILES: table}
         if means.design.points:
-            others[repeats.FILES] = means.table(prepared.units)
+            tables[repeats.FILES] = means.table(prepared.units)
         indices = list[MetricSensitivity]()
         if self.sampler in SAMPLES:
             seed = self.simulation.seed
             indices = sensitivity.sensitivities(self.sampler, points.names, values, self.confidence, seed)
         if indices:
-            others[sensitivity.FILES] = sensitivity.sensitivity_table(indices)
+            tables[sensitivity.FILES] = sensitivity.sensitivity_table(indices)
+        files = list[str]()
         with ExitStack() as stack:
-            # The same for all runs, unlike the manifest.
-            writers = table.open(stack, prepared.folder, facts, self._tables(FILES, len(results)))
-            for own_files, other in others.items():
-                writers += other.open(stack, prepared.folder, facts, self._tables(own_files, len(other.rows)))
-            files = publish_together(writers)
-        for path in (prepared.folder / name for name in (*FILES, *repeats.FILES, *sensitivity.FILES)):
-            if path not in files:  # of an earlier run of other points
-                path.unlink(missing_ok=True)
+            writers = list[TableWriter]()
+            for names_of_files, each in tables.items():
+                chosen = self._tables(names_of_files, len(each))
+                writers += each.open(
+                    stack, prepared.folder, facts, chosen
+                )  # the same for all runs, unlike the manifest
+                files += chosen
+            publish_together(writers)
+        for name in {*FILES, *repeats.FILES, *sensitivity.FILES}.difference(files):  # of an earlier run of other points
+            prepared.folder.remove(name)
 
         verdicts, kept = list[Verdict](), KeptFiles()
         if not results.is_missing.any() and (self.require or keeper.kinds):
@@ -213,14 +218,14 @@ class Study(StudyOptions, ExecutionOptions):
             verdicts = requirements.verdicts(numbers | table.flags("status", STATUSES))
             kept = keeper.keep(numbers, results, self.processes, reporter)
         result = StudyResult(
-            path=str(prepared.folder),
+            path=prepared.folder.path(),
             points=len(results),
             simulated=simulated,
             statuses=results.counts,
             metrics={name: replace(_summary(points, values[name]), unit=prepared.units[name]) for name in names},
             failures=point_failures(points, results),
             assertions=verdicts,
-            files=[*map(str, files), str(prepared.folder / MANIFEST)],
+            files=[prepared.folder.path(name) for name in (*files, MANIFEST)],
             wall=time.perf_counter() - start,
             names=points.names,
             kept=kept,

@@ -45,9 +45,8 @@ def write_study_page(
     figures, notes = study_figures(result.path)
     statuses = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
     failed = result.points - result.statuses.get("ok", 0)
-    folder = Path(result.path)
     page = Page(
-        title=f"{clean(folder.name)}: study of {clean(model)}",
+        title=f"{clean(Path(result.path).name)}: study of {clean(model)}",
         maker=MAKER,
         verdict=(not failed, f"{result.points:,} points: {statuses}"),
         verdicts=[(result.path, verdict) for verdict in result.assertions],
@@ -60,7 +59,9 @@ def write_study_page(
         ],
         figures=figures,
         files=shown_files([path for path in result.kept.files if Path(path).suffix in VIDEOS], options),
-        manifests=[origin(folder / MANIFEST, {**facts, "model": {"path": model, "sha256": facts["model"]}}, FACTS)],
+        manifests=[
+            origin(f"{result.path}/{MANIFEST}", {**facts, "model": {"path": model, "sha256": facts["model"]}}, FACTS)
+        ],
         notes=notes,
     )
     write_results_page(options.html, page)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.destinations import unwritable
-from mjrun.formats.folders import Folder
+from mjrun.formats.folders import Folder, LocalFolder, folder_at
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.platform import system
 from mjrun.study.chunk_files import ChunkFiles
@@ -63,22 +62,35 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     Raises:
       FileError: the folder is not that of a study, a process works on it, or a file cannot be removed.
     """
-    folder = Path(folder)
-    points, metrics, study = study_facts(folder)
-    files, known = ChunkFiles(folder, metrics, study), ResultColumns(range(points), len(metrics))
+    place = folder_at(folder)
+    points, metrics, study = study_facts(place)
+    files, known = ChunkFiles(place, metrics, study), ResultColumns(range(points), len(metrics))
     leases = _ended_leases(files.folder)
     files.update(known, 0, points - 1)
     missing = int(known.is_missing.sum())
     others, damaged = files.unused()
+    names = {
+        "outdated part": [] if missing else others,
+        "damaged part": damaged,
+        "abandoned lease": leases,
+    }
+    counts = [UnusedKind(noun, len(some), sum(map(files.folder.size, some))) for noun, some in names.items() if some]
+    for name in () if dry_run else [name for some in names.values() for name in some]:
+        files.folder.remove(name)
+    if isinstance(place, LocalFolder):
+        counts += _remove_temporary(Path(place.path()), Path(files.folder.path()), dry_run=dry_run)
+    return UnusedFiles(place.path(), not dry_run, counts, missing if others else 0)
+
+
+def _remove_temporary(folder: Path, parts: Path, *, dry_run: bool) -> list[UnusedKind]:
+    """Removes temporary files, and the logs of Slurm jobs.
+
+    Raises:
+      FileError: one cannot be removed.
+    """
     runs = [path for path in (folder / SLURM).glob("*") if RUN.fullmatch(path.name) and path.is_dir()]
-    with left_behind(folder) as above, left_behind(Path(files.folder.path())) as beside:
-        kinds = {
-            "outdated part": [] if missing else [Path(files.folder.path(name)) for name in others],
-            "damaged part": [Path(files.folder.path(name)) for name in damaged],
-            "abandoned lease": [Path(files.folder.path(name)) for name in leases],
-            "temporary file": [*above, *beside],
-            "log folder": runs,
-        }
+    with left_behind(folder) as above, left_behind(parts) as beside:
+        kinds = {"temporary file": [*above, *beside], "log folder": runs}
         counts = [UnusedKind(noun, len(paths), sum(map(_size, paths))) for noun, paths in kinds.items() if paths]
         for path in () if dry_run else [path for paths in kinds.values() for path in paths]:
             remove(path)
@@ -87,7 +99,7 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     if runs and not dry_run:
         with suppress(OSError):
             (folder / SLURM).rmdir()
-    return UnusedFiles(str(folder), not dry_run, counts, missing if others else 0)
+    return counts
 
 
 def _ended_leases(folder: Folder) -> list[str]:
@@ -100,12 +112,9 @@ def _ended_leases(folder: Folder) -> list[str]:
     if not names:
         return []
     probe = f".{secrets.token_hex(8)}.probe"
-    try:
-        folder.create_file(probe, b"")  # the clock that has written the leases need not be that of this machine
-        now = folder.age(probe)
-        folder.remove(probe)
-    except OSError as error:
-        raise unwritable(folder.path(), error) from None
+    folder.create_file(probe, b"")  # the clock that has written the leases need not be that of this machine
+    now = folder.age(probe)
+    folder.remove(probe)
     ended = list[str]()
     for name in names:
         with suppress(OSError):  # its owner has released it

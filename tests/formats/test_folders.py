@@ -12,7 +12,8 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.atomic_output import OutputWriter, written_file
-from mjrun.formats.folders import DELAYS, Folder, destination_at, folder_at, is_url
+from mjrun.formats.folders import DELAYS, Folder, destination_at, folder_at
+from mjrun.suffixes import is_url
 
 NUMBERS = itertools.count()
 
@@ -72,14 +73,16 @@ def test_every_folder_does_the_same(folder: Folder) -> None:
     assert parts.names("") == []
     parts.create()
     parts.create_file("b.lease", b"one")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileError, match=r"b\.lease: cannot be written: .*[Ee]xists|b\.lease"):
         parts.create_file("b.lease", b"other")
     assert content(parts, "b.lease") == b"one"
     parts.rewrite("b.lease", b"2")
     assert content(parts, "b.lease") == b"2"
     assert 0 <= parts.age("b.lease") + 1 < 60
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileError):
         parts.rewrite("a.lease", b"")
+    with pytest.raises(FileNotFoundError):
+        parts.age("a.lease")
     with pytest.raises(FileNotFoundError):
         parts.open("a.lease")
 
@@ -121,7 +124,7 @@ def test_errors_that_stay_are_raised_and_nothing_is_published(unsteady: Folder) 
 
 def test_an_error_that_cannot_pass_is_raised_at_once(unsteady: Folder) -> None:
     Unsteady.faults = [PermissionError("Access Denied")]
-    with pytest.raises(PermissionError):
+    with pytest.raises(FileError, match=r"/a: cannot be written: Access Denied$"):
         unsteady.create_file("a", b"")
 
 

@@ -41,7 +41,7 @@ from mjrun.options.sweep import (
     StudyOptions,
 )
 from mjrun.platform.cores import available_cores
-from mjrun.suffixes import is_yaml
+from mjrun.suffixes import is_url, is_yaml
 
 if TYPE_CHECKING:
     from mjrun.study.job_plan import StudyPlan
@@ -135,8 +135,9 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 def _start_early(command_line: CommandLine) -> None:
     """Starts simulating processes in advance, if some will be needed."""
     other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
-    folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
-    is_new = not exists(folder / PARTS) and not exists(Path(command_line.argument("model")) / PARTS)
+    model = command_line.argument("model")
+    folder = str(command_line.value("output") or (model if is_url(model) else f"{stem(command_line)}_study"))
+    is_new = not any(exists(Path(place) / PARTS) for place in (folder, model))  # or in a store, which takes time to ask
     execution = command_line.make(ExecutionOptions)
     if not other_task and is_new and execution.engine == "local":
         from mjrun.child_process import may_fork
@@ -167,7 +168,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         if not command_line.make(StudyCommandOptions).collect:
             raise UsageError(f"{clean(model)} is a plan; give {option('task')} I/N or {option('collect')}")
         return replace(_plan(command_line).study, command=console.command), nullcontext
-    if is_file(Path(model) / MANIFEST):
+    if is_url(model) or is_file(Path(model) / MANIFEST):
         from mjrun.document.study import read_folder
 
         study = read_folder(model, _beside_study(command_line, model))
@@ -217,7 +218,7 @@ def _with_document(study: "Study", *, required: bool = False) -> "Study":
     from mjrun.document.study import portable_document
 
     with nullcontext() if required else suppress(UsageError):
-        return replace(study, document=portable_document(study, Path(study.output)))
+        return replace(study, document=portable_document(study, study.output))
     return study
 
 
@@ -274,7 +275,8 @@ def _existing_folder(command_line: CommandLine, name: str) -> str:
     model, output = command_line.argument("model"), command_line.value("output")
     if output is None and (is_study(model) or _is_plan(model)):
         raise UsageError(f"{option(name)} requires the folder of the study: give it instead of {clean(model)}")
-    return model if output is None and is_folder(model) else str(output or f"{stem(command_line)}_study")
+    is_study_folder = output is None and (is_url(model) or is_folder(model))
+    return model if is_study_folder else str(output or f"{stem(command_line)}_study")
 
 
 def _require_said_there(command_line: CommandLine, file: str) -> None:
@@ -294,8 +296,6 @@ def _require_said_there(command_line: CommandLine, file: str) -> None:
 
 
 def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
-    from mjrun.experiment.results_table import FILES
-
     def summary() -> str:
         from mjrun.cli.sweep_report import study_report
 
@@ -306,7 +306,12 @@ def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
 
         return study_markdown(result, study.simulation)
 
+    def table() -> str:
+        from mjrun.formats.folders import opened_at
+
+        with opened_at(result.files[1], "table", [".csv"]) as file:
+            return file.read().decode().rstrip("\n")
+
     result = results[0]
-    table = Path(result.path, FILES[1])
-    forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n"), "markdown": markdown}
+    forms = {"csv": table, "markdown": markdown}
     return Report("sweep", result, summary=summary, forms=forms)

@@ -27,7 +27,9 @@ def results(folder: Path, count: int) -> StudyResults:
         trace = pd.DataFrame({"time": TIMES, "qpos/hip": np.sin(TIMES + point), "qpos/knee": TIMES, "ctrl/m": TIMES})
         trace.to_parquet(home / "trace.parquet")
     seeds, texts = np.arange(count, dtype=float), {"status": TextColumn.of(["ok"] * count)}
-    return StudyResults(folder, ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, ["qpos/knee", "xpos/hip/x"])
+    return StudyResults(
+        str(folder), ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, ["qpos/knee", "xpos/hip/x"]
+    )
 
 
 def drawing(study: StudyResults, **options: object) -> StudyDrawing:
