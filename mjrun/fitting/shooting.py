@@ -143,6 +143,10 @@ class Shooting:
             ends = together(self._predictor, tasks)
             best = min([search.best, *ends], key=lambda each: each.cost)
             search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
+            if best.reduced >= EXPLAINED:  # slopes find what contacts elsewhere in the model do not make rough
+                search.ways.append("whole segments from their end")
+                smooth = self.solve(whole, best.coordinates, best.states, noise)
+                search.best = smooth if smooth.reduced < EXPLAINED else search.best
         if search.best.cost <= own.cost:
             return search
         if self._is_rough:  # no simulation is nearer to the log than that of the original model

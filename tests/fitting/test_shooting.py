@@ -1,17 +1,22 @@
 """Shooting finds what a bare loop was simulated with."""
 
+from pathlib import Path
+
+import mujoco
 import numpy as np
 import pytest
 
 from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fitting.information import intervals
+from mjrun.fitting.measurements import Segment
+from mjrun.fitting.rotations_and_noise import first_noise
 from mjrun.fitting.shooting_problem import together
 from mjrun.fitting.solution import with_noise
 from tests.fitting.box import FRICTION, box_shooting
 from tests.fitting.cart import TRUTH as CART_TRUTH
 from tests.fitting.cart import cart_log, cart_shooting
 from tests.fitting.logs import NOISE, TRUTH
-from tests.fitting.problems import THREE, predictor_of, segments, shooting, solved
+from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
 
 
 def test_without_noise_it_finds_the_truth() -> None:
@@ -60,6 +65,35 @@ def test_intervals_of_rough_motions_contain_the_truth() -> None:
     best = shoot.search([log], [np.array([0.4])], noise).best
     known = intervals(with_noise(best, best.observed_noise), parameters, 0.95, 0)
     assert known.low[0] < FRICTION < known.high[0]
+
+
+@pytest.mark.slow
+def test_contacts_elsewhere_in_the_model_do_not_keep_a_joint_from_the_truth(tmp_path: Path) -> None:
+    """A damped pendulum beside a box that slides, by a bare loop."""
+    mjcf = """<mujoco><worldbody><geom type="plane" size="5 5 .1" friction=".4"/>
+    <body pos="0 0 .1"><joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+    <geom type="box" size=".1 .1 .1" mass="1" friction=".01"/></body>
+    <body pos="0 2 1"><joint name="hip" axis="0 1 0" damping="{}"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.5" size=".03" mass="1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(mjcf.format(0.05))
+    data, generator = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[2], data.qvel[0] = 1, 2
+    times, rows = list[float](), list[np.ndarray]()
+    for step in range(250):
+        if step % 5 == 0:
+            times.append(data.time)
+            rows.append(data.qpos + generator.normal(0, 0.002, 3))
+        mujoco.mj_step(model, data)
+
+    path = tmp_path / "model.xml"
+    path.write_text(mjcf.format(0.3))
+    log = Segment("log", np.array(times), np.array(rows), np.zeros((len(times), 0)))
+    free, signals = (("joint/hip.damping", "0..1"),), ["qpos/x", "qpos/z", "qpos/hip"]
+    shoot, predictor, _, _ = shooting_of(path, free, signals, [], log)
+    noise = first_noise([log.values], predictor.rotations)
+    best = shoot.search([log], [np.array([0.3]), np.array([0.7])], noise).best
+    assert best.reduced < EXPLAINED
+    assert abs(best.coordinates[0] - 0.05) < 0.002
 
 
 def test_stages_are_longer_and_longer_stretches() -> None:
