@@ -1,10 +1,14 @@
 """Studies before they run: prepared, previewed against the study that is run, and planned for tasks."""
 
+import errno
+import os
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -106,6 +110,44 @@ def test_a_plan_of_another_model_or_version_is_refused(study: Study, tmp_path: P
     (tmp_path / "ball.xml").write_text(BALL.replace("0.002", "0.001"))
     with pytest.raises(UsageError, match=r"^the plan was made with other model; files\n"):
         task(made, 1, 1)
+
+
+def test_a_plan_that_is_edited_between_tasks_is_refused(study: Study) -> None:
+    made = plan(study)
+    for change, expected in (
+        ({"metric": {"low": "max(qpos/ball/z)"}}, r"^the plan was made with other metrics\n"),
+        ({"vary": {"qpos/ball/z": "0.2..1:10"}}, r"^the plan was made with other points\n"),
+    ):
+        with pytest.raises(UsageError, match=expected):
+            task(replace(made, study=replace(study, **change)), 1, 1)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="the plan has a point 10, but its study has 10"):
+        task(replace(made, ranges=[(0, 11)]), 1, 1)
+    assert [*Path(study.output, "parts").iterdir()] == []
+
+
+@pytest.mark.slow
+def test_a_full_disk_costs_a_task_what_it_could_not_write(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = replace(study, chunk=1)
+    made, written = plan(study), list[object]()
+    write = pyarrow.parquet.ParquetWriter.write_table
+
+    def write_once(*arguments: Any) -> None:
+        written.append(arguments)
+        if len(written) > 1:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(*arguments)
+
+    monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0)  # a part for each chunk
+    with monkeypatch.context() as patch:
+        patch.setattr(pyarrow.parquet.ParquetWriter, "write_table", write_once)
+        with pytest.raises(FileError, match="cannot be written: No space left on device"):
+            task(made, 1, 2)
+    (part,) = Path(study.output, "parts").iterdir()  # neither a lease nor half a part
+    rows = pyarrow.parquet.read_metadata(part).num_rows
+    assert task(made, 1, 1).simulated == 10 - rows
+    with pytest.raises(FailedPointsError) as caught:
+        study.collect()
+    assert caught.value.results[0].statuses == {"ok": 5, "unstable": 5}
 
 
 def test_requirements_are_not_judged_while_points_are_missing(study: Study) -> None:
