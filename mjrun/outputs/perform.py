@@ -277,27 +277,25 @@ class Pass(Generic[R]):
         except errors.MjrunError as error:
             self.failures[index] = self._plans[index].preview.path, error
 
-    def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, dict[str, object]]:
+    def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, Mapping[str, object]]:
         """Publishes an output together with its manifest; returns its files, its result and its facts."""
-        output, manifest = self.outputs[index], self._manifests[index]
+        manifest = self._manifests[index]
+        summary = PassSummary(time.perf_counter() - self._start, self._simulation_wall, warnings)
 
-        def described(files: Sequence[Path]) -> tuple[Sequence[Path], R, dict[str, object]]:
-            summary = PassSummary(time.perf_counter() - self._start, self._simulation_wall, warnings)
-            result = replace(output.result(files, summary), episode=self.episode)
-            failure = None if self.instability is None else str(self.instability)
-            return files, result, {**output.facts, "result": asdict(result), "failure": failure}
-
-        if manifest is None:
-            return described(publish_together(self._writers[index]))
-        descriptions: list[tuple[Sequence[Path], R, dict[str, object]]] = []
-
-        def written(files: Sequence[Path]) -> ManifestWriter:
-            descriptions.append(described(files))
-            manifest.write(descriptions[0][2], files)
+        def written(manifest: ManifestWriter, files: Sequence[Path]) -> ManifestWriter:
+            _, facts = self._described(index, files, summary)
+            manifest.write(facts, files)
             return manifest
 
-        publish_together(self._writers[index], written)
-        return descriptions[0]
+        files = publish_together(self._writers[index], partial(written, manifest) if manifest else None)
+        return files, *self._described(index, files, summary)
+
+    def _described(self, index: int, files: Sequence[Path], summary: PassSummary) -> tuple[R, Mapping[str, object]]:
+        """Returns the result and the facts of an output whose files are in their places."""
+        output = self.outputs[index]
+        result = replace(output.result(files, summary), episode=self.episode)
+        failure = None if self.instability is None else str(self.instability)
+        return result, {**output.facts, "result": asdict(result), "failure": failure}
 
 
 def _plan(
