@@ -11,10 +11,9 @@ from typing import cast
 import mujoco
 
 from mjrun.camera.easing_and_shake import EASINGS, EasedNumber
-from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.script import CameraScript, Shot
+from mjrun.camera.script import RIGS, CameraScript, Shot
 from mjrun.camera.setting_kinds import ObjectName
 from mjrun.camera.targets import Vector
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option

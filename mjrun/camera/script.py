@@ -1,12 +1,14 @@
 """Camera scripts as plain values: shots in time, each with a rig. Names are not yet resolved in a model."""
 
+import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
+from importlib import import_module
 from typing import cast
 
+from mjrun.camera import rigs
 from mjrun.camera.easing_and_shake import BLENDS, Blend, EasedNumber, Shake
-from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.dataclass import dataclass
@@ -19,6 +21,12 @@ from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping, mappin
 from mjrun.timeline import rational
 
 END = "end"  # of the simulation
+
+for _module in pkgutil.iter_modules(rigs.__path__):
+    import_module(f"{rigs.__name__}.{_module.name}")
+
+# All rigs, by their names in documents and on the command line.
+RIGS: dict[str, type[Rig]] = {rig.kind: rig for rig in sorted(Rig.__subclasses__(), key=lambda rig: rig.kind)}
 
 
 @options

@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Report
 from mjrun.errors import clean
 
 if TYPE_CHECKING:

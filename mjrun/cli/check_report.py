@@ -13,7 +13,7 @@ from mjrun.check.check import CheckResult, ModelResult, worst_first
 from mjrun.check.codes import explanation, topic
 from mjrun.check.model_result import without_repeats
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path
-from mjrun.cli.report_forms import Case, Report
+from mjrun.cli.console import Case, Report
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import clean
 from mjrun.version import __version__

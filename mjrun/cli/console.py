@@ -1,22 +1,24 @@
-"""Output of commands: the payload on stdout, everything else on stderr."""
+"""Reports of commands, and their output: the payload on stdout, everything else on stderr."""
 
 import contextlib
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, field
 from functools import partial
-from typing import TYPE_CHECKING, TextIO
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from mjrun.cli.report_forms import Report
 
 from mjrun.cli.colors import coloured_message, is_coloured
 from mjrun.cli.standard_streams import STDERR, STDOUT, PayloadStream, text_stream
 from mjrun.confinement.confinement import confinement
+from mjrun.dataclass import dataclass
 from mjrun.errors import FailureReport, flag, spelled
 from mjrun.shared_status import note_answered
 
@@ -30,6 +32,65 @@ def document_form(arguments: Sequence[str]) -> str:
     """Returns the option by which a command line, possibly invalid, requests a document; empty for prose."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     return next((name for name in DOCUMENT_WRITERS if flag(name) in arguments[:end]), "")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A verdict of a command, as formats for CI systems report it.
+
+    Attributes:
+      name: the thing that was checked, such as a model.
+      level: `error`, `warning` or `note`; empty if it passed.
+      title: the name of the rule, or of the comparison.
+      text: the message; empty if it passed.
+      file: the file that the message is about; empty for none.
+      line: line in the file, if known.
+      repeats: true if an earlier case is the same but for its name, so that a list of places shows it once.
+    """
+
+    name: str
+    level: str = ""
+    title: str = ""
+    text: str = ""
+    file: str = ""
+    line: int | None = None
+    repeats: bool = False
+
+
+@dataclass(frozen=True)
+class Report:
+    """The report of a command; each form is made only if it is printed.
+
+    Attributes:
+      kind: the kind of its JSON document in `mjrun schema`; empty for a document without a schema.
+      result: the dataclass that the JSON document holds.
+      text: the requested information, which is printed even with --quiet.
+      summary: a summary of the actions, which --quiet suppresses.
+      forms: other forms for standard output, by option, such as `csv`: text, or a JSON document of another kind.
+      cases: its verdicts, for the formats in `mjrun.cli.report_formats`.
+      remark: the line on standard error beside another form; by default, the summary.
+      document: makes the JSON document, if it is not `result` alone.
+    """
+
+    kind: str
+    result: Any
+    text: Callable[[], str] = str
+    summary: Callable[[], str] = str
+    forms: Mapping[str, Callable[[], str | Mapping[str, object]]] = field(default_factory=dict[str, Any])
+    cases: Callable[[], Iterable[Case]] = tuple[Case, ...]
+    remark: Callable[[], str] | None = None
+    document: Callable[[Any], dict[str, object]] = asdict
+
+    def json(self) -> dict[str, object]:
+        """Returns the JSON document, which names its schema."""
+        named = {"schema": f"mjrun-{self.kind}-1"} if self.kind else {}
+        return {**self.document(self.result), **named}
+
+    def form(self, option: str) -> str | Mapping[str, object]:
+        """Returns the form that an option requests: one of `forms`, or its cases in a format for CI systems."""
+        if option in self.forms:
+            return self.forms[option]()
+        return import_module(f"mjrun.cli.report_formats.{option}").text(self.cases())
 
 
 class Console:
@@ -79,7 +140,7 @@ class Console:
         """Prints the command's answer, one line or a document, to stdout."""
         print(text, flush=True)  # noqa: T201
 
-    def answer(self, report: "Report", form: str = "", *, is_piped: bool = False) -> None:
+    def answer(self, report: Report, form: str = "", *, is_piped: bool = False) -> None:
         """Prints a report: as a document, in another form, or in prose.
 
         Args:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.report_forms import Case, Report
+from mjrun.cli.console import Case, Report
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
 from mjrun.cli.terminal_layout import TerminalLayout

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.console import Console, flag
-from mjrun.cli.report_forms import Case, Report
+from mjrun.cli.console import Case, Console, Report, flag
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.model import ServoOptions

@@ -3,15 +3,18 @@
 While the simulation runs, the state of every frame is saved; what the frames show is computed from the states.
 """
 
+import pkgutil
 from abc import abstractmethod
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property
-from typing import TypeVar
+from importlib import import_module
+from typing import Protocol, TypeVar
 
 import mujoco
+import numpy as np
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import PoseArray
@@ -19,9 +22,9 @@ from mjrun.camera.script import CameraScript, Event
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option
-from mjrun.options.option import options
+from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import SceneOptions
-from mjrun.outputs.decorations import PlannedDecoration, planned_decorations
+from mjrun.outputs import decorations
 from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
@@ -31,6 +34,8 @@ from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage
 from mjrun.rendering.visual import visual_of
+from mjrun.simulation.simulation import Simulation
+from mjrun.timeline import Timeline
 
 R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
@@ -65,6 +70,42 @@ class SceneJob(SceneOptions, Job[R_co]):
         Raises:
           UsageError: an event does not happen, or the schedule is impossible.
         """
+
+
+class PlannedDecoration(Protocol):
+    """Decorations of one option, with every name resolved in the model."""
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        """Remarks for the user."""
+        ...
+
+    def steps(self, timeline: Timeline) -> Sequence[int]:
+        """Returns the steps of the observed simulation whose states it needs."""
+        ...
+
+    def drawn(self, states: Iterable[np.ndarray], times: Sequence[float]) -> Sequence[Decoration]:
+        """Returns the decorations of frames at `times` [s], given the states at `steps`."""
+        ...
+
+
+def planned_decorations(
+    options: SceneOptions, model: mujoco.MjModel, simulation: Simulation | None = None
+) -> list[PlannedDecoration]:
+    """Plans the decorations in `options`, in the order in which the options are declared.
+
+    Args:
+      simulation: specifies how tables are read; if None, their columns have mjrun's names.
+
+    Raises:
+      UnknownNameError: an object, keyframe or setting is unknown.
+      UsageError: a setting is invalid, or a trace lacks positions.
+      FileError: a trace cannot be read.
+    """
+    known = {module.name for module in pkgutil.iter_modules(decorations.__path__)}
+    names = [each.name for each in options_of(type(options)) if each.name in known and is_given(options, each.name)]
+    modules = [import_module(f"{decorations.__name__}.{name}") for name in names]
+    return [module.planned(options, model, simulation or Simulation(model)) for module in modules]
 
 
 @dataclass(frozen=True)

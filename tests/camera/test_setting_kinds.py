@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.easing_and_shake import EasedNumber
-from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
+from mjrun.camera.script import RIGS
 from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.options.kinds import Choice, ReadingContext
 from mjrun.options.option import option, options, options_of, required

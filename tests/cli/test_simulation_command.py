@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.console import Console, flag
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.simulation_command import (
     import_mujoco,
     payload_on_stdout,

@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from mjrun.camera.easing_and_shake import BLENDS, EASINGS
-from mjrun.camera.rigs import RIGS
-from mjrun.camera.script import ShotForm
+from mjrun.camera.script import RIGS, ShotForm
 from mjrun.document import value_forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN

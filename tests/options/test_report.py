@@ -4,7 +4,7 @@ import pkgutil
 from importlib import import_module
 
 from mjrun.cli import report_formats
-from mjrun.cli.report_forms import Case
+from mjrun.cli.console import Case
 from mjrun.options.report import REPORT_FORMATS
 
 

@@ -5,8 +5,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import CommandLine, command
-from mjrun.cli.console import Console, flag
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import EncoderError, RendererError, WrongVersionError, clean
 

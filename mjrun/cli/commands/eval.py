@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, Report
 from mjrun.cli.report_formats.markdown import escaped, markdown_table
-from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import Column, interval_text, number
 from mjrun.errors import clean, counted

@@ -5,8 +5,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
-from mjrun.cli.console import Console
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make,

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
-from mjrun.cli.console import Console
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.cli.table_cells import Column, number
 from mjrun.errors import UsageError, clean, option

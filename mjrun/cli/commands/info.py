@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, Report
 from mjrun.cli.info_sections import SECTIONS, LineSection
-from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
-from mjrun.cli.console import Console
-from mjrun.cli.report_forms import Case, Report
+from mjrun.cli.console import Case, Console, Report
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, tell_reason, unchanged
 from mjrun.errors import clean

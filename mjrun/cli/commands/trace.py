@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
-from mjrun.cli.console import Console, flag
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import (
     import_mujoco,

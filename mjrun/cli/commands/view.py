@@ -3,8 +3,7 @@
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
-from mjrun.cli.console import Console
-from mjrun.cli.report_forms import Report
+from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import clean
 from mjrun.options.confinement import ConfinementOptions

@@ -5,7 +5,7 @@ https://docs.github.com/actions/reference/workflow-commands-for-github-actions
 
 from collections.abc import Iterable
 
-from mjrun.cli.report_forms import Case
+from mjrun.cli.console import Case
 from mjrun.errors import clean
 
 LEVELS = {"error": "error", "warning": "warning", "note": "notice"}

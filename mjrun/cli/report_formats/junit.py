@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from xml.sax.saxutils import escape, quoteattr
 
-from mjrun.cli.report_forms import Case
+from mjrun.cli.console import Case
 from mjrun.errors import clean
 
 FAILURES = ("error", "warning")

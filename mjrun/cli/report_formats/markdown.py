@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from mjrun.cli.report_forms import Case
+from mjrun.cli.console import Case
 from mjrun.cli.table_cells import Column
 from mjrun.errors import clean, counted
 

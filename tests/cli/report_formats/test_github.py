@@ -1,7 +1,7 @@
 """Annotations of GitHub Actions, whose commands are lines."""
 
+from mjrun.cli.console import Case
 from mjrun.cli.report_formats.github import text
-from mjrun.cli.report_forms import Case
 
 
 def test_an_annotation_is_one_line_whatever_it_says() -> None:

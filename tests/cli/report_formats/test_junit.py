@@ -2,8 +2,8 @@
 
 from xml.etree import ElementTree as ET
 
+from mjrun.cli.console import Case
 from mjrun.cli.report_formats.junit import text
-from mjrun.cli.report_forms import Case
 
 CASES = [
     Case("a.xml"),

@@ -5,8 +5,8 @@ from html import unescape
 
 from markdown_it import MarkdownIt
 
+from mjrun.cli.console import Case
 from mjrun.cli.report_formats.markdown import MOST, text
-from mjrun.cli.report_forms import Case
 
 
 def rows(cases: list[Case]) -> list[list[str]]:

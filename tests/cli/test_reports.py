@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mjrun.cli.console import DOCUMENT_WRITERS, Console, document_form
-from mjrun.cli.report_forms import Case, Report
+from mjrun.cli.console import DOCUMENT_WRITERS, Case, Console, Report, document_form
 from mjrun.errors import flag
 from mjrun.options.console import DOCUMENT_FORMS
 
