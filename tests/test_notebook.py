@@ -29,6 +29,9 @@ SMALLER = {
     "episodes=5": "episodes=2",
     "perturb=1e-7, duration=10": "perturb=1e-7, duration=2",
     "9}, duration=10": "9}, duration=1",
+    "duration=2, rate=100": "duration=0.5, rate=100",
+    "duration=1.5, set=arrows": "duration=0.5, set=arrows",
+    "duration=1, probe=probes": "duration=0.3, probe=probes",
     # The camera looks for the throw at every step; with longer ones it takes place too.
     r"dominos.xml\", duration=3": r"dominos.xml\", duration=3, timestep=0.002",
 }

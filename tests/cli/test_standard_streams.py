@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-PRINTING = ("--help", "--version", "info swing.xml", "check swing.xml", "trace swing.xml --steps 2")
+PRINTING = ("--help", "info swing.xml", "trace swing.xml --steps 2")
 IMAGE = "image swing.xml -o - --size 32x32"
 
 
