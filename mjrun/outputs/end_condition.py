@@ -1,12 +1,14 @@
 """The end of a simulation at the first step at which its condition `until` holds."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from mjrun.errors import SimulationError, concerning, option
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -68,12 +70,10 @@ def final_timeline(simulation: Simulation, model: mujoco.MjModel) -> Timeline:
         return timeline
     episode = simulation.episode.columns if simulation.episode else None
     sampler, done = ProbeSampler(model, condition.columns, timeline, episode), 0
-    try:
+    with collected_warnings(), suppress(SimulationError):  # which the outputs report if they precede the end
         for block in sampler.blocks(simulation.stepper(sampler.model), range(timeline.steps + 1)):
             table = block().values
             if count := int(condition.counts(sampler.names, table[None], np.array([len(table)]))[0]):
                 return Timeline.of_steps(timeline.timestep, done + count - 1)
             done += len(table)
-    except SimulationError:  # which the outputs report
-        pass
     return timeline

@@ -84,3 +84,8 @@ def test_a_condition_on_the_initial_state_leaves_one_frame(tmp_path: Path) -> No
     scene = Export(simulation, str(tmp_path / "still.glb")).run()
     assert (scene.frames, scene.steps) == (1, 0)
     assert not scene.warnings
+
+
+def test_a_simulation_that_would_fail_after_its_end_has_no_warnings(tmp_path: Path) -> None:
+    simulation = falling(tmp_path, "time >= 1", qvel={"drop": 9e9}, duration=2)
+    assert not Trace(simulation, str(tmp_path / "t.csv")).run().warnings
