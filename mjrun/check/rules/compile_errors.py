@@ -159,8 +159,10 @@ def _mesh(error: CompileError, match: re.Match[str]) -> Findings:
     message += f", in mesh {quoted(name)}" if name not in match["text"] else ""
     remedy = "look at its file: it is flat, incomplete or damaged"
     meshes = [e for e in error.source.elements() if e.tag == "mesh" and _name(e, "mesh") == name]
+    pointers = {finding.line for finding in asset_files.lfs_pointers(error.source)}  # which have their own finding
     for mesh in meshes[:1]:
-        yield COMPILE_ERROR.in_element(mesh, message, remedy)
+        if mesh.line not in pointers:
+            yield COMPILE_ERROR.in_element(mesh, message, remedy)
 
 
 def _not_finite(error: CompileError, match: re.Match[str]) -> Findings:
