@@ -48,7 +48,8 @@ NOT_IN_WARP = (
     f"{option('engine')} local simulates them"
 )
 ENOUGH = 512  # rows that are measured at once
-SIDE_BY_SIDE = 64  # most simulations in a batch: more only take memory
+SIDE_BY_SIDE = 1024  # most simulations in a batch
+ROWS = 2**15  # that the simulations of a batch may have in memory, of at most `ENOUGH` each
 
 _Expressions = tuple[Sequence[Metric], EndCondition | None]  # of one structure of models
 
@@ -66,11 +67,11 @@ class PointSimulator:
         self._world_fields: PerWorldFields | None = None
         if spec.engine == "c":
             self._engine = CEngine(threads=1)
-            self._most, self._most_bytes = SIDE_BY_SIDE, BYTES
+            self._most_bytes = BYTES
         else:
             device = WarpDevice()
             self._engine = WarpEngine(device)
-            self._most, self._most_bytes = WORLDS, WORLD_BYTES
+            self._most_bytes = WORLD_BYTES
             self._world_fields = PerWorldFields(device)
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
@@ -103,12 +104,18 @@ class PointSimulator:
                 continue
             batches.setdefault(ready.kind, []).append(ready)
             sizes |= _model_sizes([ready])
-            if sum(map(len, batches.values())) == self._most or sum(sizes.values()) > self._most_bytes:
+            if sum(map(len, batches.values())) >= self._most(ready) or sum(sizes.values()) > self._most_bytes:
                 largest = max(batches, key=lambda kind: len(batches[kind]))
                 yield [*self._side_by_side(batches.pop(largest))]
                 sizes = _model_sizes([ready for batch in batches.values() for ready in batch])
         for batch in batches.values():
             yield [*self._side_by_side(batch)]
+
+    def _most(self, ready: "_ReadyPoint") -> int:
+        """Returns the number of simulations in a batch: few if they are long, since more only take memory."""
+        if self._spec.engine == "warp":
+            return WORLDS
+        return min(SIDE_BY_SIDE, ROWS // min(ENOUGH, ready.timeline.steps + 1))
 
     def _ready(self, point: StudyPoint) -> "_ReadyPoint":
         simulation = self._spec.simulation(point.values)

@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self
 
 import mujoco
 import numpy as np
@@ -111,9 +111,8 @@ class StudySpec:
         return [*self.base.code, *(controller for _, controller in self.controllers)]
 
 
-@dataclass(frozen=True)
-class StudyPoint:
-    """A point: its index in the study, and its values."""
+class StudyPoint(NamedTuple):
+    """A point: its index in the study, and its values. There may be a million of them."""
 
     index: int
     values: tuple[str, ...]
