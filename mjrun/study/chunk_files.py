@@ -271,9 +271,16 @@ class ChunkFiles:
           FileError: a part cannot be written.
         """
         usable = [name for name in self._names() if name not in self.damaged]
-        ours = [name for name in usable if (part := _Name.of(name)) and part.study == self.study[:NAMED]]
+        self.merge_small([name for name in usable if (part := _Name.of(name)) and part.study == self.study[:NAMED]])
+
+    def merge_small(self, parts: Sequence[str]) -> None:
+        """Merges those of some parts of this study that are small, in order, into large ones.
+
+        Raises:
+          FileError: a part cannot be written.
+        """
         group, size = list[str](), 0
-        for name in [*ours, None]:
+        for name in [*parts, None]:
             own = self.folder.size(name) if name else 0
             if name and own < PART_BYTES // 2 and size + own <= PART_BYTES:
                 group.append(name)
@@ -411,7 +418,8 @@ class _UnreadablePartError(Exception):
 class PartWriter:
     """A writer of results that arrive within `interval` [s] as one part; writes all at the end of its `with` block.
 
-    Parts are merged as they accumulate, so that their number grows with the logarithm of the number of results.
+    Parts are merged as they accumulate, so that their number grows with the logarithm of the number of results, and at
+    the end, so that many tasks leave few files.
 
     Args:
       published: called with the points whose results have been published.
@@ -449,8 +457,12 @@ class PartWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None = None, *_: object) -> None:
         self._write()
+        if error is None:
+            for block in dict.fromkeys(block for block, _ in self._levels):
+                levels = sorted((level for own, level in self._levels if own == block), reverse=True)
+                self._files.merge_small([part for level in levels for part in self._levels[block, level]])
 
     def _write(self) -> None:
         waiting, self._waiting = self._waiting, {}

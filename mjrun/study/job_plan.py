@@ -99,7 +99,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
             raise UsageError(f"the plan has a point {points[-1]}, but its study has {len(prepared.points.points)}")
         check_engine(study.engine, prepared.folder)
         prepared.numbers = points
-        prepared.files.bounds = points[np.flatnonzero(np.diff(points, prepend=-2) > 1)]
+        prepared.files.bounds = task_blocks(points)
         prepared.files.create()
         prepared.warn_of_damaged(reporter)
         statuses = prepared.simulate(prepared.missing(study.retry_failed), study, reporter)
@@ -131,6 +131,11 @@ def task_points(ranges: Sequence[Range], task: int, tasks: int) -> np.ndarray:
     places = np.concatenate([np.array([], np.int64), *blocks])
     which = np.searchsorted(ends, places, "right")
     return places + (firsts - np.concatenate([[0], ends[:-1]]))[which]
+
+
+def task_blocks(points: np.ndarray) -> np.ndarray:
+    """Returns the first point of each block of neighbours, among the ascending points of a task `(n,)`."""
+    return points[np.flatnonzero(np.diff(points, prepend=-2) > 1)]
 
 
 def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> None:

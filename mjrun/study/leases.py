@@ -114,8 +114,9 @@ class Leases:
     def __init__(self, folder: str | Path | Folder, study: str) -> None:
         self._folder, self._study, self._owner = folder_at(folder), study, secrets.token_hex(4)
         self._own = dict[Lease, int]()  # the points of each that are not published
-        self._seen = dict[str, tuple[LeaseContent, float]]()  # of others, and the time since which it is the same
-        self._read = 0.0  # time of the last reading of their contents
+        self._seen = dict[
+            str, tuple[LeaseContent, float, float]
+        ]()  # of others, since when it is the same, and when it was read
         self._host, self._process = system.machine_name(), system.process_identity()
         self._start, self._beat, self.points = time.monotonic(), 0, 0
         self._lock, self._closed = threading.Lock(), threading.Event()
@@ -133,7 +134,7 @@ class Leases:
         lease = self._create(first, last, points)
         if self._thread.ident is None:
             self._thread.start()
-        if any(other.overlaps(first, last) for other in self.others()):
+        if self.others(lambda other: other.overlaps(first, last)):
             self._release(lease)
             return False
         return True
@@ -166,19 +167,20 @@ class Leases:
             if len(own):
                 self._release(lease)
 
-    def others(self) -> list[Lease]:
-        """Returns the leases of other processes that are still valid."""
+    def others(self, is_relevant: Callable[[Lease], bool] = lambda _: True) -> list[Lease]:
+        """Returns the leases of other processes that are relevant and still valid; the content of others is not read.
+
+        With thousands of processes, each of which reads the leases of all, the file system would do little else.
+        """
         leases = [lease for name in self._folder.names(SUFFIX) if (lease := Lease.of(name, self._study))]
-        others = [lease for lease in leases if lease.owner != self._owner]
-        names, now = {lease.name for lease in others}, time.monotonic()
-        is_due = now - self._read >= BEAT
-        self._read = now if is_due else self._read
+        others = [lease for lease in leases if lease.owner != self._owner and is_relevant(lease)]
+        names, now = {lease.name for lease in leases}, time.monotonic()
         self._seen = {name: seen for name, seen in self._seen.items() if name in names}
-        return [lease for lease in others if self._is_valid(lease, now, is_due=is_due)]
+        return [lease for lease in others if self._is_valid(lease, now)]
 
     def hosts(self) -> list[str]:
         """Returns the machines of the leases that `others` has read last."""
-        return sorted({clean(content.host) or "another machine" for content, _ in self._seen.values()})
+        return sorted({clean(content.host) or "another machine" for content, _, _ in self._seen.values()})
 
     def publish(self, points: Sequence[int] | np.ndarray, *, is_own: bool = True) -> None:
         """Releases the ranges in which all results are published, now that those of `points` are.
@@ -202,10 +204,10 @@ class Leases:
             for lease in [*self._own]:
                 self._folder.remove(lease.name)
 
-    def _is_valid(self, lease: Lease, now: float, *, is_due: bool) -> bool:
+    def _is_valid(self, lease: Lease, now: float) -> bool:
         """Returns whether a process still works on a range; removes the lease of one that does not."""
-        before, since = self._seen.get(lease.name, (None, now))
-        if before is not None and not is_due:
+        before, since, read = self._seen.get(lease.name, (None, now, -BEAT))
+        if before is not None and now - read < BEAT:
             return True
         try:
             content = LeaseContent.read(self._folder, lease.name)
@@ -213,7 +215,7 @@ class Leases:
             return False
         if content != before:
             since = now
-        self._seen[lease.name] = content, since
+        self._seen[lease.name] = content, since, now
         if now - since < EXPIRY and not system.has_ended(content.process):
             return True
         with suppress(FileError):
@@ -228,13 +230,17 @@ class Leases:
 
     def _renew(self) -> None:
         while not self._closed.wait(BEAT):
-            with self._lock:
-                self._beat += 1
-                content = self._content()
-                for lease in self._own:
-                    # Another process may have taken it, or the disk may be full.
-                    with suppress(FileError):
-                        self._folder.rewrite(lease.name, content)
+            self.renew()
+
+    def renew(self) -> None:
+        """Renews the leases of this process, which a thread does every `BEAT` seconds."""
+        with self._lock:
+            self._beat += 1
+            content = self._content()
+            for lease in self._own:
+                # Another process may have taken it, or the disk may be full.
+                with suppress(FileError):
+                    self._folder.rewrite(lease.name, content)
 
     def _content(self) -> bytes:
         seconds = round(time.monotonic() - self._start, 3)
@@ -308,7 +314,7 @@ class LeasedPoints:
         if now < self._asked + BEAT:
             return False
         self._asked = now
-        return any(lease.is_request for lease in self._leases.others())
+        return bool(self._leases.others(lambda lease: lease.is_request))
 
     def give_back(self, points: Sequence[int]) -> None:
         """Releases leased points: those that are not in a chunk, and `points`, whose chunks have not begun."""
@@ -323,13 +329,10 @@ class LeasedPoints:
         """Leases a range of points, and reads the results in it that other processes have published."""
         failures, self._is_giving = 0, False
         while failures < TRIES:
-            others = self._leases.others()
-            free, owners = self._is_open.copy(), {""}
+            others = self._leases.others(lambda lease: bool(self._is_open[self._within(lease)].any()))
+            free, owners = self._is_open.copy(), {"", *(lease.owner for lease in others)}
             for lease in others:
-                its = slice(*np.searchsorted(self.points, [lease.first, lease.last + 1]))
-                if free[its].any():
-                    owners.add(lease.owner)
-                    free[its] = False
+                free[self._within(lease)] = False
             places = np.flatnonzero(free)
             if not len(places):
                 break
@@ -349,6 +352,10 @@ class LeasedPoints:
             if len(self._leased):
                 return
         self._pause_end = time.monotonic() + POLL
+
+    def _within(self, lease: Lease) -> slice:
+        """Returns the places of the points of a lease."""
+        return slice(*np.searchsorted(self.points, [lease.first, lease.last + 1]))
 
     def _start(self, places: np.ndarray, *, is_alone: bool) -> int:
         """Returns where the next range begins among free places: after the last range, or anywhere between others."""
