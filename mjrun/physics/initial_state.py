@@ -81,7 +81,8 @@ class InitialState:
             raise BadValueError(option("seed"), self.seed, "a whole number of at least 0")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
-        if not (abs(np.concatenate([*_vectors(data).values()])) <= mujoco.mjMAXVAL).all():
+        numbers: np.ndarray = np.concatenate([*_vectors(data).values()])
+        if not (abs(numbers) <= mujoco.mjMAXVAL).all():
             own = mujoco.MjData(model)
             self._reset_to_source(model, own)
             raise _fault(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")

@@ -114,7 +114,7 @@ class StudySpec:
 class StudyPoint(NamedTuple):
     """A point: its index in the study, and its values. There may be a million of them."""
 
-    index: int
+    index: int  # type: ignore[assignment] # not the method of tuples
     values: tuple[str, ...]
 
 
