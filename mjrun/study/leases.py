@@ -168,9 +168,9 @@ class Leases:
                 self._release(lease)
 
     def others(self, is_relevant: Callable[[Lease], bool] = lambda _: True) -> list[Lease]:
-        """Returns the leases of other processes that are relevant and still valid; the content of others is not read.
+        """Returns the leases of other processes that are relevant and still valid; the files of no others are read.
 
-        With thousands of processes, each of which reads the leases of all, the file system would do little else.
+        If each of a thousand processes read the leases of all, the file system would do little else.
         """
         leases = [lease for name in self._folder.names(SUFFIX) if (lease := Lease.of(name, self._study))]
         others = [lease for lease in leases if lease.owner != self._owner and is_relevant(lease)]

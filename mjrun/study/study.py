@@ -118,6 +118,7 @@ class Study(StudyOptions, ExecutionOptions):
             if missing:
                 simulated = prepared.simulate(missing, self, reporter).total()
                 prepared.files.merge_all()
+            del missing  # which take memory
             return self._conclude(prepared, keeper, simulated, reporter, start)
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":

@@ -127,6 +127,7 @@ class RankPanel:
       names: names of both in the key.
       axis: label of the x axis.
       ends: ends of the x axis; None for correlations, which have a sign.
+      intervals: confidence intervals of both, `(2, parameters, 2)`, NaN where they are unknown; None without any.
     """
 
     label: str
@@ -136,6 +137,7 @@ class RankPanel:
     names: tuple[str, str] = ("monotone (rank correlation)", "of any shape (mutual information)")
     axis: str = "strength of the relation"
     ends: tuple[float, float] | None = None
+    intervals: np.ndarray | None = None
 
     curves = 0
 

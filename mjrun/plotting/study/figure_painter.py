@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
 from mjrun.plotting.axis_ticks import number_ticks, set_scale
@@ -120,7 +121,22 @@ def _add_key(canvas: FigureLayout, key: Mapping[str, Artist], title: str, legend
 def _rank_key(canvas: FigureLayout, panel: RankPanel) -> dict[str, Artist]:
     """Returns samples of the two measures of a relation, by name."""
     bar = Patch(facecolor=rgb(canvas.theme.colour(0)), linewidth=0)
-    return dict(zip(panel.names, (bar, _dot(canvas)), strict=True))
+    key = dict[str, Artist](zip(panel.names, (bar, _dot(canvas)), strict=True))
+    if panel.intervals is not None and np.isfinite(panel.intervals).any():
+        key["confidence interval"] = Line2D([], [], color=rgb(canvas.theme.ink), linewidth=canvas.weight)
+    return key
+
+
+def _draw_intervals(canvas: FigureLayout, panel: RankPanel, axes: Axes) -> None:
+    """Draws confidence intervals as lines: those of bars in their lower part, those of rings through them."""
+    if panel.intervals is None:
+        return
+    rows = np.arange(len(panel.parameters))
+    halo = withStroke(linewidth=3 * canvas.weight, foreground=rgb(canvas.theme.ground))  # on bars
+    for ends, place in zip(panel.intervals, (rows + 0.3 * THICK, rows), strict=True):
+        axes.hlines(
+            place, *ends.T, color=rgb(canvas.theme.ink), linewidth=canvas.weight, zorder=2.5, path_effects=[halo]
+        )
 
 
 def _dot(canvas: FigureLayout) -> Line2D:
@@ -151,13 +167,19 @@ def _draw_rank_bars(canvas: FigureLayout, panel: RankPanel, axes: Axes, *, named
     falls = (values < -FALLING) & (panel.ends is None)
     dots.set_data(np.where(falls, -panel.dependences, panel.dependences), rows)  # NaN has none
     axes.add_line(dots)
+    _draw_intervals(canvas, panel, axes)
+    lows = (
+        np.zeros(len(rows))
+        if panel.intervals is None
+        else np.minimum(np.nan_to_num(panel.intervals).min(axis=(0, 2)), 0)
+    )
     for row, value in enumerate(panel.correlations.tolist()):
         written = f"{value:+.2f}" if panel.ends is None else INDEX.format(value)
         text = "–" if np.isnan(value) else written.replace("-", "−")
         is_left = value < 0 and panel.ends is None
         axes.annotate(
             text,
-            (0, row),
+            (lows[row], row),
             xytext=((0.3 if is_left else -0.3) * em * POINT, 0),
             textcoords="offset points",
             ha="left" if is_left else "right",

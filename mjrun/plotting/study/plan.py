@@ -325,14 +325,22 @@ class StudyFigurePlan:
         panels = list[RankPanel]()
         for name in names:
             bars, rings = (np.array([known[name][index][each] for each in parameters]) for index in (first, second))
-            drawn = np.nan_to_num(np.append(bars, rings))
+            intervals = np.array(
+                [[self._interval(name, index, each) for each in parameters] for index in (first, second)]
+            )
+            drawn = np.nan_to_num(np.concatenate([bars, rings, intervals.ravel()]))
             is_share = first == "first"
             most = float(drawn.max(initial=1.0 if is_share else 0.0)) or 1.0
             ends = (float(drawn.min(initial=0.0)) - 0.3 * most, 1.1 * most)
             title = name if is_share else self._results.with_unit(name)
             axis = "share of the variance" if is_share else "effect over the range"
-            panels.append(RankPanel(title, parameters, bars, rings, INDICES[first, second], axis, ends))
+            panels.append(RankPanel(title, parameters, bars, rings, INDICES[first, second], axis, ends, intervals))
         return panels
+
+    def _interval(self, metric: str, index: str, parameter: str) -> list[float]:
+        """Returns the ends of the confidence interval of an index of sensitivity; NaN without one."""
+        known = self._results.sensitivity[metric]
+        return [known.get(f"{index}_{end}", {}).get(parameter, np.nan) for end in ("low", "high")]
 
     # --- parts ---------------------------------------------------------------------------------------
 

@@ -169,6 +169,19 @@ def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None
     assert high.x1 < zero < low.x0
 
 
+def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() -> None:
+    intervals = np.array([[[-0.2, 0.3], [0.6, 1]], [[0.1, 0.4], [np.nan, np.nan]]])
+    bars, rings = np.array([0.1, 0.8]), np.array([0.2, 0.9])
+    panel = RankPanel("z", ["a", "b"], bars, rings, ("first", "total"), "share", (-0.6, 1.1), intervals)
+    made, _ = figure(StudyDrawing("", [panel]))
+    axes = made.axes[0]
+    segments = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
+    assert [[x for x, _ in line] for line in segments if len(line)] == [[-0.2, 0.3], [0.6, 1], [0.1, 0.4]]
+    low = axes.transData.transform((-0.2, 0))[0]
+    assert axes.texts[0].get_window_extent().x1 < low < axes.texts[1].get_window_extent().x1
+    assert "confidence interval" in words(made)
+
+
 def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_panel_alone() -> None:
     long = RankPanel("z", ["m" * 200], np.array([0.5]), np.array([0.5]))
     first, second = figure(StudyDrawing("", [long, long], 2), (640, 300))[0].axes

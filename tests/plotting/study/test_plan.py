@@ -92,6 +92,18 @@ def test_x_chooses_curves_and_the_other_parameter_their_colours() -> None:
     assert not panel.series[0].joined
 
 
+def test_indices_of_sensitivity_have_the_intervals_of_their_table() -> None:
+    known = {"first": 0.5, "first_low": 0.25, "first_high": 0.75, "total": 0.625}
+    indices = {"z": {index: {"a": value, "b": value / 2} for index, value in known.items()}}
+    study = replace(results({"a": STEP, "b": SEED}, {"z": DRIFT}), sensitivity=indices)
+    (panel,) = drawn(study).panels
+    assert isinstance(panel, RankPanel)
+    expected = [[[0.25, 0.75], [0.125, 0.375]], [[np.nan, np.nan]] * 2]
+    np.testing.assert_array_equal(panel.intervals, expected)  # type: ignore[arg-type]
+    assert panel.ends
+    assert panel.ends[1] > 0.75
+
+
 def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
     a, b = RNG.random((2, 40))
     study = results({"a": a, "b": b}, {"z": a + b, "w": a - b})
