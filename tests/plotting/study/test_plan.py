@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,9 +23,7 @@ def results(parameters: Columns, metrics: Mapping[str, np.ndarray], status: np.n
     numbers = {name: values for name, values in parameters.items() if isinstance(values, np.ndarray)}
     texts = {name: TextColumn.of(values) for name, values in parameters.items() if not isinstance(values, np.ndarray)}
     states = TextColumn.of(["ok"] * count if status is None else status.tolist())
-    return StudyResults(
-        Path("study"), list(parameters), list(metrics), {**numbers, **metrics}, {**texts, "status": states}
-    )
+    return StudyResults("study", list(parameters), list(metrics), {**numbers, **metrics}, {**texts, "status": states})
 
 
 def drawn(study: StudyResults, **options: object) -> StudyDrawing:
