@@ -24,10 +24,15 @@ def excess(path: Path, size: int, file: BinaryIO | None = None) -> str:
     Args:
       file: the open file, where its path does not lead to it.
     """
-    own = (os.fstat(file.fileno()) if file else path.stat()).st_size
+    own = own_size(path, file)
     if size <= largest_expansion(own):
         return ""
     return f"would expand to {size / 1e9:,.3g} GB in memory, {size / max(1, own):,.0f} times its size"
+
+
+def own_size(path: Path, file: BinaryIO | None = None) -> int:
+    """Returns the size of a file [bytes]; of the open file, where its path does not lead to it."""
+    return (os.fstat(file.fileno()) if file else path.stat()).st_size
 
 
 def require_expandable(path: Path, size: int, file: BinaryIO | None = None) -> None:

@@ -133,13 +133,24 @@ def opened_at(path: str | Path, what: str, suffixes: Collection[str], hint: str 
         with opened(Path(path), what, suffixes, hint) as file:
             yield file
         return
-    folder, _, name = str(path).rpartition("/")
     try:
-        file = folder_at(folder).open(name)
+        file = open_url(str(path))
     except FileNotFoundError:
         raise FileError(path, "no such file", hint) from None
     with file:
         yield file
+
+
+def open_url(url: str) -> BinaryIO:
+    """Opens the file at a URL for reading at any place.
+
+    Raises:
+      FileNotFoundError: it does not exist.
+      FileError: it cannot be read.
+      UsageError: no library reads such URLs.
+    """
+    folder, _, name = url.rpartition("/")
+    return folder_at(folder).open(name)
 
 
 class LocalFolder(Folder):

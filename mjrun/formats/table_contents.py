@@ -8,11 +8,12 @@ from dataclasses import field
 from enum import IntEnum
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.decompression_limits import own_size
 from mjrun.errors import FileError, quoted
 from mjrun.formats.input_file import cut, decoded, decoding
 
@@ -214,12 +215,15 @@ def require_equal_lengths(path: Path, lengths: Mapping[str, int]) -> None:
         raise FileError(path, f"columns differ in rows: {examples}")
 
 
-def require_plausible_size(path: Path, rows: int, columns: int) -> None:
+def require_plausible_size(path: Path, rows: int, columns: int, file: BinaryIO | None = None) -> None:
     """Raises FileError if a file is too small for the number of values that its header promises.
 
     Common compression makes a thousandth of equal numbers, at best.
+
+    Args:
+      file: the open file, where its path does not lead to it.
     """
-    if 8 * rows * columns > max(ENDLESS, PACKED * path.stat().st_size):
+    if 8 * rows * columns > max(ENDLESS, PACKED * own_size(path, file)):
         raise FileError(path, f"is too small for the {rows:,} rows that its header declares")
 
 

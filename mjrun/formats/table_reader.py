@@ -17,10 +17,12 @@ import numpy as np
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean
+from mjrun.formats.folders import open_url
 from mjrun.formats.input_file import cut, require_file
 from mjrun.formats.table import Table
 from mjrun.formats.table_contents import CellKinds, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
+from mjrun.suffixes import is_url
 
 STDIN = "-"
 STDIN_LABEL = Path("<stdin>")
@@ -32,6 +34,7 @@ class TableReader:
 
     Attributes:
       path: path of the table in messages.
+      file: the open file.
       names: names of its columns, in the order of the file.
       units: units by name; empty for pure numbers, and where a file states no units.
       manifest: how mjrun made the file; None in .csv, .jsonl and in files of other programs.
@@ -46,7 +49,7 @@ class TableReader:
         cells: CellKinds,
     ) -> None:
         self.path = path
-        self._file = file
+        self.file = file
         self._all_names: dict[str, None] = {}
         named = [columns] if isinstance(columns, str) else [] if columns is None or callable(columns) else [*columns]
 
@@ -100,7 +103,7 @@ class TableReader:
 
     def close(self) -> None:
         """Closes the file."""
-        self._file.close()
+        self.file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -133,8 +136,8 @@ def open_table(
     that are not selected may hold anything. Rows are read on demand, and faults in them are reported then.
 
     Args:
-      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz, .mat or .h5 file, or `-` for CSV or JSON Lines on standard
-        input, which are distinguished by their first character.
+      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz, .mat or .h5 file; the URL of one of the first five; or `-`
+        for CSV or JSON Lines on standard input, which are distinguished by their first character.
       columns: name of one or of several columns, or a function that accepts or rejects a name; all by default.
       missing: meaning of an empty cell, a null, and a missing key in JSON: an error, or NaN.
       exact: whether cells may also be texts, and integers of any size; missing cells are NaN then.
@@ -152,15 +155,16 @@ def open_table(
         form = FORMATS["jsonl" if begin.startswith((b"{", b"[")) else "csv"]
         return TableReader(STDIN_LABEL, form, file, columns, cells)
 
-    path = Path(path)
-    require_file(path, "table", suffixes())
-    form = input_format(path)
+    shown = Path(path)
+    if not is_url(path):
+        require_file(shown, "table", suffixes())
+    form = input_format(shown)
     try:
-        file = path.open("rb")
+        file = open_url(str(path)) if is_url(path) else shown.open("rb")
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     try:
-        return TableReader(path, form, file, columns, cells)
+        return TableReader(shown, form, file, columns, cells)
     except BaseException:
         file.close()
         raise
@@ -189,7 +193,7 @@ def read_table(
             for block in table.blocks():
                 size += block.nbytes
                 if table.path != STDIN_LABEL:
-                    require_expandable(table.path, size)
+                    require_expandable(table.path, size, table.file)
                 for name, column in zip(table.names, block.T, strict=True):
                     parts[name].append(column.copy())
             return Table({name: np.concatenate(parts.pop(name)) for name in table.names}, table.units)

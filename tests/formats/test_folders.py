@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import fsspec
+import numpy as np
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.folders import DELAYS, Folder, destination_at, folder_at
+from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
+from mjrun.model.table_column import Column
 from mjrun.suffixes import is_url
 
 NUMBERS = itertools.count()
@@ -137,3 +142,14 @@ def test_urls_are_distinguished_from_paths_and_unknown_ones_refused() -> None:
         folder_at("odd://x")
     with pytest.raises(UsageError, match=r"needs a library for oci://.*\nInstall ocifs"):
         destination_at("oci://bucket/table.csv")
+
+
+def test_tables_are_read_by_url() -> None:
+    folder = f"memory://bucket{next(NUMBERS)}"
+    for name in ("t.parquet", "t.feather", "t.csv", "t.jsonl"):
+        with TableWriter(f"{folder}/{name}", output_format(name).name, [Column("x", "m")]) as table:
+            table.write(np.array([[0.1], [2.0]]))
+            table.publish()
+        assert read_table(f"{folder}/{name}")["x"].tolist() == [0.1, 2.0]
+    with pytest.raises(FileError, match=r"memory://bucket\d+/u.csv: cannot be read"):
+        read_table(f"{folder}/u.csv")

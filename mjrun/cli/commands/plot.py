@@ -1,6 +1,7 @@
 """Plot tables, studies and simulations as png, svg or pdf."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -19,6 +20,7 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted
 from mjrun.formats.input_file import is_folder
+from mjrun.formats.tables import format_of_suffix
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
@@ -26,6 +28,7 @@ from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import VariationOptions
+from mjrun.suffixes import is_url
 
 if TYPE_CHECKING:
     from mjrun.outputs.plot import Plot, PlotResult
@@ -121,7 +124,7 @@ def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[s
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
     is_piped = payload_on_stdout(command_line)
-    is_study = any(is_folder(table) for table in tables)
+    is_study = any(is_folder(table) or (is_url(table) and not format_of_suffix(Path(table).suffix)) for table in tables)
     job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
     with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
         result = job.run(console)

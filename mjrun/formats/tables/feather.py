@@ -42,7 +42,7 @@ class FeatherWriter(GroupWriter):
 def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.TableContents:
     """Reads the accepted columns."""
     with decoding(path):
-        require_expandable(path, max(batch_sizes(file)))  # dictionaries, or a batch, are whole in memory
+        require_expandable(path, max(batch_sizes(file)), file)  # dictionaries, or a batch, are whole in memory
         file.seek(0)
         schema = ipc.open_file(file).schema
     indices = arrow.select_columns(path, schema, wanted, cells)

@@ -50,10 +50,10 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
         schema, metadata = parquet.schema_arrow, parquet.metadata.metadata or {}
     indices = arrow.select_columns(path, schema, wanted, cells)
     names = list(indices)
-    tables.require_plausible_size(path, parquet.metadata.num_rows, len(names))
+    tables.require_plausible_size(path, parquet.metadata.num_rows, len(names), file)
     with decoding(path):
         # A page is whole in memory, and may be all of a column in a row group.
-        require_expandable(path, max(arrow.row_group_sizes(parquet.metadata, set(names)), default=0))
+        require_expandable(path, max(arrow.row_group_sizes(parquet.metadata, set(names)), default=0), file)
     batches = parquet.iter_batches(arrow.block_rows(len(names)), columns=names)
     rows = decoded(path, arrow.blocks(path, names, (batch.select(names) for batch in batches), cells))
     manifest = parse_manifest(metadata.get(arrow.MANIFEST.encode()))
