@@ -8,7 +8,7 @@ from pathlib import Path
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.folders import Folder, folder_at
-from mjrun.options.sweep import MANIFEST
+from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER, PageWriter
@@ -142,7 +142,7 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
     except ValueError:
         raise FileError(path, "is not the manifest of a study", HINT) from None
     match facts:
-        case {"points": int(points), "metrics": dict(metrics), "digest": str(study)} if points > 0:
+        case {"points": int(points), "metrics": dict(metrics), "digest": str(study)} if 0 < points <= MOST_POINTS:
             return points, [*map(str, metrics)], study
         case _:
             raise FileError(path, "does not describe a running study; continue the study with this version of mjrun")

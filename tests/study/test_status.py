@@ -76,7 +76,8 @@ def test_a_page_loads_itself_again_while_the_study_runs(folder: Path, tmp_path: 
 def test_a_folder_that_shows_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"has no study\.json"):
         study_status(tmp_path)
-    for text in ("x", "[]", '{"points": 0, "metrics": {}, "digest": "ab"}', '{"points": 5}'):
+    unlikely = [f'{{"points": {count}, "metrics": {{}}, "digest": "ab"}}' for count in (0, 10**12, 10**30)]
+    for text in ("x", "[]", '{"points": 5}', *unlikely):
         (tmp_path / "study.json").write_text(text)
         with pytest.raises(FileError):
             study_status(tmp_path)
