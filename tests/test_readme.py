@@ -62,8 +62,8 @@ SMALLER_STUDIES = {
     r"\.\.(\S+):\d+'": r"..\1:3'",
     r"slid > 0.01": "slid >= 0",
     # Another block makes this study.
-    r"^mjrun sweep drift --status\n": r"mjrun sweep scenes/pendulum.xml --steps 2 --vary joint/hinge.damping=1,2 "
-    r"--metric 'late=max(time)' -o drift\n\g<0>",
+    r"^mjrun sweep drift --(status|gc --dry-run)\n": r"mjrun sweep scenes/pendulum.xml --steps 2 "
+    r"--vary joint/hinge.damping=1,2 --metric 'late=max(time)' -o drift\n\g<0>",
 }
 # Every column is plotted without --y, see tests/plotting/test_figure_plan.py.
 SMALLER_PLOTS = {
