@@ -256,7 +256,7 @@ def test_an_encoder_that_dies_does_not_cost_the_other_outputs(
     write, written = VideoWriter.write, []
 
     def dying(writer: VideoWriter, frame: np.ndarray) -> None:
-        if writer.destination.shown.name == "bad.mp4" and len(written) == 2:
+        if Path(writer.destination.shown).name == "bad.mp4" and len(written) == 2:
             os.kill(writer._child.pid, signal.SIGKILL)
             writer._child.wait()
         written.append(frame.shape)
@@ -278,7 +278,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch, name: str, rows: int = 0) -> None
     write = TableWriter.write
 
     def failing(writer: TableWriter, block: np.ndarray) -> None:
-        if writer.destination.shown.name == name and writer.rows >= rows:
+        if Path(writer.destination.shown).name == name and writer.rows >= rows:
             raise FileError(name, "cannot be written: the disk is full")
         write(writer, block)
 
