@@ -254,4 +254,4 @@ def test_help_lists_codecs_that_a_user_can_choose() -> None:
 
 def test_every_engine_that_needs_a_library_has_an_extra() -> None:
     assert ExecutionOptions().engine in ENGINES
-    assert set(EXTRAS) - {"sweep"} <= {engine.partition(":")[0] for engine in ENGINES}
+    assert set(EXTRAS) - {"sweep", "cloud"} <= {engine.partition(":")[0] for engine in ENGINES}

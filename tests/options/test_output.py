@@ -5,6 +5,7 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.option import options_of
 from mjrun.options.output import KeyframeOptions, OutputOptions
 from mjrun.options.plot import PlotOptions
+from mjrun.options.policy import PolicyOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 from mjrun.outputs.format_lists import LISTS
@@ -21,5 +22,5 @@ def test_every_output_has_a_file_and_a_manifest() -> None:
 
 
 def test_every_placeholder_stands_in_a_help_text() -> None:
-    texts = " ".join(each.help for cls in OUTPUTS for each in options_of(cls))
+    texts = " ".join(each.help for cls in (*OUTPUTS, PolicyOptions) for each in options_of(cls))
     assert all(placeholder in texts for placeholder in LISTS)

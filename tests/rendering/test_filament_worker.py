@@ -54,8 +54,8 @@ def test_a_state_is_drawn_as_rays_meet_it(vulkan: Backend) -> None:
         Worker("mjrun.rendering.filament_worker:FilamentServer", environment={"MUJOCO_GL": "disable"})
     ) as worker:
         worker.ask("open", model, SIZE, Visual(), segmentation, [])
-        worker.ask("look", state, 0)
-        picture = worker.ask("picture", pose, ("depth", "seg"))
+        worker.ask("set_state", state, 0)
+        picture = worker.ask("render", pose, ("depth", "seg"))
 
     assert not picture.legend  # the parent has it
     assert picture.rgb is None
