@@ -9,7 +9,7 @@ from mjrun.dataclass import dataclass
 from mjrun.document import tree
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS, merged, without_variables
 from mjrun.errors import FileError, quoted, suggestion
-from mjrun.formats.input_file import opened
+from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema_validation import Misfits
 from mjrun.options.structured_kinds import OptionsMapping
@@ -17,6 +17,7 @@ from mjrun.suffixes import YAML, is_yaml
 
 LARGEST = 2**20  # bytes per document
 SHOWN = 60  # characters of an assignment that messages show
+SWITCHES = "switches such as --json and --markdown take no value"
 
 _STEP = re.compile(r"(?:^|\.)([^.\[\]\x00-\x1f\x7f-\x9f]+)|\[([0-9]{1,9})\]")
 
@@ -119,7 +120,8 @@ def assign(
         key, equals, text = assignment.partition("=")
         try:
             if not equals:
-                raise _InvalidPathError("write key=value; switches such as --json and --markdown take no value")
+                belongs = "a file belongs to an option, such as --policy" if is_file(assignment) else SWITCHES
+                raise _InvalidPathError(f"write key=value; {belongs}")
             path = _path(key, named)
             if path[0] in fixed:
                 raise _InvalidPathError(f"{path[0]} is set in the document only")

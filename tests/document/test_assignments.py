@@ -1,5 +1,6 @@
 """Assignments `key=value` replace what a document says."""
 
+from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -79,6 +80,14 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
 def test_a_setting_that_does_not_fit_is_reported_as_it_was_given(assignment: str, lines: list[str]) -> None:
     path = put(WRITTEN.replace("start:", "start: {}"))
     assert problems(lambda: read(path, Run, [assignment])) == lines
+
+
+def test_a_file_among_settings_is_told_to_belong_to_an_option(tmp_path: Path) -> None:
+    policy = tmp_path / "p.onnx"
+    policy.touch()
+    path = put(WRITTEN.replace("start:", "start: {}"))
+    (problem,) = problems(lambda: read(path, Run, [str(policy)]))
+    assert problem.endswith(": write key=value; a file belongs to an option, such as --policy")
 
 
 def test_faults_of_the_document_come_before_those_of_settings_and_a_good_setting_mends_a_bad_value() -> None:

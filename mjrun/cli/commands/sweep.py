@@ -274,8 +274,10 @@ def _existing_folder(command_line: CommandLine, name: str) -> str:
     model, output = command_line.argument("model"), command_line.value("output")
     if output is None and (is_study(model) or _is_plan(model)):
         raise UsageError(f"{option(name)} requires the folder of the study: give it instead of {clean(model)}")
-    is_study_folder = output is None and (is_url(model) or is_folder(model))
-    return model if is_study_folder else str(output or f"{stem(command_line)}_study")
+    if output is not None:
+        return str(output)
+    beside = f"{stem(command_line)}_study"
+    return model if is_url(model) or is_folder(model) or not (exists(model) or is_folder(beside)) else beside
 
 
 def _require_said_there(command_line: CommandLine, file: str) -> None:

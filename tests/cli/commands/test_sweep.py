@@ -109,7 +109,8 @@ def test_the_status_of_a_study_is_that_of_its_folder(mjrun_here: Command, ball: 
     assert (done.returncode, status["done"], status["is_finished"], status["running"]) == (1, 0, False, [])
     assert "no process works on it" in (mjrun_here.folder / "page.html").read_text()
     assert mjrun_here("sweep", "ball_study", "--gc", "--dry-run").stdout == b"ball_study: would remove nothing\n"
-    assert mjrun_here("sweep", "nowhere.xml", "--status").returncode == 7
+    nowhere = mjrun_here("sweep", "nowhere", "--status")
+    assert (nowhere.returncode, nowhere.stderr.startswith(b"mjrun: error: nowhere: has no study.json")) == (7, True)
     refused = mjrun_here("sweep", "study.yaml", "--status")
     assert (refused.returncode, b"--status requires the folder of the study" in refused.stderr) == (2, True)
 
