@@ -301,7 +301,8 @@ class Check(_Check):
 
     Options:
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -764,7 +765,8 @@ class Evaluation(_Evaluation):
         show pertforce draws them in videos and images.
       confidence: Confidence level of all intervals. [default: 0.95]
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -1398,7 +1400,8 @@ class Simulation(_Simulation):
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -2119,7 +2122,8 @@ def evaluate(
         show pertforce draws them in videos and images.
       confidence: Confidence level of all intervals. [default: 0.95]
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -2256,7 +2260,8 @@ def fit(
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -2451,7 +2456,8 @@ def frames(
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -2659,7 +2665,8 @@ def sweep(
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
@@ -2854,7 +2861,8 @@ def trace(
       until: End the simulation at the first step at which this condition on its columns holds, if that
         is before its duration: qpos/root/z < 0.3, contact(ball, floor).
       policy: Policy that acts in the task: LEAPP packages (.yaml or its folder), ONNX files (.onnx),
-        Stable-Baselines3 archives (.zip), TorchScript modules (.pt); Python code, policy.py:act or
+        Stable-Baselines3 archives (.zip), TorchScript modules (.pt), of which Stable-Baselines3
+        archives and TorchScript modules require trust; Python code, policy.py:act or
         package.module:Policy; random; or zero.
       normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
         with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained

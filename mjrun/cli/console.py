@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-
 from mjrun.cli.colors import coloured_message, is_coloured
 from mjrun.cli.standard_streams import STDERR, STDOUT, PayloadStream, text_stream
 from mjrun.confinement.confinement import confinement
@@ -23,8 +22,6 @@ from mjrun.errors import FailureReport, flag, spelled
 from mjrun.shared_status import note_answered
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
-
-
 DOCUMENT_WRITERS: Mapping[str, Callable[[Mapping[str, object]], str]] = {"json": partial(json.dumps, indent=2)}
 
 

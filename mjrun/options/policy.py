@@ -76,8 +76,8 @@ class PolicyOptions(TrustOptions):
     policy: object | None = option(
         converter=Optional(PolicyKind()),
         default=None,
-        help=f"Policy that acts in the task: {POLICIES}; Python code, policy.py:act or package.module:Policy; random; "
-        "or zero.",
+        help=f"Policy that acts in the task: {POLICIES}, of which Stable-Baselines3 archives and TorchScript "
+        "modules require --trust; Python code, policy.py:act or package.module:Policy; random; or zero.",
     )
     normalize: str | None = option(
         converter=Optional(NormalizationKind()),

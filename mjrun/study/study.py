@@ -204,9 +204,7 @@ class Study(StudyOptions, ExecutionOptions):
             writers = list[TableWriter]()
             for names_of_files, each in tables.items():
                 chosen = self._tables(names_of_files, len(each))
-                writers += each.open(
-                    stack, prepared.folder, facts, chosen
-                )  # the same for all runs, unlike the manifest
+                writers += each.open(stack, prepared.folder, facts, chosen)  # the same in all runs
                 files += chosen
             publish_together(writers)
         for name in {*FILES, *repeats.FILES, *sensitivity.FILES}.difference(files):  # of an earlier run of other points

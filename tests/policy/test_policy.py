@@ -1,5 +1,6 @@
 """What `--policy` may be; answers of policies are checked; code runs only where it is trusted."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -7,8 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mjrun.errors import ControllerError, FileError, UsageError
+from mjrun.errors import ControllerError, FileError, MjrunError, UsageError
+from mjrun.options.option import options_of
+from mjrun.options.policy import PolicyOptions
 from mjrun.policy.load import PythonPolicy, RandomPolicy, ZeroPolicy, load_policy
+from mjrun.policy.loaders import formats, loaders
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.normalization import NormalizedPolicy
 from mjrun.policy.policy import ActionSpace, Actor, Policy, require_trusted_file
@@ -127,3 +131,18 @@ def test_trust_is_asked_for_a_file_that_is_there(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"walk.zip can run any code when it is opened\nset trust") as error:
         require_trusted_file(path, False)
     assert error.value.path == ("policy",)
+
+
+def test_the_help_names_the_formats_that_require_trust(tmp_path: Path) -> None:
+    help_text = next(each.help for each in options_of(PolicyOptions) if each.name == "policy")
+    named = re.search(r"of which (.*) require --trust", help_text)
+    assert named
+    asking = set[str]()
+    for name, loader in zip(formats(), loaders(), strict=True):
+        path = tmp_path / f"policy{loader.suffixes[0]}"
+        path.touch()
+        with pytest.raises(MjrunError) as error:
+            load_policy(str(path))
+        if "can run any code" in str(error.value):
+            asking.add(name.partition(" (")[0])
+    assert asking == set(named[1].split(" and "))
