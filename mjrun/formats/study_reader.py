@@ -14,6 +14,7 @@ from mjrun.formats.folders import folder_at, opened_at
 from mjrun.formats.input_file import decoding
 from mjrun.formats.tables import input_format
 from mjrun.model.table_column import with_unit
+from mjrun.options.sweep import MANIFEST
 from mjrun.suffixes import MODELS
 
 if TYPE_CHECKING:
@@ -108,6 +109,13 @@ class StudyResults:
 
     def __len__(self) -> int:
         return len(self.texts[STATUS])
+
+
+def folder_of_results(path: str) -> str:
+    """Returns the folder or the URL of the study whose table of results is at `path`; empty for other tables."""
+    folder, _, name = path.rpartition("/")
+    is_results = name in (RESULTS, Path(RESULTS).with_suffix(".csv").name)
+    return (folder or ".") if is_results and folder_at(folder or ".").has(MANIFEST) else ""
 
 
 def read_study(folder: str | Path) -> StudyResults:

@@ -8,7 +8,15 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.study_reader import NAME, point_names, point_values, read_point, read_study, values_in_words
+from mjrun.formats.study_reader import (
+    NAME,
+    folder_of_results,
+    point_names,
+    point_values,
+    read_point,
+    read_study,
+    values_in_words,
+)
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
 
@@ -49,6 +57,14 @@ def test_a_folder_that_is_no_study_is_reported(tmp_path: Path) -> None:
     (tmp_path / "results.parquet").write_text("nothing")
     with pytest.raises(FileError, match="cannot be read"):
         read_study(tmp_path)
+
+
+def test_a_table_means_a_study_only_in_the_folder_of_one(tmp_path: Path) -> None:
+    table = str(tmp_path / "results.parquet")
+    assert folder_of_results(table) == ""
+    (tmp_path / "study.json").touch()
+    assert folder_of_results(table) == folder_of_results(str(tmp_path / "results.csv")) == str(tmp_path)
+    assert folder_of_results(str(tmp_path / "sensitivity.parquet")) == folder_of_results("-") == ""
 
 
 def test_values_have_the_shortest_names_that_tell_them_apart() -> None:

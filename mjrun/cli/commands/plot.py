@@ -116,6 +116,7 @@ def _plot_job(console: Console, command_line: CommandLine) -> "Plot":
 
 
 def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[str]) -> None:
+    from mjrun.formats.study_reader import folder_of_results
     from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 
     classes = (SimulationOptions, CommandOptions, VariationOptions)
@@ -124,6 +125,8 @@ def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[s
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
     is_piped = payload_on_stdout(command_line)
+    if command_line.value("y") is None:  # a study's table, which has texts, means the study
+        tables = [folder_of_results(table) or table for table in tables]
     is_study = any(is_folder(table) or (is_url(table) and not format_of_suffix(Path(table).suffix)) for table in tables)
     job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
     with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
