@@ -29,7 +29,7 @@ from mjrun.model.info import InfoResult as InfoResult
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike
 from mjrun.model.sources import load as load
-from mjrun.options.push import Push
+from mjrun.options.disturbance import Push
 from mjrun.outputs.export import Export as _Export
 from mjrun.outputs.export import ExportResult as ExportResult
 from mjrun.outputs.image import Image as _Image

@@ -437,8 +437,7 @@ def _values(schema: Mapping[str, Any]) -> Iterator[str]:
 def columns_page() -> str:
     """Returns the page of everything that a trace can measure: the groups of columns of all scenes."""
     from mjrun.model.sources import load
-    from mjrun.probe.column_groups import column_groups
-    from mjrun.probe.select import available_columns
+    from mjrun.probe.select import available_columns, column_groups
 
     columns = [column for path in sorted((ROOT / "scenes").glob("*.xml")) for column in available_columns(load(path))]
     lines = [

@@ -41,7 +41,7 @@ from mjrun.camera.script import CameraScript, Event
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike
-from mjrun.options.push import Push
+from mjrun.options.disturbance import Push
 '''
 ARGUMENTS = {
     "model": "ModelLike | Task | _Simulation",

@@ -4,6 +4,7 @@ import itertools
 import os
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import field, replace
 from fnmatch import fnmatchcase
@@ -11,8 +12,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+from mjrun.check.baseline import Baseline, write_baseline
+from mjrun.check.changed_models import ChangedModels
 from mjrun.check.codes import codes, matching_codes
 from mjrun.check.model_result import CheckedCopy, Copy, FixedFile, ModelResult
+from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
@@ -34,9 +38,7 @@ from mjrun.suffixes import CHECKED, XML, is_yaml
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.check.baseline import Baseline
     from mjrun.check.fixing import BeforeFix, Fixing
-    from mjrun.check.result_cache import ResultCache
 
 T = TypeVar("T")
 
@@ -139,17 +141,9 @@ class Check(PolicyOptions, CheckOptions):
         ]
 
     @cached_property
-    def _accepted(self) -> "Baseline | None":
+    def _accepted(self) -> Baseline | None:
         """The baseline with findings that are not to be fixed."""
-        return self._known_findings() if self.fix else None
-
-    def _known_findings(self) -> "Baseline | None":
-        """Reads the baseline; None without one, or if it is to be written."""
-        if self.baseline is None or self.update_baseline:
-            return None
-        from mjrun.check.baseline import Baseline
-
-        return Baseline.read(Path(self.baseline))
+        return Baseline.read(Path(self.baseline)) if self.fix and self.baseline and not self.update_baseline else None
 
     def run(
         self,
@@ -171,14 +165,12 @@ class Check(PolicyOptions, CheckOptions):
           UsageError: `models` are folders without any model.
         """
         reporter = reporter or WarningReporter()
-        known = self._known_findings()
+        known = None if self.baseline is None or self.update_baseline else Baseline.read(Path(self.baseline))
         paths, skipped = find_models(self.models, skip_other=self.skip_other)
         if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("no model to check: give model files, or folders that contain some")
         found = len(paths)
         if self.changed_since is not None:
-            from mjrun.check.changed_models import ChangedModels
-
             paths = ChangedModels(self.changed_since).of(paths)
 
         def reported(result: ModelResult) -> ModelResult:
@@ -186,7 +178,7 @@ class Check(PolicyOptions, CheckOptions):
             finished(new)
             return new
 
-        workers, cache = CheckProcesses(), self._result_cache()
+        workers, cache = CheckProcesses(), ResultCache(self._versions()) if self.cache else None
         try:
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
@@ -205,8 +197,6 @@ class Check(PolicyOptions, CheckOptions):
                 cache.entries.trim()
 
         if self.baseline is not None and known is None:
-            from mjrun.check.baseline import Baseline, write_baseline
-
             write_baseline(Path(self.baseline), (finding for result in results for finding in result.findings))
             known = Baseline.read(Path(self.baseline))
             results = [_without_known(result, known) for result in results]
@@ -216,14 +206,10 @@ class Check(PolicyOptions, CheckOptions):
         written = bool(files) and not self.dry_run
         return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, written)
 
-    def _result_cache(self) -> "ResultCache | None":
-        """Returns the cache of results for the present versions of the packages that they depend on."""
-        if not self.cache:
-            return None
-        from mjrun.check.result_cache import ResultCache
-
+    def _versions(self) -> dict[str, str]:
+        """Returns the versions of the packages that results depend on."""
         libraries = [name for libraries, _ in EXTRAS.values() for name in libraries] if self.unsafe_fixes else []
-        return ResultCache(computing_versions() | {name: installed_version(name) for name in libraries})
+        return computing_versions() | {name: installed_version(name) for name in libraries}
 
     def _fixing(
         self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling, before: "BeforeFix | None"
@@ -246,7 +232,7 @@ class Check(PolicyOptions, CheckOptions):
         self,
         tasks: Sequence[WorkerTask],
         workers: CheckProcesses,
-        cache: "ResultCache | None",
+        cache: ResultCache | None,
         spelling: Spelling,
         finished: Callable[[CheckedCopy], T],
     ) -> list[T]:
@@ -254,11 +240,7 @@ class Check(PolicyOptions, CheckOptions):
 
         Several tasks are executed at once.
         """
-        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), len(tasks))
-        if jobs <= 1:
-            return [finished(self._check(task, workers, cache, spelling)) for task in tasks]
-        from concurrent.futures import ThreadPoolExecutor, as_completed  # slow to import
-
+        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(tasks)))
         with ThreadPoolExecutor(jobs) as threads:
             try:
                 places = {
@@ -273,7 +255,7 @@ class Check(PolicyOptions, CheckOptions):
                 threads.shutdown(cancel_futures=True)
 
     def _check(
-        self, task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None", spelling: Spelling
+        self, task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
     ) -> CheckedCopy:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
@@ -302,7 +284,7 @@ class Check(PolicyOptions, CheckOptions):
         return CheckedCopy(result, changes)
 
     @staticmethod
-    def _output(task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None") -> WorkerOutput:
+    def _output(task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None) -> WorkerOutput:
         """Returns the output of the check of one model, or an earlier one."""
         if cache is None:
             return workers.run(task)
@@ -360,7 +342,7 @@ class Check(PolicyOptions, CheckOptions):
         return int(any(SEVERITIES.index(f.severity) >= least for result in results for f in result.findings))
 
 
-def _without_known(result: ModelResult, known: "Baseline") -> ModelResult:
+def _without_known(result: ModelResult, known: Baseline) -> ModelResult:
     """Returns a result without the findings of a baseline."""
     new = known.new(result.findings)
     return replace(result, findings=new, known=len(result.findings) - len(new))

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjrun.cli import info_summary
 from mjrun.cli.table_cells import (
     Column,
     byte_size,
@@ -32,10 +31,14 @@ if TYPE_CHECKING:
     from mjrun.model.description.bodies import Body, Camera, Geom, Light
     from mjrun.model.description.constraints import PathPoint, Tendon
     from mjrun.model.description.declaration import ModelObject
-    from mjrun.model.description.model_description import ModelDescription
+    from mjrun.model.description.model_description import ModelDescription, ModelSummary, Statistics
     from mjrun.model.description.non_default_settings import NonDefaultSetting, Value
     from mjrun.model.description.plugins import Plugin
 
+ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are shown even if they are 0
+STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")
+HIDDEN = ("nM", "nB", "nC", "nD")  # sizes that only the JSON document has
+NEGLIGIBLE = 1e-9  # relative to the extent of a model
 PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
 # A column, by the name of its attribute, or as a function of all rows.
 ColumnSource = str | Callable[[Sequence[Any]], Column]
@@ -248,8 +251,48 @@ def _has_files(assets: "Sequence[Asset]") -> bool:
     return any(asset.path and asset.kind != "model" for asset in assets)
 
 
+def summary(of: "ModelSummary") -> list[tuple[str, str]]:
+    """Describes a model in a few lines."""
+    memory = of.memory
+    state = [name for name in of.sizes if name in STATE]
+    rest = [name for name in of.sizes if name not in (*STATE, *HIDDEN)]
+    return [
+        ("file", clean(of.file or "")),
+        ("mass", f"{number(of.mass)} kg"),
+        ("centre of mass", _point_in_space(of.centre_of_mass, of.extent)),
+        ("extent", f"{number(of.extent)} m around {vector(of.center)}"),
+        ("timestep", f"{number(of.timestep)} s, {of.integrator} integrator"),
+        ("solver", f"{of.solver}, {of.jacobian} Jacobian, {of.cone} friction cone"),
+        ("gravity", f"{vector(of.gravity)} m/s²"),
+        ("memory", f"model {byte_size(memory.model)}, data {byte_size(memory.data)}, arena {byte_size(memory.arena)}"),
+        ("state", _sizes(of, state)),
+        ("objects", _sizes(of, rest)),
+        ("compiled by", f"MuJoCo {of.mujoco}"),
+    ]
+
+
+def _point_in_space(values: Sequence[float] | None, extent: float) -> str:
+    """Formats a position; components that are negligible relative to the extent of the model are 0."""
+    return "" if values is None else f"{vector(value if abs(value) > NEGLIGIBLE * extent else 0 for value in values)} m"
+
+
+def _sizes(of: "ModelSummary", fields: Sequence[str]) -> str:
+    shown = [name for name in fields if of.sizes[name] or name in ALWAYS]
+    return "  ".join(f"{name}={of.sizes[name]}" for name in shown)
+
+
+def statistics(of: "Statistics") -> list[tuple[str, str]]:
+    return [
+        ("center", f"{vector(of.center)} m"),
+        ("extent", f"{number(of.extent)} m"),
+        ("meansize", f"{number(of.meansize)} m"),
+        ("meanmass", f"{number(of.meanmass)} kg"),
+        ("meaninertia", f"{number(of.meaninertia)} kg·m²"),
+    ]
+
+
 SECTIONS: "Mapping[str, TableSection | LineSection]" = {
-    "summary": LineSection(lambda of: info_summary.summary(of.summary), lambda of: clean(of.summary.name)),
+    "summary": LineSection(lambda of: summary(of.summary), lambda of: clean(of.summary.name)),
     "bodies": _objects(
         _tree,
         _cells("joints", lambda body: _grouped(body.joints, body.joint_types)),
@@ -344,6 +387,6 @@ SECTIONS: "Mapping[str, TableSection | LineSection]" = {
     ),
     "options": TableSection(_settings),
     "visual": TableSection(_settings, is_detail=True),
-    "statistics": LineSection(lambda of: info_summary.statistics(of.statistics), is_detail=True),
+    "statistics": LineSection(lambda of: statistics(of.statistics), is_detail=True),
     "assets": TableSection(_assets, is_news=_has_files),
 }

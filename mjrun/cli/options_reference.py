@@ -10,7 +10,7 @@ from mjrun.dataclass import dataclass
 from mjrun.document.run import OUTPUTS
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.outputs.format_lists import with_formats

@@ -300,7 +300,7 @@ def show_columns(
 def _show_groups(console: Console, columns: "Sequence[Column]") -> None:
     from mjrun.cli.table_cells import numbers, texts
     from mjrun.cli.terminal_layout import TerminalLayout
-    from mjrun.probe.column_groups import column_groups
+    from mjrun.probe.select import column_groups
 
     groups = column_groups(columns)
     page = TerminalLayout()

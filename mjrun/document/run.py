@@ -47,8 +47,8 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import File, ReadingContext
 from mjrun.options.option import Options, document_key, options
 from mjrun.options.output import KeyframeOptions, OutputOptions
-from mjrun.options.page import PageOptions
 from mjrun.options.plot import PlotOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.schema_validation import Schema
 from mjrun.options.simulation import SimulationOptions

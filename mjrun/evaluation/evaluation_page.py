@@ -21,8 +21,8 @@ from mjrun.experiment.results_page import (
 from mjrun.experiment.statistics import NumberSummary, Share
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
-from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
+from mjrun.options.report import PageOptions
 from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
 from mjrun.plotting.page_writer import MAKER
 

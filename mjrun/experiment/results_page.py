@@ -9,8 +9,8 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.design_points import numbers
 from mjrun.experiment.statistics import Interval
 from mjrun.formats.study_reader import read_study
-from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
+from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import require_matplotlib, svg_text
 from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, PageFile, page_file
 from mjrun.plotting.manifest_html import FileManifest

@@ -19,7 +19,7 @@ from mjrun.formats.tables import output_format
 from mjrun.model.table_column import Column, split_unit
 from mjrun.probe.assertion import Assertion, parse
 from mjrun.probe.episode_columns import EpisodeColumns
-from mjrun.probe.expression_units import expression_unit
+from mjrun.probe.expression import expression_unit
 from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME, available_columns

@@ -5,10 +5,11 @@ https://mujoco.readthedocs.io/en/latest/XMLunits.html
 """
 
 from collections.abc import Callable, Mapping
+from fnmatch import fnmatchcase
 
 import mujoco
 
-from mjrun.model.names import BALL, FREE, enum_name
+from mjrun.model.names import BALL, FREE, KINDS, PREFIXES, enum_name, names
 
 POSITIONS = {int(mujoco.mjtJoint.mjJNT_HINGE): "rad", BALL: "rad", int(mujoco.mjtJoint.mjJNT_SLIDE): "m"}
 # The units of the resistance of joints and tendons, by the unit of their position.
@@ -34,6 +35,12 @@ CHOSEN = {
     "contact": {"force": "N", "torque": "N·m", "dist": "m", "pos": "m", "linvel": "m/s", "angvel": "rad/s"},
 }
 FIELDS = {"rangefinder": mujoco.mjtRayDataField, "contact": mujoco.mjtConDataField}
+# Settings that no field of the model has under this name, by the paths of `mjrun.model.override`.
+OPTIONS = {"opt.timestep": "s", "opt.gravity": "m/s²", "opt.wind": "m/s", "opt.density": "kg/m³"}
+OPTIONS |= {"opt.viscosity": "Pa·s", "opt.magnetic": "T", "opt.sleep_tolerance": "m/s"}
+OTHERS = {("geom", "mass"): "kg", ("geom", "density"): "kg/m³"}
+OF_DOFS = ("damping", "armature", "frictionloss")
+IN_DEGREES = ("range", "margin")  # of joints, in the compiler's unit of angles
 OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 ORTHOGRAPHIC = int(mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)
 
@@ -183,3 +190,24 @@ def field_unit(model: mujoco.MjModel, field: str, row: int) -> str:
     """Returns the unit of row `row` of a field; empty for pure numbers and unknown units."""
     unit = UNITS.get(field, "")
     return unit if isinstance(unit, str) else unit(model, row)
+
+
+def setting_unit(model: mujoco.MjModel, path: str) -> str:
+    """Returns the unit of the values of a setting, `opt.timestep` or `geom/ball.size[0]`; empty if it has none or is
+    in a unit that the source chooses.
+    """
+    kind, slash, rest = path.partition("[")[0].removeprefix("add:").partition("/")
+    if not slash:
+        return OPTIONS.get(kind, "")
+    pattern, _, field = rest.rpartition(".")
+    if (kind, field) in OTHERS:
+        return OTHERS[kind, field]
+    if kind not in KINDS or (kind == "joint" and field in IN_DEGREES):
+        return ""
+    rows = [row for row, name in enumerate(names(model, kind)) if fnmatchcase(name, pattern)]
+    if not rows:
+        return ""
+    row = rows[0]
+    if kind == "joint" and field in OF_DOFS:
+        return field_unit(model, f"dof_{field}", int(model.jnt_dofadr[row]))
+    return field_unit(model, f"{PREFIXES[kind]}_{field}", row)

@@ -6,7 +6,7 @@ from typing import ClassVar
 from mjrun.options.kinds import File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import Numbers, Percent, Real
 from mjrun.options.option import Options, option, options
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import NamedNumbers
 

@@ -11,9 +11,9 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Seve
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
-from mjrun.options.page import PageOptions
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.rendering import QUALITIES
+from mjrun.options.report import PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions

@@ -9,7 +9,7 @@ from mjrun.options.kinds import Choice, File, Optional, Several, Text
 from mjrun.options.number_kinds import FigureSize, Integer, Range, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.trace import SamplingOptions
 
 STYLES = ("light", "dark", "print")

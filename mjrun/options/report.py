@@ -1,8 +1,9 @@
-"""Options for formats of reports, each of which is a module of `mjrun.cli.report_formats`."""
+"""Options of reports: pages, and formats for CI systems, each of which is a module of `mjrun.cli.report_formats`."""
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag
+from mjrun.options.kinds import File, Flag, Optional
+from mjrun.options.number_kinds import Real
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
 
 
@@ -33,3 +34,21 @@ class ReportFormatOptions(Options):
 
 
 REPORT_FORMATS = tuple(each.name for each in options_of(ReportFormatOptions))
+
+
+@options
+class PageOptions(Options):
+    """A self-contained page about a result, which any browser opens without network or scripts."""
+
+    section: ClassVar[str] = "Page"
+
+    html: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="Page about the result (.html): plots, images, videos, descriptions of columns, assertions and manifests.",
+    )
+    embed_up_to: float = option(
+        converter=Real(metavar="MB"),
+        default=10.0,
+        help="Embed images and videos up to this size in the page; larger ones are linked.",
+    )

@@ -12,8 +12,8 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Seve
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
-from mjrun.options.page import PageOptions
 from mjrun.options.rendering import QUALITIES
+from mjrun.options.report import PageOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES

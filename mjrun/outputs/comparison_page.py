@@ -15,8 +15,8 @@ from mjrun.diff.sentences import frame_facts
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.formats.table_reader import STDIN
-from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
+from mjrun.options.report import PageOptions
 from mjrun.outputs.worst_frame_image import shown_frames
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, page_file

@@ -9,8 +9,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, PartlyDoneError
 from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
-from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
+from mjrun.options.report import PageOptions
 from mjrun.outputs.export import ExportResult
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult

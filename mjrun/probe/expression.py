@@ -1,7 +1,7 @@
 """The tree of an assertion: see `mjrun.probe.assertion` for the language."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
 from operator import add, eq, ge, gt, le, lt, mul, sub
@@ -70,6 +70,10 @@ FUNCTIONS = (*ELEMENTWISE, *OTHERS, *AGGREGATES)
 
 # Times at which the value of an expression is known: at once, from the first row on, on each row, after all rows.
 FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
+
+# Functions whose value has the unit of their operands.
+KEEPING_UNITS = {ARITHMETIC["+"], ARITHMETIC["-"], abs, np.minimum, np.maximum}
+ANY_UNIT = None  # of a number in the text, which takes the unit of what it is added to or compared with
 
 
 # --- what is parsed --------------------------------------------------------------------------------
@@ -263,7 +267,7 @@ class Expression:
 
     Attributes:
       text: text as written.
-      root: root of its tree.
+      root: root of its
     """
 
     text: str
@@ -312,3 +316,40 @@ def negated(truth: BooleanExpression) -> BooleanExpression:
         case BooleanOperation(start, end, every, parts):
             return BooleanOperation(start, end, not every, tuple(map(negated, parts)))
     raise TypeError(truth)
+
+
+def expression_unit(root: NumericExpression, units: Mapping[str, str]) -> str:
+    """Returns the unit of an expression; empty where it is a pure number, mixed or changed by a factor.
+
+    Args:
+      units: the units of columns, by name.
+    """
+    return _unit(root, units) or ""
+
+
+def _unit(node: Node, units: Mapping[str, str]) -> str | None:
+    match node:
+        case NumberLiteral():
+            return ANY_UNIT
+        case ColumnReference(name=name):
+            return units.get(name, "")
+        case ColumnVector(names=names):
+            return _common([units.get(name, "") for name in names])
+        case FunctionCall(functions=functions, operands=operands) if KEEPING_UNITS.issuperset(functions):
+            return _common([_unit(operand, units) for operand in operands])
+        case Reduction(operands=operands) | Choice(operands=operands):
+            return _common([_unit(operand, units) for operand in operands])
+        case AggregateCall(name=name, operand=operand):
+            return "" if name in OF_CONDITIONS else _unit(operand, units)
+        case PreviousValue(operand=operand):
+            return _unit(operand, units)
+        case _:
+            return ""
+
+
+def _common(units: Sequence[str | None]) -> str | None:
+    """Returns the unit that all have, empty if they differ."""
+    different = {unit for unit in units if unit is not ANY_UNIT}
+    if len(different) > 1:
+        return ""
+    return different.pop() if different else ANY_UNIT

@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, option, quoted
 from mjrun.model.table_column import Column
 from mjrun.options.trace import PROBES
@@ -183,3 +184,28 @@ def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, re
 def _matches(column: Column, pattern: str) -> bool:
     rest = column.name.split("/", 1)[-1]
     return any(name == pattern or fnmatchcase(name, pattern) for name in (rest, rest.rpartition("/")[0]) if name)
+
+
+@dataclass(frozen=True)
+class ColumnGroup:
+    """The columns whose names begin with the same word.
+
+    Attributes:
+      name: that word, by which a probe selects all of them.
+      columns: the columns, in order.
+    """
+
+    name: str
+    columns: Sequence[Column]
+
+    def texts(self, attribute: str) -> list[str]:
+        """Returns the different texts of an attribute of the columns, in order, without empty ones."""
+        return [text for text in dict.fromkeys(getattr(column, attribute) for column in self.columns) if text]
+
+
+def column_groups(columns: Iterable[Column]) -> list[ColumnGroup]:
+    """Returns the groups of columns, in the order of their first columns."""
+    groups: dict[str, list[Column]] = {}
+    for column in columns:
+        groups.setdefault(column.name.partition("/")[0], []).append(column)
+    return [ColumnGroup(name, members) for name, members in groups.items()]

@@ -16,7 +16,7 @@ from mjrun.experiment.results_page import (
     write_results_page,
 )
 from mjrun.model.table_column import with_unit
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.sweep import MANIFEST
 from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER

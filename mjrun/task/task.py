@@ -17,10 +17,9 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
-from mjrun.options.disturbance import NO_DISTURBANCES, DisturbanceOptions, Disturbances
+from mjrun.options.disturbance import NO_DISTURBANCES, DisturbanceOptions, Disturbances, Push
 from mjrun.options.number_kinds import ExactNumber
 from mjrun.options.option import is_given, options
-from mjrun.options.push import Push
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
 from mjrun.physics.random_distribution import parse_distribution

@@ -3,7 +3,7 @@
 import mujoco
 import pytest
 
-from mjrun.cli.info_summary import statistics, summary
+from mjrun.cli.info_sections import statistics, summary
 from mjrun.model.description.model_description import ModelDescription
 
 TEXT = """

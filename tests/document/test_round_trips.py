@@ -15,13 +15,13 @@ from mjrun.document.run_writer import plain_value
 from mjrun.document.value_forms import DocumentContext
 from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerances
+from mjrun.options.disturbance import PushKind
 from mjrun.options.evaluation import EvaluationOptions, Thresholds, VideoCount
 from mjrun.options.fit import FitOptions
 from mjrun.options.kinds import Kind
 from mjrun.options.model import ServoGains
 from mjrun.options.option import Option, document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
-from mjrun.options.push import PushKind
 from mjrun.options.schema_validation import Schema
 from mjrun.options.setting_kinds import VariedSettings
 from mjrun.options.simulation import SimulationOptions

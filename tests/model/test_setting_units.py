@@ -3,7 +3,7 @@
 import mujoco
 import pytest
 
-from mjrun.model.setting_units import setting_unit
+from mjrun.model.units import setting_unit
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
   <body name="b"><joint name="turn"/><joint name="push" type="slide"/><geom name="g" size=".1"/><site name="s"/></body>

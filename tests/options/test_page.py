@@ -3,7 +3,7 @@
 import pytest
 
 from mjrun.errors import BadValueError
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 
 
 def test_the_size_of_embedded_files_is_not_negative() -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.push import Push, PushKind
+from mjrun.options.disturbance import Push, PushKind
 from mjrun.options.schema_validation import InvalidValueError
 
 KIND = PushKind()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import BadValueError, FailedAssertionError, FileError, PartlyDoneError
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.perform import perform

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.probe.column_groups import column_groups
-from mjrun.probe.select import available_columns, selected_columns
+from mjrun.probe.select import available_columns, column_groups, selected_columns
 
 ARM = Path(__file__).parents[2] / "scenes/arm.xml"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjrun.probe.expression_units import expression_unit
+from mjrun.probe.expression import expression_unit
 from mjrun.probe.metric import parse_metric
 
 UNITS = {"time": "s", "a": "m", "b": "m", "v": "m/s", "n": ""}

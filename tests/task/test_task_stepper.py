@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import InvalidActionError, UnstableError
 from mjrun.model import state
-from mjrun.options.push import Push
+from mjrun.options.disturbance import Push
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.observe import Tap, observe
 from mjrun.task.episode import Ending

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
-from mjrun.options.push import PushKind
+from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances, PushKind
 from mjrun.task.task import Action
 from mjrun.task.world_disturbances import WorldDisturbances
 from mjrun.task.worlds import TaskWorlds

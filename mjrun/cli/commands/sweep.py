@@ -26,7 +26,7 @@ from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
-from mjrun.options.page import PageOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
@@ -139,8 +139,9 @@ def _start_early(command_line: CommandLine) -> None:
     is_new = not any(exists(Path(place) / PARTS) for place in (folder, model))  # or in a store, which takes time to ask
     execution = command_line.make(ExecutionOptions)
     if not other_task and is_new and execution.engine == "local":
-        from mjrun.child_process import ENVIRONMENT, may_fork
+        from mjrun.child_process import may_fork
         from mjrun.study.point_server import start_early
+        from mjrun.worker import ENVIRONMENT
 
         if may_fork():
             import_mujoco(ENVIRONMENT)

@@ -45,7 +45,7 @@ from mjrun.plotting.study.statistics import (
     summary,
 )
 from mjrun.plotting.study.trajectories import Trajectories
-from mjrun.probe.expression_units import expression_unit
+from mjrun.probe.expression import expression_unit
 
 LINES = 6  # maximum number of curves of another parameter in one panel
 FEW = 3  # maximum number of parameters that have a scatter plot each
