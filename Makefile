@@ -56,7 +56,7 @@ lint: setup-python ## check the code's style and layout
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 
-types: setup-python ## check the code's types
+types: setup-python ## check the types of the code, and of tests that use the Python interface
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 .venv/bin/pyright
 
 check: lint types test ## lint, types and test

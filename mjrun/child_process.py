@@ -33,10 +33,14 @@ POLL_INTERVAL = 0.05  # [s]
 PIPE_GRACE = 1.0  # [s] for a pipe to end after its process
 KILLED_GRACE = 0.1  # [s] for it to end after a process that was killed
 IDLE_INTERVAL = 1.0  # [s] between two checks for activity
+# Modules are not garbage, and scanning them is slower than importing some of them.
 BOOT = (
-    "import sys; end = 2 + int(sys.argv[1]); sys.path[:] = sys.argv[2:end]; "
-    "from {module} import {function}; {function}(*sys.argv[end:])"
+    "import gc, sys; gc.disable(); end = 2 + int(sys.argv[1]); sys.path[:] = sys.argv[2:end]; "
+    "from {module} import {function}; gc.freeze(); gc.enable(); {function}(*sys.argv[end:])"
 )
+# Libraries read these when they are loaded: one thread each, as workers share the cores. MuJoCo reads MUJOCO_GL when it
+# is imported, and would otherwise import GLFW, which starts a process to find its library.
+ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 Cause = Literal["time", "memory", "idle", "ended"]
 Stream = Literal["discard", "inherit", "capture"] | IO[bytes] | int

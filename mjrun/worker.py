@@ -23,14 +23,11 @@ from multiprocessing.connection import Client, Connection, Listener, Pipe
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, cast
 
-from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
+from mjrun.child_process import ENVIRONMENT, ChildProcess, ExitStatus, Stream, limit_this_process, python_call
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, clean
 from mjrun.platform import system
 
-# Libraries read these when they are loaded: one thread each, as workers share the cores. MuJoCo reads MUJOCO_GL when it
-# is imported, and would otherwise import GLFW, which starts a process to find its library.
-ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 ACCEPT_INTERVAL = 0.05  # [s] between two looks at whether a process that is to connect has ended
 STRANGER = (AuthenticationError, EOFError, OSError)  # what a connection of another process raises
 GRACE = 1.0  # [s] from when the parent hangs up until a busy worker ends

@@ -4,7 +4,6 @@ import itertools
 import os
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import field, replace
 from fnmatch import fnmatchcase
@@ -12,11 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from mjrun.check.baseline import Baseline, write_baseline
-from mjrun.check.changed_models import ChangedModels
 from mjrun.check.codes import codes, matching_codes
 from mjrun.check.model_result import CheckedCopy, Copy, FixedFile, ModelResult
-from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
@@ -38,7 +34,9 @@ from mjrun.suffixes import CHECKED, XML, is_yaml
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
+    from mjrun.check.baseline import Baseline
     from mjrun.check.fixing import BeforeFix, Fixing
+    from mjrun.check.result_cache import ResultCache
 
 T = TypeVar("T")
 
@@ -141,9 +139,17 @@ class Check(PolicyOptions, CheckOptions):
         ]
 
     @cached_property
-    def _accepted(self) -> Baseline | None:
+    def _accepted(self) -> "Baseline | None":
         """The baseline with findings that are not to be fixed."""
-        return Baseline.read(Path(self.baseline)) if self.fix and self.baseline and not self.update_baseline else None
+        return self._known_findings() if self.fix else None
+
+    def _known_findings(self) -> "Baseline | None":
+        """Reads the baseline; None without one, or if it is to be written."""
+        if self.baseline is None or self.update_baseline:
+            return None
+        from mjrun.check.baseline import Baseline
+
+        return Baseline.read(Path(self.baseline))
 
     def run(
         self,
@@ -165,12 +171,14 @@ class Check(PolicyOptions, CheckOptions):
           UsageError: `models` are folders without any model.
         """
         reporter = reporter or WarningReporter()
-        known = None if self.baseline is None or self.update_baseline else Baseline.read(Path(self.baseline))
+        known = self._known_findings()
         paths, skipped = find_models(self.models, skip_other=self.skip_other)
         if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("no model to check: give model files, or folders that contain some")
         found = len(paths)
         if self.changed_since is not None:
+            from mjrun.check.changed_models import ChangedModels
+
             paths = ChangedModels(self.changed_since).of(paths)
 
         def reported(result: ModelResult) -> ModelResult:
@@ -178,7 +186,7 @@ class Check(PolicyOptions, CheckOptions):
             finished(new)
             return new
 
-        workers, cache = CheckProcesses(), ResultCache(self._versions()) if self.cache else None
+        workers, cache = CheckProcesses(), self._result_cache()
         try:
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
@@ -197,6 +205,8 @@ class Check(PolicyOptions, CheckOptions):
                 cache.entries.trim()
 
         if self.baseline is not None and known is None:
+            from mjrun.check.baseline import Baseline, write_baseline
+
             write_baseline(Path(self.baseline), (finding for result in results for finding in result.findings))
             known = Baseline.read(Path(self.baseline))
             results = [_without_known(result, known) for result in results]
@@ -206,10 +216,14 @@ class Check(PolicyOptions, CheckOptions):
         written = bool(files) and not self.dry_run
         return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, written)
 
-    def _versions(self) -> dict[str, str]:
-        """Returns the versions of the packages that results depend on."""
+    def _result_cache(self) -> "ResultCache | None":
+        """Returns the cache of results for the present versions of the packages that they depend on."""
+        if not self.cache:
+            return None
+        from mjrun.check.result_cache import ResultCache
+
         libraries = [name for libraries, _ in EXTRAS.values() for name in libraries] if self.unsafe_fixes else []
-        return computing_versions() | {name: installed_version(name) for name in libraries}
+        return ResultCache(computing_versions() | {name: installed_version(name) for name in libraries})
 
     def _fixing(
         self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling, before: "BeforeFix | None"
@@ -232,7 +246,7 @@ class Check(PolicyOptions, CheckOptions):
         self,
         tasks: Sequence[WorkerTask],
         workers: CheckProcesses,
-        cache: ResultCache | None,
+        cache: "ResultCache | None",
         spelling: Spelling,
         finished: Callable[[CheckedCopy], T],
     ) -> list[T]:
@@ -240,7 +254,11 @@ class Check(PolicyOptions, CheckOptions):
 
         Several tasks are executed at once.
         """
-        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(tasks)))
+        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), len(tasks))
+        if jobs <= 1:
+            return [finished(self._check(task, workers, cache, spelling)) for task in tasks]
+        from concurrent.futures import ThreadPoolExecutor, as_completed  # slow to import
+
         with ThreadPoolExecutor(jobs) as threads:
             try:
                 places = {
@@ -255,7 +273,7 @@ class Check(PolicyOptions, CheckOptions):
                 threads.shutdown(cancel_futures=True)
 
     def _check(
-        self, task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
+        self, task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None", spelling: Spelling
     ) -> CheckedCopy:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
@@ -284,7 +302,7 @@ class Check(PolicyOptions, CheckOptions):
         return CheckedCopy(result, changes)
 
     @staticmethod
-    def _output(task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None) -> WorkerOutput:
+    def _output(task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None") -> WorkerOutput:
         """Returns the output of the check of one model, or an earlier one."""
         if cache is None:
             return workers.run(task)
@@ -342,7 +360,7 @@ class Check(PolicyOptions, CheckOptions):
         return int(any(SEVERITIES.index(f.severity) >= least for result in results for f in result.findings))
 
 
-def _without_known(result: ModelResult, known: Baseline) -> ModelResult:
+def _without_known(result: ModelResult, known: "Baseline") -> ModelResult:
     """Returns a result without the findings of a baseline."""
     new = known.new(result.findings)
     return replace(result, findings=new, known=len(result.findings) - len(new))

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from functools import cache
-from importlib import resources
+from pathlib import Path
 
-from mjrun import check
 from mjrun.check.thresholds import described
 from mjrun.errors import UnknownNameError
 
+EXPLANATIONS = Path(__file__).with_name("explanations")
 TOPICS = {  # by the first digit of the code
     "0": "The check itself",
     "1": "Loading",
@@ -24,8 +24,7 @@ TOPICS = {  # by the first digit of the code
 @cache
 def codes() -> Sequence[str]:
     """Returns the codes of all rules, sorted; each has a page in `mjrun.check.explanations`."""
-    pages = resources.files(check).joinpath("explanations").iterdir()
-    return sorted(page.name.removesuffix(".md") for page in pages if page.name.endswith(".md"))
+    return sorted(page.stem for page in EXPLANATIONS.glob("*.md"))
 
 
 def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:
@@ -54,6 +53,6 @@ def explanation(code: str) -> str:
     """
     if code not in codes():
         raise UnknownNameError("rule", code, list(codes()))
-    page = resources.files(check).joinpath("explanations", f"{code}.md").read_text("utf-8")
+    page = (EXPLANATIONS / f"{code}.md").read_text("utf-8")
     thresholds = "\n".join(f"- {line}" for line in described(code))
     return page.replace("## Example", f"## Thresholds\n\n{thresholds}\n\n## Example", 1) if thresholds else page

@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 import mujoco
 
@@ -41,7 +41,7 @@ KEPT_MEMORY = 0.25  # part of the maximum memory per model that a process may ho
 GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
-def serve() -> None:
+def serve() -> NoReturn:
     """Checks the model or task of each `WorkerTask` on standard input, until one crashes or the input ends.
 
     Where the system can fork, forks of this process check them: starting one takes milliseconds.
@@ -54,12 +54,13 @@ def serve() -> None:
     gc.freeze()
     if not system.CAN_FORK_LATE:
         _check_all(tasks, output)
-        return
+        os._exit(0)
     for task in tasks:
         code = _forked(chain([task], tasks), output)
         _write(output, exit=code)
         if code:
-            return
+            break
+    os._exit(0)  # shutting down an interpreter takes time
 
 
 def _forked(tasks: Iterable[bytes], output: int) -> int:

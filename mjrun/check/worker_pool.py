@@ -16,10 +16,17 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from mjrun.child_process import POLL_INTERVAL, STDOUT_LIMIT, ChildProcess, ExitStatus, python_call, resident_memory
+from mjrun.child_process import (
+    ENVIRONMENT,
+    POLL_INTERVAL,
+    STDOUT_LIMIT,
+    ChildProcess,
+    ExitStatus,
+    python_call,
+    resident_memory,
+)
 from mjrun.dataclass import dataclass
 from mjrun.errors import option
-from mjrun.worker import ENVIRONMENT
 
 MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"

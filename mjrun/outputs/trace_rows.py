@@ -5,7 +5,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
-from operator import attrgetter
 from typing import NamedTuple, cast
 
 import mujoco
@@ -98,7 +97,7 @@ class ProbeSampler:
         self._data: mujoco.MjData | None = None
         self._initial_values: Fields = {}
         self._like: Fields = {}  # an instance of each field
-        self._copies: Sequence[Callable[[], bytes | int]] = ()  # copy each field of the last MjData
+        self._copies = list[Callable[[], bytes | int]]()  # copy each field of the last MjData
         self.model = model
         if "energy" in self._fields and not model.opt.enableflags & ENERGY:
             self.model = copy.copy(model)
@@ -180,11 +179,10 @@ class ProbeSampler:
             return
         stepper.advance(steps[0])
         while count := steps[-1] - stepper.step:
-            if not stepper.always_differs:
-                count = min(count, CHUNK, stepper.steps_alike())
-                if count > 1 and (block := stepper.read_steps(count, partial(self._reading, stepper))):
-                    readings += block
-                    continue
+            count, before = min(count, CHUNK, stepper.steps_together()), len(readings)
+            if count > 1 and stepper.read_steps(count, lambda data: readings.append(self._reading(stepper, data))):
+                continue
+            del readings[before:]
             for _ in range(count):
                 readings.append(self.read(stepper))
                 stepper.advance(stepper.step + 1)
@@ -201,7 +199,9 @@ class ProbeSampler:
         if data is not self._data:  # whose arrays stay in place
             self._data = data
             self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
-            self._copies = [_copy_of(stepper.model, data, name) for name in self._fields]
+            self._copies = [_copy_of(data, name) for name in self._fields]
+            if "energy" in self._fields and not (model := stepper.model).opt.enableflags & ENERGY:
+                self._copies[self._fields.index("energy")] = lambda: _with_energy(model, data).energy.tobytes()
         measured: list[np.ndarray] = []
         for probe in self._of_instants:
             if isinstance(probe, EpisodeProbe):
@@ -292,10 +292,8 @@ def _are_consecutive(steps: Sequence[int]) -> bool:
     return [*steps] == [*range(steps[0], steps[0] + len(steps))]
 
 
-def _copy_of(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Callable[[], bytes | int]:
+def _copy_of(data: mujoco.MjData, name: str) -> Callable[[], bytes | int]:
     """Returns a function that returns the bytes of a field of `data`, or its number."""
-    if name == "energy" and not model.opt.enableflags & ENERGY:
-        return lambda: _with_energy(model, data).energy.tobytes()
     value = getattr(data, name)
     return value.tobytes if isinstance(value, np.ndarray) else partial(getattr, data, name)
 
@@ -347,12 +345,12 @@ def blocks(
         enough = min(ROWS, rows.size)
         try:
             while not is_done and rows.count < enough:
-                is_done = recorder.add(rows, enough, end)
+                is_done = recorder.add(rows, end)
         except SimulationError:
             if rows.count:
-                yield first, rows.count, rows.fields
+                yield first, rows.count, rows.stored()
             raise
-        yield first, rows.count, rows.fields
+        yield first, rows.count, rows.stored()
 
 
 class _InstantRows:
@@ -361,26 +359,39 @@ class _InstantRows:
     Args:
       templates: an instance of each field.
       size: the number of instants for which there is room.
+
+    Attributes:
+      count: the number of instants so far.
+      all: the fields `{field: (1, size + 1, …)}`, as far as they are stored; a recorded step writes the state after it.
     """
 
     def __init__(self, templates: Fields, size: int) -> None:
         self.size, self.count = size, 0
-        # One more, as a step also records the state after it.
         self.all = {name: np.empty((1, size + 1, *value.shape), value.dtype) for name, value in templates.items()}
-        filled = [name for name, value in templates.items() if value.size]
-        self._targets = [self.all[name][0] for name in filled]
-        self._read = attrgetter(*filled, "time", "time")  # a tuple in any case
-
-    @property
-    def fields(self) -> Fields:
-        """The fields of the instants so far: `{field: (1, count, …)}`."""
-        return {name: values[:, : self.count] for name, values in self.all.items()}
+        self._templates = {name: value for name, value in templates.items() if value.size}
+        self._data: mujoco.MjData | None = None  # the last one, and what copies each of its fields
+        self._copies: Sequence[Callable[[], bytes | int]] = ()
+        self._read = list[Sequence[bytes | int]]()  # the last instants, which are not stored yet
 
     def add(self, data: mujoco.MjData) -> None:
         """Adds an instant."""
-        for target, value in zip(self._targets, self._read(data), strict=False):
-            target[self.count] = value
+        if data is not self._data:
+            self._data, self._copies = data, [_copy_of(data, name) for name in self._templates]
+        self._read.append([copy() for copy in self._copies])
         self.count += 1
+
+    def remove(self, count: int) -> None:
+        """Removes all but the first `count` instants, which were added one by one."""
+        del self._read[len(self._read) - (self.count - count) :]
+        self.count = count
+
+    def stored(self) -> Fields:
+        """Returns the fields of the instants so far: `{field: (1, count, …)}`."""
+        first = self.count - len(self._read)
+        for name, copies in zip(self._templates, zip(*self._read, strict=True), strict=False):
+            self.all[name][0, first : self.count] = _joined_copies(self._templates[name], copies)
+        self._read.clear()
+        return {name: values[:, : self.count] for name, values in self.all.items()}
 
 
 class _InstantRecorder:
@@ -401,37 +412,32 @@ class _InstantRecorder:
         self._least = SHORT if int(model.opt.integrator) != RK4 and not model.nflex else LONG
         self._least = NEVER if model.opt.enableflags & SLEEP else self._least
 
-    def add(self, rows: _InstantRows, enough: int, end: int) -> bool:
-        """Takes some steps, and adds the instants before them; returns whether that at step `end` has been added.
-
-        Args:
-          enough: the number of rows that need not be exceeded.
-        """
+    def add(self, rows: _InstantRows, end: int) -> bool:
+        """Takes some steps, and adds the instants before them; returns whether that at step `end` has been added."""
         stepper = self._stepper
         if stepper.step == end:
             rows.add(stepper.instant())
             return True
-        if stepper.always_differs:
-            self._add_single(rows, min(enough - rows.count, end - stepper.step))
+        left = min(rows.size - rows.count, end - stepper.step)
+        count = min(left, stepper.steps_alike())
+        if count >= self._least and self._add_recorded(rows, count):
             return False
-        count = min(rows.size - rows.count, end - stepper.step, stepper.steps_alike())
         if count < self._least:
-            self._add_single(rows, 1)
-        elif not self._add_recorded(rows, count):
-            self._add_single(rows, count)  # which names the failing step, or gets past it
-        return False
-
-    def _add_single(self, rows: _InstantRows, count: int) -> None:
-        stepper = self._stepper
-        for _ in range(count):
+            count, before = min(left, CHUNK, stepper.steps_together()), rows.count
+            if count > 1 and stepper.read_steps(count, rows.add):
+                return False
+            rows.remove(before)
+        for _ in range(count):  # which names the failing step, or gets past it
             rows.add(stepper.instant())
             stepper.advance(stepper.step + 1)
+        return False
 
     def _add_recorded(self, rows: _InstantRows, count: int) -> bool:
         """Adds steps that are taken in C; returns False if one of them fails."""
         stepper, at = self._stepper, self._stepper.step
         self._batch = self._batch or RecordingBatch([stepper.model], self._record, BLOCK_STEPS)
         controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
+        rows.stored()
         after = self._batch.extend(rows.all, rows.count, stepper.state(), count, controls)
         if after is None:
             return False

@@ -128,7 +128,7 @@ class PeriodicController:
                 self._put_back(name, getattr(data, name), content, when)
 
         ctrl = data.ctrl
-        if not ctrl.dot(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
+        if not mujoco.mju_norm(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
             actuator = control_names(model)[int(bad[0])]
             raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {ctrl[bad[0]]} {when()}")
 

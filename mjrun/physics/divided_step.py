@@ -21,7 +21,6 @@ INTEGRATORS: dict[int, Integrate] = {
     int(mujoco.mjtIntegrator.mjINT_IMPLICIT): mujoco.mj_implicit,
     int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST): mujoco.mj_implicit,
 }
-SQUARE = mujoco.mjMAXVAL**2
 ACCELERATION = int(mujoco.mjtStage.mjSTAGE_ACC)
 # Fields that are valid once positions and velocities are computed, before forces and accelerations.
 MOTION_FIELDS = {
@@ -50,4 +49,4 @@ def need_only_motion(model: mujoco.MjModel, fields: Collection[str]) -> bool:
 
 def is_bounded(values: np.ndarray) -> bool:
     """Returns whether all `values` are within MuJoCo's limit of a stable simulation."""
-    return bool(values.dot(values) < SQUARE or (abs(values) <= mujoco.mjMAXVAL).all())
+    return bool(mujoco.mju_norm(values) < mujoco.mjMAXVAL or (abs(values) <= mujoco.mjMAXVAL).all())

@@ -1,22 +1,21 @@
 """Steppers: physics moved to an exact step, with the first bad step found when a simulation fails."""
 
 import copy
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError
+from mjrun.errors import ContactMemoryError, ControllerError, FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
 from mjrun.physics.control import NEVER, ControlSources, PeriodicController
 from mjrun.physics.divided_step import Integrate, integrator_of, is_bounded, need_only_motion
 from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
-
-T = TypeVar("T")
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
 SHORTAGES = slice(int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1)
@@ -157,6 +156,8 @@ class PhysicsStepper:
         self._pushes = pushes or None
         self._unpushed = data.xfrc_applied.copy()
         self._sources = [source for source in (self.control.controller, self.control.inputs, pushes) if source]
+        # What a controller set at the next steps, until the step at which it failed, in a block that is repeated.
+        self._repeated = deque[Sequence[bytes] | ControllerError]()
         if self.control.controller:
             self.control.controller.reset(self.model, self._copied_instant())
             self._permit(self.control.controller.fields)
@@ -170,7 +171,11 @@ class PhysicsStepper:
         while self.step < step:
             count = step - self.step
             if count > 1:
-                count = min(CHUNK, count, self.steps_alike())
+                count = min(CHUNK, count, self.steps_together())
+            if count > 1 and self._calls_within and self._computed != INSTANT:
+                if not self.read_steps(count, _read_nothing):
+                    self._repeat_singly(count)
+                continue
             if count == 1 or (self._integrate and self._computed != STATE):
                 self._take_one()
                 continue
@@ -181,52 +186,73 @@ class PhysicsStepper:
                 self._arrive()
                 continue
             self._go_on_from_copy()
-            for _ in range(count):
-                self._take_one()  # until the step that fails
+            self._repeat_singly(count)
 
     def steps_alike(self) -> int:
         """Returns the number of steps before a controller is called or inputs other than controls change."""
         return min((source.next_change(self.step) for source in self._sources), default=NEVER) - self.step
 
+    def steps_together(self) -> int:
+        """Returns the maximum number of steps of `read_steps`: it may call a controller on the way."""
+        return NEVER if self._calls_within else self.steps_alike()
+
     @property
-    def always_differs(self) -> bool:
-        """True if a controller is called at each step."""
-        return self.control.controller is not None and self.control.controller.is_always_due
+    def _calls_within(self) -> bool:
+        """True if a controller is the only source of inputs, and works on the data of the steps."""
+        is_only = len(self._sources) == 1 and not self.control.varies
+        return is_only and self.control.controller is not None and self._in_place and not self._may_move_poses
 
-    def read_steps(self, count: int, read: Callable[[mujoco.MjData], T]) -> list[T] | None:
-        """Takes `count` steps, at most `steps_alike()`, and reads the instant before each; None if one of them fails.
+    def read_steps(self, count: int, read: Callable[[mujoco.MjData], object]) -> bool:
+        """Takes `count` steps, at most `steps_together()`, and reads the instant before each.
 
-        This is cheaper than `instant()` and `advance` for each, as it checks all steps together. After a failure the
-        stepper is still at the first instant.
+        This is cheaper than `instant()` and `advance` for each, as it checks all steps together. Where one of them
+        fails it returns False, with the stepper at the first instant again, and what was read is invalid. A controller
+        is not called again at the steps that are then taken one by one: what it set is repeated.
+
+        Raises:
+          ControllerError: the controller failed at the last step, on arrival; what was read is valid.
         """
         if self._integrate is None:
-            return None
+            return False
         model, data, integrate = self.model, self._data, self._integrate
         mujoco.mj_copyData(self._saved, model, data)
         controls = self.control.rows(self.step, count) if self.control.varies else None
-        readings, computed, is_stable = list[T](), self._computed, False
+        controller = self.control.controller if self._calls_within else None
+        inputs = [getattr(data, name) for name in self._set] if controller else []
+        computed, is_stable = self._computed, False
         try:
-            for index in range(count):
+            for step in range(self.step, self.step + count):
                 if controls is not None:
-                    data.ctrl[:] = controls[index]
-                mujoco.mj_checkPos(model, data)  # as mj_step does
-                mujoco.mj_checkVel(model, data)
+                    data.ctrl[:] = controls[step - self.step]
+                if controller and step > self.step and controller.is_due(step):
+                    if controller.fields is None:
+                        count = step - self.step  # a function that it calls has been replaced
+                        break
+                    mujoco.mj_step1(model, data)
+                    controller.act(model, data, step, self._guarded)
+                    self._repeated.append([values.tobytes() for values in inputs])
+                    computed = MOTION
+                else:
+                    mujoco.mj_checkPos(model, data)  # as mj_step does
+                    mujoco.mj_checkVel(model, data)
                 mujoco.mj_forwardSkip(model, data, computed, False)
                 mujoco.mj_checkAcc(model, data)
-                readings.append(read(data))
+                read(data)
                 integrate(model, data)
                 computed = STATE
             is_stable = self._is_stable()
+        except ControllerError as error:
+            self._repeated.append(error)
         except mujoco.FatalError:
             pass
         finally:
             if not is_stable:
                 self._go_on_from_copy()
-        if not is_stable:
-            return None
-        self.step += count
-        self._arrive()
-        return readings
+        if is_stable:
+            self._repeated.clear()
+            self.step += count
+            self._arrive()
+        return is_stable
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, computed elsewhere."""
@@ -337,10 +363,14 @@ class PhysicsStepper:
         values = {name: getattr(self._data, name, None) for name in used}
         arrays = [name for name, value in values.items() if isinstance(value, np.ndarray) and value.size]
         self._guarded = [name for name in arrays if name not in state.INPUT_FIELDS]
+        self._set = ["ctrl", *(name for name in arrays if name in state.INPUT_FIELDS and name != "ctrl")]
         self._may_move_poses = any(name in state.POSITION_INPUTS for name in arrays)
 
     def _call_controller(self, controller: PeriodicController) -> None:
         """Calls the controller, which sets the inputs. It reads and writes `xfrc_applied` without the pushes."""
+        if self._repeated:
+            self._repeat(self._repeated.popleft())
+            return
         if self._in_place and controller.fields is None:  # a function that it calls has been replaced
             self._permit(None)
         varies = self.control.varies  # otherwise, only a controller changes controls
@@ -368,6 +398,19 @@ class PhysicsStepper:
         if self._pushes:
             self._unpushed[:] = self._data.xfrc_applied
             self._push()
+
+    def _repeat(self, result: Sequence[bytes] | ControllerError) -> None:
+        """Sets the inputs that the controller set before, or raises its error again."""
+        if isinstance(result, ControllerError):
+            raise result
+        for name, content in zip(self._set, result, strict=True):
+            values = getattr(self._data, name)
+            values[:] = np.frombuffer(content, values.dtype).reshape(values.shape)
+
+    def _repeat_singly(self, count: int) -> None:
+        """Takes steps one by one that have failed together, until the step that fails."""
+        for _ in range(count):
+            self._take_one()
 
     def _take(self, count: int) -> bool:
         """Takes `count` steps whole; returns whether all are stable."""
@@ -484,6 +527,10 @@ class PhysicsStepper:
         body = names(self.model, "body")[int(self.model.jnt_bodyid[joint])]
         name = names(self.model, "joint")[joint]
         return f"joint '{name}'" + (f" of body '{body}'" if name == f"joint:{joint}" else "")
+
+
+def _read_nothing(data: mujoco.MjData) -> None:
+    """Reads nothing from a step."""
 
 
 def _poses(data: mujoco.MjData) -> bytes:

@@ -20,11 +20,11 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from mjrun.child_process import ExitStatus, memory_file
+from mjrun.child_process import ENVIRONMENT, ExitStatus, memory_file
 from mjrun.dataclass import dataclass
 from mjrun.errors import DrawError, option
 from mjrun.shared_status import doing
-from mjrun.worker import ENVIRONMENT, PicklableException, Worker, WorkerEndedError
+from mjrun.worker import PicklableException, Worker, WorkerEndedError
 
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
 SLOTS = 3  # frames in memory per process; the third waits for its turn

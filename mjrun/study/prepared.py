@@ -48,8 +48,6 @@ from mjrun.study.spec import (
 
 IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # options of simulations
 LENGTH = ("timestep", "duration", "steps")  # parameters that determine the number of steps
-FIRST_STEPS = 2000  # in a chunk before anything is measured, if points have fewer
-FIRST_POINTS = 32  # most points in such a chunk: each may be compiled
 CHUNK_STEPS = 50_000  # steps in a chunk whose time is not measured: usually seconds
 CHUNK_POINTS = 500  # most points in such a chunk
 CHUNK_WORLDS = 4096  # points in a chunk of Warp worlds
@@ -134,13 +132,6 @@ class PreparedStudy(PreparedPoints):
         steps = max(1, self.first.timeline(self.first.load()).steps)
         return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS))
 
-    @property
-    def _first_size(self) -> int:
-        """Points in a chunk before anything is measured: one, unless the first takes few steps."""
-        if self.first.episode is not None or isinstance(self.spec.product, EpisodeSpec):
-            return 1
-        return min(max(1, FIRST_STEPS // max(1, self.first.timeline(self.model).steps)), FIRST_POINTS)
-
     def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 for a point whose simulation cannot be made, and for episodes
         of a dataset, whose lengths only their simulation shows.
@@ -173,7 +164,7 @@ class PreparedStudy(PreparedPoints):
             return executors.ChunkSizes(options.chunk or max(1, worlds), ahead)
         if options.engine == executors.SLURM:
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
-        return executors.ChunkSizes(options.chunk, ahead, first=self._first_size)
+        return executors.ChunkSizes(options.chunk, ahead)
 
     def _check(self, options: StudyOptions, written: Sequence[tuple[str, str]]) -> Sequence[Metric]:
         """Raises errors that concern all points before the first is simulated; returns the metrics."""

@@ -58,6 +58,7 @@ def bare(model: mujoco.MjModel, steps: int, ctrl: Callable[[int, mujoco.MjData],
         ctrl(step, shown)
         data.ctrl[:] = shown.ctrl
         data.xfrc_applied[:] = shown.xfrc_applied
+        data.qfrc_applied[:] = shown.qfrc_applied
         mujoco.mj_forward(model, shown)
         for field in FIELDS:
             found[field].append(np.array(getattr(shown, field)))

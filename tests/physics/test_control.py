@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,12 +15,8 @@ from hypothesis import strategies as st
 
 from mjrun.errors import ControllerError, UnstableError, UsageError
 from mjrun.model import state
-from mjrun.physics.control import (
-    NOISE_BLOCK,
-    ControlArray,
-    ControlNoise,
-    PeriodicController,
-)
+from mjrun.physics.control import NOISE_BLOCK, ControlArray, ControlNoise, PeriodicController
+from mjrun.physics.stepper import CHUNK
 from mjrun.timeline import nearest
 from tests.physics.driven_arm import arm, bare, by_instants, periodic, same, stepped_in_c, stepper, table
 
@@ -160,6 +157,66 @@ def test_a_controller_drives_as_a_bare_loop_does(integrator: str, taken: Callabl
     assert same(taken(run, 300), oracle)
     assert len(swing.calls) == len(other.calls) == 300 // every + 1
     assert swing.resets == 1
+
+
+class Reflex:
+    """A controller of positions and velocities alone: it is called on the data of the steps, in blocks of them.
+
+    Args:
+      bad: the call in which it does something else.
+    """
+
+    def __init__(self, bad: int = -1, act: Callable[[], float] = lambda: 0.0) -> None:
+        self.calls: list[float] = []
+        self._bad, self._act = bad, act
+
+    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] = self._act() if len(self.calls) == self._bad else 0.3
+        self.calls.append(data.time)
+        data.ctrl[:] = [math.sin(20 * data.time) - 0.3 * data.qvel[0], 0.1 * len(self.calls)]
+        data.xfrc_applied[3, 2] = 3 * len(self.calls)
+
+
+@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+def test_a_controller_of_motion_drives_as_a_bare_loop_does(integrator: str, every: int, taken: Callable) -> None:
+    model, reflex, other = arm(integrator), Reflex(), Reflex()
+    run = stepper(model, controller=periodic(reflex, str(Fraction("0.002") * every)))
+    assert run.steps_together() > CHUNK
+    oracle = bare(model, 130, lambda step, data: None if step % every else other(model, data))
+    assert same(taken(run, 130), oracle)
+    assert reflex.calls == other.calls
+
+    far = stepper(model, controller=periodic(Reflex(), str(Fraction("0.002") * every)))
+    far.advance(130)
+    assert np.array_equal(far.state(), run.state())
+
+
+@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
+@pytest.mark.parametrize("step", [1, CHUNK - 1, CHUNK, 120])
+def test_a_controller_that_fails_later_is_called_once_at_each_step_until_then(step: int, taken: Callable) -> None:
+    reflex = Reflex(step, lambda: 1 / 0)
+    run = stepper(arm(), controller=periodic(reflex, "0.002"))
+    with pytest.raises(ControllerError, match=f"at step {step}, time .* raised ZeroDivisionError"):
+        taken(run, 200)
+    assert reflex.calls == pytest.approx(0.002 * np.arange(step))
+    assert run.step == step
+
+
+@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
+@pytest.mark.parametrize("step", [1, CHUNK - 1, CHUNK, 120])
+def test_a_controller_is_not_called_again_where_its_simulation_fails(
+    step: int, taken: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for MuJoCo's log
+    reflex = Reflex(step, lambda: 1e300)
+    run = stepper(arm(), controller=periodic(reflex, "0.002"))
+    with pytest.raises(UnstableError) as caught:
+        taken(run, 200)
+    assert caught.value.step == run.step == step
+    assert reflex.calls[: step + 1] == pytest.approx(0.002 * np.arange(step + 1))
+    assert len({*reflex.calls}) == len(reflex.calls)
 
 
 def test_a_controller_that_does_nothing_changes_nothing() -> None:

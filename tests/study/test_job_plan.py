@@ -181,6 +181,16 @@ def test_chunks_contain_every_missing_point_once(study: Study) -> None:
     assert [chunk.points[0].values for chunk in chunks] == [("0.2", "0"), ("0.6", "0"), ("1", "0")]
 
 
+@pytest.mark.parametrize("steps", [1, 40, 5000])
+def test_the_first_point_of_each_process_is_recorded_before_others_wait_for_it(study: Study, steps: int) -> None:
+    longer = replace(study, simulation=replace(study.simulation, steps=steps), chunk=None)
+    prepared = PreparedStudy(longer, longer.spec)
+    sizes, steps_of_all = prepared.chunk_sizes(longer, ahead=2), prepared.steps(range(10))
+    assert [sizes.next(steps_of_all, left=1000) for _ in range(2)] == [1, 1]
+    sizes.add(1, steps, 1.2)  # points that take seconds each
+    assert sizes.next(steps_of_all, left=1000) == 2
+
+
 def test_simulated_points_are_known(study: Study) -> None:
     prepared = PreparedStudy(study, study.spec)
     prepared.files.create()

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
@@ -21,7 +20,7 @@ from mjrun.check.rules.meshes import MESH, Surface, geom_mass
 from mjrun.check.rules.penetrations import deep_penetrations
 from mjrun.errors import MissingExtraError, WrongVersionError
 from mjrun.model.class_defaults import default_holder
-from mjrun.model.text_edits import TextEdit
+from mjrun.model.text_edits import TextEdit, escaped
 from mjrun.model.xml_source import Element
 from mjrun.options.check import EXTRAS
 from mjrun.packages import require_all
@@ -177,7 +176,7 @@ def _meshes(mesh: Element, names: Sequence[str]) -> Iterator[str]:
     scaled = default_holder(Element("mesh", {}, mesh.file, mesh.line, mesh.parent), "scale")
     scale = ' scale="1 1 1"' if scaled else ""
     for name in names:
-        yield f"<mesh name={quoteattr(name)} file={quoteattr(f'{folder}{name}.obj')}{scale}/>"
+        yield f'<mesh name="{escaped(name)}" file="{escaped(f"{folder}{name}.obj")}"{scale}/>'
 
 
 def _stays(context: LintContext, geom: int, element: Element) -> bool:
@@ -198,4 +197,5 @@ def _pieces(geom: Element, names: Sequence[str], group: int | None) -> Iterator[
     shared |= {} if group is None else {"group": str(group)}
     for i, mesh in enumerate(names, 1):
         attributes = ({} if own is None else {"name": f"{own}_part{i}"}) | shared | {"mesh": mesh, "mass": "0"}
-        yield f"<geom{''.join(f' {name}={quoteattr(value)}' for name, value in attributes.items())}/>"
+        written = "".join(f' {name}="{escaped(value)}"' for name, value in attributes.items())
+        yield f"<geom{written}/>"

@@ -104,8 +104,6 @@ def _cards(console: Console) -> "FindingCards":
 
 def _require_outputs(options: CheckReportOptions) -> None:
     """Checks that the table and the page can be written, before models are checked."""
-    from mjrun.formats.destinations import StagedFile
-
     if options.table:
         from mjrun.formats.tables import output_format
 
@@ -115,6 +113,8 @@ def _require_outputs(options: CheckReportOptions) -> None:
 
         check_page_name(options.html)
     for path in filter(None, (options.table, options.html)):
+        from mjrun.formats.destinations import StagedFile
+
         StagedFile(Path(path)).discard()
 
 

@@ -139,9 +139,8 @@ def _start_early(command_line: CommandLine) -> None:
     is_new = not any(exists(Path(place) / PARTS) for place in (folder, model))  # or in a store, which takes time to ask
     execution = command_line.make(ExecutionOptions)
     if not other_task and is_new and execution.engine == "local":
-        from mjrun.child_process import may_fork
+        from mjrun.child_process import ENVIRONMENT, may_fork
         from mjrun.study.point_server import start_early
-        from mjrun.worker import ENVIRONMENT
 
         if may_fork():
             import_mujoco(ENVIRONMENT)
