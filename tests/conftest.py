@@ -79,7 +79,7 @@ SourceFileLoader.set_data = _write_bytecode_of_packages
 # Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
 # How slowly examples are made says nothing on a busy machine.
 ANYWHERE = {"database": None, "deadline": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("same", derandomize=True, max_examples=50, **ANYWHERE)
+settings.register_profile("same", derandomize=True, max_examples=25, **ANYWHERE)
 settings.register_profile("explore", derandomize=False, **ANYWHERE)
 settings.load_profile("same")
 
@@ -148,10 +148,11 @@ def exploding(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture(autouse=True)
-def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
-    monkeypatch.setattr(backend_module, "_working", {})
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Lets each test detect backends, of which each is tried once."""
+    backend_module.BackendTrialProcess = RememberedTrial
+    backend_module._working = {}
 
 
 _working_codecs = functools.cache(working_codecs)
@@ -364,10 +365,11 @@ def mujoco_log() -> Iterator[None]:
     _log_to_file(False)
 
 
-@pytest.fixture(autouse=True)
-def _nothing_is_left(request: pytest.FixtureRequest) -> Iterator[None]:
-    folder = request.getfixturevalue("tmp_path") if "tmp_path" in request.fixturenames else None
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Function) -> Generator[None]:
+    """Sees to it that a test has left nothing behind. Fixtures that all tests use would take longer."""
     yield
+    folder: Any = item.funcargs.get("tmp_path")
     assert not folder or not list(folder.rglob("*.part"))
     assert (LOG.stat().st_size if LOG.exists() else None) == LOG_SIZE
     assert mujoco.get_mju_user_warning() is None, "a block of collected_warnings is still open"

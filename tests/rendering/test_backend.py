@@ -67,9 +67,9 @@ def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyP
 
 
 @pytest.fixture(autouse=True)
-def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replaces the fixture of all tests: here, each trial takes place."""
-    monkeypatch.setattr(backend_module, "_working", {})
+def each_trial_takes_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replaces the remembered trials of other tests."""
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", BackendTrialProcess)
 
 
 def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
