@@ -44,7 +44,7 @@ test-lowest: setup ## run the tests of what libraries do, with the lowest versio
 	.venv/bin/python scripts/lowest_versions.py > .venv/lowest.txt
 	.venv/bin/python -m venv .venv-lowest
 	.venv-lowest/bin/python -m pip install --quiet 'pip>=25.1'
-	.venv-lowest/bin/python -m pip install --quiet --constraint .venv/lowest.txt --editable '.[all,dask,slurm,warp]' --group dev
+	.venv-lowest/bin/python -m pip install --quiet --constraint .venv/lowest.txt --editable '.[all,dask,ray,slurm,warp]' --group dev
 	.venv-lowest/bin/pytest -n auto --maxprocesses 4 --dist worksteal -W default $(LOWEST) $(ARGS)
 
 loaders: setup ## read datasets with Ultralytics and the BOP toolkit, which need PyTorch

@@ -460,8 +460,8 @@ class Dataset(_Dataset):
       jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
         default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
-        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
-        concurrent.futures.Executor. [default: 'local']
+        dask, dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns
+        a concurrent.futures.Executor. [default: 'local']
       slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
         constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
         [default: time=5min, and what the cluster sets]
@@ -638,8 +638,8 @@ class EpisodeDataset(_EpisodeDataset):
       jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
         default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
-        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
-        concurrent.futures.Executor. [default: 'local']
+        dask, dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns
+        a concurrent.futures.Executor. [default: 'local']
       slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
         constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
         [default: time=5min, and what the cluster sets]
@@ -784,8 +784,8 @@ class Evaluation(_Evaluation):
       jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
         default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
-        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
-        concurrent.futures.Executor. [default: 'local']
+        dask, dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns
+        a concurrent.futures.Executor. [default: 'local']
       slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
         constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
         [default: time=5min, and what the cluster sets]
@@ -1538,8 +1538,8 @@ class Study(_Study):
       jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
         default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
-        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
-        concurrent.futures.Executor. [default: 'local']
+        dask, dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns
+        a concurrent.futures.Executor. [default: 'local']
       slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
         constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
         [default: time=5min, and what the cluster sets]
@@ -2141,8 +2141,8 @@ def evaluate(
       jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
         default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
-        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
-        concurrent.futures.Executor. [default: 'local']
+        dask, dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns
+        a concurrent.futures.Executor. [default: 'local']
       slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
         constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
         [default: time=5min, and what the cluster sets]
@@ -2751,8 +2751,8 @@ def sweep(
       jobs: Number of processes on this machine; on Slurm, largest number of jobs that run or wait, by
         default 1000, and as many as the cluster accepts. [default: 'auto']
       engine: Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision),
-        dask, dask://HOST:PORT, slurm, or module:factory, a function that returns a
-        concurrent.futures.Executor. [default: 'local']
+        dask, dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns
+        a concurrent.futures.Executor. [default: 'local']
       slurm: Settings of Slurm jobs: partition=long,account=lab,time=2h,mem=16G,gpus=1,cpus=4; also qos,
         constraint, and array=N, the largest number of jobs that run at once. Requires engine slurm.
         [default: time=5min, and what the cluster sets]

@@ -74,7 +74,8 @@ LIBRARIES = {
         "study.chunk_files",
     ),
     "fsspec": ("formats.folders",),
-    "distributed": ("study.executors",),
+    "distributed": ("study.clusters",),
+    "ray": ("study.clusters",),
     "submitit": ("study.slurm",),
     "scipy": (
         "formats.tables.mat",

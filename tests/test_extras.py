@@ -63,6 +63,7 @@ NEEDING = [
     ("matplotlib", [*FIT, "--html", "new.html"], "a plot needs matplotlib", "plot"),
     ("skimage", ["diff", "a.png", "a.png", "--min-ssim", "0.9"], "--min-ssim needs scikit-image", "diff"),
     ("distributed", [*SWEEP, "-o", "new", "--engine", "dask"], "mjrun sweep on Dask needs distributed", "dask"),
+    ("ray", [*SWEEP, "-o", "new", "--engine", "ray"], "mjrun sweep on Ray needs ray", "ray"),
     ("submitit", [*SWEEP, "-o", "new", "--engine", "slurm"], "mjrun sweep on Slurm needs submitit", "slurm"),
     ("mujoco_warp", [*SWEEP, "-o", "new", "--engine", "warp"], "--engine warp needs mujoco-warp", "warp"),
     ("warp", ["bench", str(SCENES / "pendulum.xml"), "--engine", "warp"], "--engine warp needs warp-lang", "warp"),

@@ -22,6 +22,7 @@ from mjrun.options.trace import PROBES
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
     "sweep": (("scipy", "pyarrow"), "mjrun sweep"),
     "dask": (("distributed",), "mjrun sweep on Dask"),
+    "ray": (("ray",), "mjrun sweep on Ray"),
     "slurm": (("submitit",), "mjrun sweep on Slurm"),
     "cloud": (("fsspec",), "mjrun sweep in object stores"),
 }
@@ -263,7 +264,8 @@ class ExecutionOptions(Options):
         default="local",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision), dask, "
-        "dask://HOST:PORT, slurm, or module:factory, a function that returns a concurrent.futures.Executor.",
+        "dask://HOST:PORT, ray, ray://HOST:PORT, slurm, or module:factory, a function that returns a "
+        "concurrent.futures.Executor.",
     )
     slurm: tuple[str, ...] = option(
         converter=Several(SlurmSetting(), commas=True, expected="NAME=VALUE, as in partition=long"),

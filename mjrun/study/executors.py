@@ -11,7 +11,6 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,13 +21,13 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
+from mjrun.study.clusters import is_cluster, open_cluster
 from mjrun.study.isolation import run_chunk
 from mjrun.study.slurm import SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk
 
-ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
+ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "ray", "ray://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"
-PATIENCE = 20  # [s] for a scheduler to answer
 INTERVAL = 0.5  # [s] between two parts: results wait for others
 REFUSALS = 5  # refused results of a chunk, after which its points have failed
 SECONDS = 3.0  # wall time of a chunk, which is lost when it is killed
@@ -105,8 +104,9 @@ def open_executor(
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED
-    if _is_dask(engine):
-        return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
+    if is_cluster(engine):
+        executor, workers = open_cluster(engine, count, stack)
+        return executor, workers * QUEUED
     if engine == SLURM:
         most = most_jobs(jobs, slurm)
         return stack.enter_context(SlurmExecutor(folder, slurm, most, note)), most
@@ -127,8 +127,8 @@ def check_engine(engine: str, folder: Folder | None = None) -> None:
         require_unconfined(f"{option('engine')} {clean(engine)} works in processes of others")
     if engine == WARP:
         require_library()
-    elif _is_dask(engine):
-        require_extra("dask")
+    elif is_cluster(engine):
+        require_extra(engine.partition("://")[0])
     elif engine == SLURM:
         require_extra("slurm")
         if folder and not isinstance(folder, LocalFolder):
@@ -148,9 +148,9 @@ def process_count(engine: str, jobs: int | str, slurm: Sequence[str] = ()) -> in
         return 1
     if engine == SLURM:
         return most_jobs(jobs, slurm)
-    if engine in ("local", "dask"):
+    if engine in ("local", "dask", "ray"):
         return jobs if isinstance(jobs, int) else available_cores()
-    if not _is_dask(engine):
+    if not is_cluster(engine):
         _factory(engine)
     return None
 
@@ -228,28 +228,6 @@ def _result(future: Future[ChunkResult], chunk: PointChunk) -> ChunkResult:
         raise
     except Exception as error:
         return chunk.failed(f"the engine lost it: {type(error).__name__}: {error}")
-
-
-def _is_dask(engine: str) -> bool:
-    return engine == "dask" or engine.startswith("dask://")
-
-
-def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
-    """Connects to the cluster that listens at `address`, or to a new one on this machine."""
-    import distributed  # whose functions are annotated as if they might return coroutines
-
-    client_class: Any = distributed.Client
-    cluster_class: Any = distributed.LocalCluster
-    if not address:
-        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address="127.0.0.1:0")
-        address = stack.enter_context(cluster).scheduler_address
-    try:
-        client = stack.enter_context(client_class(address, timeout=PATIENCE))
-    except (OSError, ValueError, TimeoutError) as error:
-        reason = f"no Dask scheduler answers at {clean(address)}: {clean(str(error))}"
-        raise UsageError(f"{option('engine')}: {reason}") from None
-    workers = max(1, sum(client.nthreads().values()))
-    return client.get_executor(pure=False), workers * QUEUED
 
 
 def _factory(engine: str) -> tuple[str, str]:

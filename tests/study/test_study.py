@@ -251,7 +251,7 @@ def test_what_is_wrong_with_all_points_is_told_before_the_first(
     assert not (tmp_path / "study" / "results.csv").exists()
 
 
-@pytest.mark.parametrize("engine", ["dask", "slurm", "ray"])
+@pytest.mark.parametrize("engine", ["dask", "ray", "slurm", "rya"])
 def test_an_engine_that_is_not_there_leaves_no_folder(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, engine: str
 ) -> None:
