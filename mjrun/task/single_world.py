@@ -12,10 +12,11 @@ import numpy as np
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.mujoco_globals import without_timers
+from mjrun.physics.divided_step import is_bounded
 from mjrun.task.batch_columns import ALL, NONE
 from mjrun.task.expressions import RUNNING, Inputs
 from mjrun.task.task import Task
-from mjrun.task.worlds import SQUARE, TaskStep, TaskWorlds
+from mjrun.task.worlds import TaskStep, TaskWorlds
 
 NO_COMMANDS = np.zeros(0)
 
@@ -186,8 +187,8 @@ class SingleWorld(TaskWorlds):
         now = self._observations.collect(self._row_of_terms, inputs)
         fill(now, time)
         observed = self._observations.finish(now, 0, first=False)
-        motion = self._only_motion
-        is_stable = np.vdot(motion, motion) < SQUARE and not self._has_failed and not any(self._only_warnings.tolist())
+        has_failed = self._has_failed or any(self._only_warnings.tolist())
+        is_stable = is_bounded(self._only_motion) and not has_failed
         if not is_stable and self._unstable(ALL)[0]:
             code, reward, terms = endings.unstable, 0.0, [0.0] * len(terms)
             observed = self._only_observed.copy()

@@ -46,7 +46,6 @@ from mjrun.task.task import Task
 from mjrun.task.world_disturbances import WorldDisturbances
 
 Ids = Sequence[int] | np.ndarray
-SQUARE = mujoco.mjMAXVAL**2  # a sum of squares below it has no number beyond MuJoCo's limit
 
 
 class TaskStep(NamedTuple):
