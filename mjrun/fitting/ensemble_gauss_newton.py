@@ -13,7 +13,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.gauss_newton import NormalEquations, Slopes, normal_equations
-from mjrun.fitting.shooting_problem import Advanced, Point, ShootingProblem, Simulating
+from mjrun.fitting.shooting_problem import Point, ShootingProblem, Simulating
 from mjrun.fitting.solution import Floats, Solution, loss_weights
 
 LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # least, one more if no longer stretches follow, and most
@@ -61,13 +61,10 @@ class EnsembleSearch:
 
     Args:
       scatter: standard errors of the start; None for those of finite differences, which suit short stretches only.
-      advanced: called with every solution that is better than the one before.
     """
 
-    def __init__(
-        self, problem: ShootingProblem, seed: int, scatter: Scatter | None = None, advanced: Advanced | None = None
-    ) -> None:
-        self._problem, self._scatter, self._advanced = problem, scatter, advanced
+    def __init__(self, problem: ShootingProblem, seed: int, scatter: Scatter | None = None) -> None:
+        self._problem, self._scatter = problem, scatter
         self._generator = np.random.default_rng(seed)
         self._rounds: list[tuple[list[Point], list[list[Floats]]]] = []
 
@@ -96,10 +93,7 @@ class EnsembleSearch:
                 break
         best, residuals = yield from self._nearest(middle, scatter, POLISHED if is_last else 0)
         pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
-        solution = replace(problem.solution(best, residuals, list(pairs)), variances=variances)
-        if is_last and self._advanced:
-            self._advanced(solution)
-        return solution, scatter
+        return replace(problem.solution(best, residuals, list(pairs)), variances=variances), scatter
 
     def _first_scatter(self, point: Point) -> Simulating[Scatter]:
         (residuals,) = yield from self._problem.residuals([point])

@@ -4,9 +4,6 @@ The unknown states of chunks are eliminated first, by projection. If residuals a
 linear least squares. Otherwise the fit is linearized around its solution and repeated with blocks of rows drawn with
 replacement: consecutive rows share what the model does not explain (H. R. Künsch, "The jackknife and the bootstrap for
 general stationary observations", 1989).
-
-Contacts can make a motion rough, so that searches end in many places. Blocks do not show this, so draws are also moved
-by the distances between the ends of several searches.
 """
 
 from collections.abc import Callable, Sequence
@@ -181,7 +178,7 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
     whole = all_information(solution, parameters)
     level = (1 - confidence) / 2
     generator = np.random.default_rng(seed)
-    if solution.loss == "linear" and not solution.ends and is_white(solution, informations, scores, whole):
+    if solution.loss == "linear" and is_white(solution, informations, scores, whole):
         moves, widened = _scattered(solution, whole, generator), 1.0
     else:
         moves = _bootstrapped(informations, scores, whole, generator)
@@ -190,8 +187,6 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
             special.stdtrit(freedom, 1 - level) / special.ndtri(1 - level) * np.sqrt(len(blocks) / (len(blocks) - 1))
         )
     moves = widened * moves
-    if solution.ends:
-        moves += _ended(solution, generator)
 
     coordinates = np.clip(solution.coordinates + moves, 0, 1)
     low, high = np.quantile(coordinates, [level, 1 - level], axis=0)
@@ -283,14 +278,6 @@ def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
     """Divides the rows of a chunk into `count` blocks of time."""
     places = np.minimum((part.times * count).astype(int), count - 1)
     return [(part.slopes[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
-
-
-def _ended(solution: Solution, generator: np.random.Generator) -> Floats:
-    """Draws distances between the ends of searches of a rough sum of squares by Student's t, `(DRAWS, p)`."""
-    beside = np.array(solution.ends) - solution.coordinates
-    count = len(beside)
-    draws = generator.normal(size=(DRAWS, count)) @ beside / np.sqrt(count)
-    return draws / np.sqrt(generator.chisquare(count, (DRAWS, 1)) / count)
 
 
 def bound_reached(coordinate: float) -> str:

@@ -13,6 +13,8 @@ Floats = NDArray[np.float64]
 PARTS = ("qw", "qx", "qy", "qz")
 SHORTEST = 0.5  # least norm of a quaternion that was rounded or averaged
 LEAST_NOISE = 1e-7  # noise of simulated data, as a share of the standard deviation of a signal
+ROUNDING = 1e-9  # error of simulated numbers in any unit: solvers of contacts stop at a tolerance
+FEWEST = 3  # differences that show a resolution
 NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of absolute values
 OUTLYING = 2.5  # standard deviations at which differences are clipped: contacts and outliers make some large
 CLIPPED = 0.97756  # variance of a normal distribution that is clipped there
@@ -127,4 +129,21 @@ def first_noise(parts: Sequence[Floats], rotations: Sequence[Sequence[int]] = ()
     limit = OUTLYING * np.where(spread > 0, spread, np.inf)
     spread = np.sqrt(np.nanmean(np.clip(differences, -limit, limit) ** 2, axis=0) / CLIPPED / 20) * (spread > 0)
     values = np.concatenate(parts)
-    return np.maximum(shared(spread, rotations), LEAST_NOISE * shared(np.nanstd(values, axis=0), rotations))
+    least = LEAST_NOISE * shared(np.nanstd(values, axis=0), rotations) + ROUNDING
+    return np.maximum(np.maximum(shared(spread, rotations), least), shared(resolution(values) / np.sqrt(12), rotations))
+
+
+def resolution(values: Floats) -> Floats:
+    """Returns the largest step of which all differences of a signal are multiples, `(signals,)`; about 0 without one.
+
+    Logs with few digits and encoders have one: its rounding is noise even where a signal is constant most of the time.
+    """
+    steps = np.zeros(values.shape[1])
+    for i, column in enumerate(values.T):
+        sizes: Floats = np.diff(np.unique(column[np.isfinite(column)]))
+        left = sizes[sizes > ROUNDING]
+        while len(sizes) >= FEWEST and len(left):  # Euclid's algorithm
+            steps[i] = left.min()
+            left = np.abs(sizes - steps[i] * np.round(sizes / steps[i]))
+            left = left[left > ROUNDING]
+    return steps

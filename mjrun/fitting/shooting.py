@@ -3,7 +3,8 @@
 The result explains whole segments, each from one fitted state. They are tried first. If their residuals stay above the
 noise of the log, the search continues from other starts and over short stretches, each from its own state (H. G. Bock,
 "Recent advances in parameter identification techniques for O.D.E.", 1983), which become longer and begin in the states
-of the shorter ones. If contacts make the motion rough, ensembles fit openings of segments that become longer.
+of the shorter ones. Contacts can make the sum of squares rough, so that slopes mislead: ensembles continue from the
+end, over openings of segments that become longer.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,6 @@ from mjrun.fitting.gauss_newton import (
     EVALUATIONS,
     EXPLAINED,
     ROUGH_TOLERANCE,
-    STAGE_EVALUATIONS,
     TOLERANCE,
     GaussNewton,
 )
@@ -31,12 +31,11 @@ from mjrun.fitting.starting_states import StartingStates, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
-CONTACT_EVALUATIONS = 8  # evaluations after which a motion with contacts that is not explained counts as rough
+FINE = 1e-4  # reduced χ² below which slopes have found the motion exactly
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
-SHOTS = 3  # number of searches if contacts make the motion rough
-BESIDE = 0.1  # distance between such searches, as a share of the range of a parameter
+SHOTS = 3  # number of searches by ensembles
 WHOLE = 10**9  # rows
 
 
@@ -73,7 +72,7 @@ class Shooting:
     ) -> None:
         self._predictor, self._parameters, self._starting = predictor, parameters, starting
         self._loss, self._seed = loss, seed
-        self._states, self._is_rough = ChunkInitialStates(predictor.model), False
+        self._states = ChunkInitialStates(predictor.model)
 
     def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
         """Cuts segments into chunks of about `rows` rows."""
@@ -108,7 +107,10 @@ class Shooting:
         Args:
           coordinates: coordinates of the parameters; None for the original model.
         """
-        return self._run(self._grown(parts, coordinates, noise, fixed=True))
+        solution = self._run(self._grown(parts, coordinates, noise, fixed=True))
+        if solution.reduced < EXPLAINED or not self._predictor.has_impacts:
+            return solution
+        return min(solution, self._run(self._rough(parts, coordinates, noise, fixed=True)), key=lambda each: each.cost)
 
     def weighted(self, solution: Solution) -> Solution:
         """Minimizes again from `solution`, with signals weighted by its residuals."""
@@ -117,8 +119,7 @@ class Shooting:
         groups = self._predictor.rotations
         least = LEAST_NOISE * shared(np.nanstd(values, axis=0), groups)
         weighted = np.maximum(shared(noise, groups), least)
-        again = self.solve(solution.chunks, solution.coordinates, solution.states, weighted)
-        return replace(again, ends=solution.ends)
+        return self.solve(solution.chunks, solution.coordinates, solution.states, weighted)
 
     def search(
         self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
@@ -134,32 +135,22 @@ class Shooting:
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
         search = SearchResult(own, first, ["whole segments"])
 
-        if not self._is_rough and search.best.reduced >= EXPLAINED:
+        if search.best.reduced >= EXPLAINED:
             self._continue(search, segments, starts, noise, advanced)
-        if self._is_rough:
-            search.ways.append("ensembles of nearby states, as contacts make the motion rough")
-            begins = [*starts[1:], *self._beside(first.coordinates)]
-            tasks = [self._rough(whole, begins[seed - 1], noise, seed=seed) for seed in range(1, SHOTS)]
-            ends = together(self._predictor, tasks)
-            best = min([search.best, *ends], key=lambda each: each.cost)
-            search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
-            if best.reduced >= EXPLAINED:  # slopes find what contacts elsewhere in the model do not make rough
-                search.ways.append("whole segments from their end")
-                smooth = self.solve(whole, best.coordinates, best.states, noise)
-                search.best = smooth if smooth.reduced < EXPLAINED else search.best
+        if self._predictor.has_impacts and search.best.reduced > FINE:
+            tasks = [self._rough(whole, search.best.coordinates, noise, seed=seed) for seed in range(SHOTS)]
+            best = min(together(self._predictor, tasks), key=lambda each: each.cost)
+            if best.reduced < EXPLAINED * search.best.reduced:
+                search.ways.append("ensembles of nearby states, as contacts make the motion rough")
+                search.best = best
         if search.best.cost <= own.cost:
             return search
-        if self._is_rough:  # no simulation is nearer to the log than that of the original model
+        if search.best.variances:  # no simulation is nearer to the log than that of the original model
             search.best = replace(search.best, coordinates=starts[0], states=own.states, residuals=own.residuals)
         else:  # from the states that fit the original model best
             better = self.solve(whole, starts[0], own.states, noise)
             search.best = min([search.best, better], key=lambda each: each.cost)
         return search
-
-    def _beside(self, coordinates: Floats) -> list[Floats]:
-        """Returns coordinates on two opposite sides, so that searches that end alike do not depend on their start."""
-        move = BESIDE * np.random.default_rng(self._seed).choice([-1.0, 1.0], len(coordinates))
-        return [np.clip(coordinates + move, 0, 1), np.clip(coordinates - move, 0, 1)]
 
     def _continue(
         self,
@@ -182,7 +173,7 @@ class Shooting:
                     if advanced:
                         advanced(each)
             is_same &= search.best.reduced < MODEST
-            return is_same or self._is_rough or search.best.reduced < EXPLAINED
+            return is_same or search.best.reduced < EXPLAINED
 
         # Far from the noise, stretches succeed sooner.
         for start in starts[1 : 1 + OTHERS] if search.best.reduced < MODEST else []:
@@ -220,32 +211,20 @@ class Shooting:
         before: Solution | None = None,
         advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
-        """Solves whole chunks from states that fit their first rows, with ensembles if contacts make the motion rough.
+        """Solves whole chunks from states that fit their first rows.
 
         Args:
           fixed: whether the parameters are constant.
           before: solution of stretches, whose states replace those of the first rows.
         """
-        if not self._is_rough:
-            states = self.guessed(parts, coordinates, before)
-            if before is None:
-                openings = [_opening(part) for part in parts]
-                opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
-                most = CONTACT_EVALUATIONS if self._predictor.has_impacts else STAGE_EVALUATIONS
-                states = (yield from opening.approach(most)).states
-            tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
-            search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
-            if not self._predictor.has_impacts:
-                return (yield from search.minimize(EVALUATIONS, tolerance))
-            solution = yield from search.minimize(CONTACT_EVALUATIONS, tolerance)
-            if solution.reduced < EXPLAINED:
-                nearer = None if coordinates is None else solution.coordinates
-                problem = self._problem(parts, nearer, solution.states, noise, fixed=fixed)
-                return (yield from GaussNewton(problem, advanced).minimize(EVALUATIONS, tolerance))
-            self._is_rough = True
-            ensembles = yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced)
-            return min(ensembles, solution, key=lambda each: each.cost) if fixed else ensembles
-        return (yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced))
+        states = self.guessed(parts, coordinates, before)
+        if before is None:
+            openings = [_opening(part) for part in parts]
+            opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
+            states = (yield from opening.approach()).states
+        tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
+        search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
+        return (yield from search.minimize(EVALUATIONS, tolerance))
 
     def _rough(
         self,
@@ -255,7 +234,6 @@ class Shooting:
         *,
         fixed: bool = False,
         seed: int = 0,
-        advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
         """Solves openings of chunks of increasing length by ensembles, each from the end of the one before."""
         states, scatter, rows = self.guessed(parts, coordinates), None, SHORTEST
@@ -263,7 +241,7 @@ class Shooting:
             openings = [_opening(part, rows) for part in parts]
             is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
             problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
-            search = EnsembleSearch(problem, self._seed + seed, scatter, advanced)
+            search = EnsembleSearch(problem, self._seed + seed, scatter)
             solution, scatter = yield from search.minimize(is_last=is_last)
             if is_last:
                 return solution

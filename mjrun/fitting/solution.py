@@ -38,7 +38,6 @@ class Solution:
         `(n, signals, size)`.
       noise: assumed standard deviation of each signal, `(signals,)`.
       loss: loss function of the residuals.
-      ends: coordinates at which other searches ended, `(searches, p)`, if contacts make the motion rough.
       variances: variances of the residuals in the shape of `residuals`, if contacts make the motion rough; otherwise
         empty, and all are 1.
     """
@@ -50,7 +49,6 @@ class Solution:
     sensitivities: Sequence[tuple[Floats, Floats]]
     noise: Floats
     loss: str = "linear"
-    ends: Sequence[Floats] = ()
     variances: Sequence[Floats] = ()
 
     @property

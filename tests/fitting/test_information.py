@@ -119,15 +119,6 @@ def line(seed: int, correlated: bool = False, uneven: bool = False) -> Solution:
     )
 
 
-def test_intervals_are_as_wide_as_searches_end_apart() -> None:
-    """Of eight ends at ±0.1 of the coordinate, Student's t with eight degrees of freedom: 2.306 times 0.1 of 2."""
-    plain = line(0)
-    rough = replace(plain, ends=[plain.coordinates + move for move in (0.1, -0.1) * 4])
-    before, after = (intervals(each, [LINE], 0.95, 0) for each in (plain, rough))
-    assert before.high[0] - before.low[0] < 0.02
-    assert after.high[0] - after.low[0] == pytest.approx(2 * 2.306 * 0.1 * 2, rel=0.1)
-
-
 def test_white_residuals_have_the_intervals_of_least_squares() -> None:
     """Standard errors of linear regression; correlated residuals have wider ones."""
     solution = line(0)

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mjrun.errors import UsageError
-from mjrun.fitting.rotations_and_noise import align, first_noise, normalize, rotations, shared, spread_of
+from mjrun.fitting.rotations_and_noise import align, first_noise, normalize, resolution, rotations, shared, spread_of
 from tests.fitting.logs import NOISE
 from tests.fitting.problems import segments
 
@@ -66,3 +66,12 @@ def test_the_spread_under_a_robust_loss_is_that_of_the_middle_half() -> None:
     values[::10] = 100
     assert spread_of(values, "huber")[0] == pytest.approx(2, rel=0.25)
     assert spread_of(values)[0] == pytest.approx(np.std(values))
+
+
+def test_rounding_is_noise_even_where_a_signal_rests() -> None:
+    """A signal with three decimals that rests most of the time; one without digits has no resolution."""
+    moving = np.sin(np.linspace(0, 1, 40))
+    smooth = np.concatenate([moving, np.full(100, moving[-1])])
+    values = np.column_stack([np.round(smooth, 3), np.radians(np.round(smooth, 2)), smooth]).astype(np.float64)
+    assert resolution(values) == pytest.approx([1e-3, np.radians(1e-2), 0], rel=1e-6, abs=1e-7)
+    assert first_noise([values])[0] == pytest.approx(1e-3 / np.sqrt(12))
