@@ -15,7 +15,7 @@ from mjrun.formats.input_file import exists, opened
 
 SCHEMA = "mjrun-baseline-1"
 LARGEST = 2**26  # bytes
-MERGED = re.compile(r"(?P<first>.*) \(and (?P<more>\d+) more(?:: (?P<others>.*)| like it)\)", re.DOTALL)
+ID = re.compile(r"(?<= )\d+(?= of )|(?<=:)\d+(?=')")  # of an object without a name
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
@@ -24,13 +24,13 @@ class KnownFinding(NamedTuple):
 
     Attributes:
       file: the path of the file relative to the folder of the baseline, with slashes.
-      object: the object, and those with the same fault: `joint 'a' (and 1 more: joint 'b')`.
+      objects: the objects, sorted, with `#` for the ids of those without a name: `geom # of body 'thigh'`.
       message: the message with `#` for each number.
     """
 
     file: str
     rule: str
-    object: str
+    objects: tuple[str, ...]
     message: str
 
 
@@ -57,7 +57,8 @@ class Baseline:
                 raise ValueError(document["schema"])
             known = Counter[KnownFinding]()
             for entry in document["findings"]:
-                known[KnownFinding(*(str(entry[name]) for name in KnownFinding._fields))] += int(entry["count"])
+                file, rule, message = (str(entry[name]) for name in ("file", "rule", "message"))
+                known[KnownFinding(file, rule, tuple(map(str, entry["objects"])), message)] += int(entry["count"])
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise FileError(
                 path, "is not a baseline of mjrun check", f"{option('update_baseline')} replaces it"
@@ -85,8 +86,8 @@ class Baseline:
         if self.known[new] > 0:
             return new
         left = (known for known, count in self.known.items() if count > 0)
-        same = (known for known in left if known._replace(object=new.object) == new)
-        return next((known for known in same if _is_part(new.object, known.object)), None)
+        same = (known for known in left if known._replace(objects=new.objects) == new)
+        return next((known for known in same if Counter(new.objects) <= Counter(known.objects)), None)
 
     def gone(self, files: Collection[str], codes: Collection[str]) -> int:
         """Returns the number of known findings of these rules in these files that `new` has not met."""
@@ -109,26 +110,9 @@ def write_baseline(path: Path, findings: Iterable[Finding]) -> None:
 
 def known_finding(finding: Finding, folder: Path) -> KnownFinding:
     """Returns a finding as a baseline in `folder` stores it."""
-    message, objects = finding.message, finding.object
-    if match := MERGED.fullmatch(message):
-        message = match["first"]
-        objects += finding.message.removeprefix(message)
-    return KnownFinding(_relative(finding.file, folder), finding.code, objects, NUMBER.sub("#", message))
-
-
-def _is_part(objects: str, of: str) -> bool:
-    """Returns whether objects are some of others; only their numbers are compared if not all names are known."""
-    (names, count), (others, other_count) = map(_names, (objects, of))
-    return count <= other_count and (names <= others or len(others) < other_count)
-
-
-def _names(objects: str) -> tuple[set[str], int]:
-    """Returns the names of objects as far as they can be read, and their number."""
-    match = MERGED.fullmatch(objects)
-    if match is None:
-        return {objects}, 1
-    names = {match["first"], *(match["others"] or "").split(", ")} - {"", "…"}
-    return names, int(match["more"]) + 1
+    objects = sorted(ID.sub("#", name) for name in (finding.object, *finding.others))
+    message = NUMBER.sub("#", finding.message)
+    return KnownFinding(_relative(finding.file, folder), finding.code, tuple(objects), message)
 
 
 def _relative(file: str, folder: Path) -> str:

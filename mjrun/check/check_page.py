@@ -112,7 +112,7 @@ def _card(finding: Finding, level: str, others: Sequence[str], images: Sequence[
         f"{finding.code} {RULES[finding.code].title}",
         level,
         tuple(filter(None, (clean(place), clean(finding.object)))),
-        tuple(clean(text) for text in (finding.message, *others)),
+        tuple(clean(text) for text in (finding.text, *others)),
         tuple(map(data_uri, images)),
     )
 

@@ -82,7 +82,7 @@ class PicturedModel:
         """Yields the objects that a finding names, its own first."""
         if finding.object in self._objects:
             yield finding.object
-        yield from (name for name in self._objects if name in finding.message and name != finding.object)
+        yield from (name for name in self._objects if name in finding.text and name != finding.object)
 
     def _geoms(self, kind: str, index: int) -> list[int]:
         """Returns the geoms of an object."""

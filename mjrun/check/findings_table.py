@@ -16,7 +16,7 @@ TEXTS: dict[str, Callable[[Finding], str]] = {
     "severity": lambda finding: finding.severity,
     "file": lambda finding: finding.file,
     "object": lambda finding: finding.object,
-    "message": lambda finding: finding.message,
+    "message": lambda finding: finding.text,
     "remedy": lambda finding: finding.remedy,
 }
 NONE = Finding("", "", "", "")  # of a model without findings

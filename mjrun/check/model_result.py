@@ -36,7 +36,7 @@ def without_repeats(models: Iterable[ModelResult]) -> Iterator[ModelResult]:
     """Yields models without the findings of earlier ones, which are in a file that both include."""
     first = dict[tuple[object, ...], str]()
     for model in models:
-        keys = [(each.code, each.severity, each.file, each.line, each.object, each.message) for each in model.findings]
+        keys = [(each.code, each.severity, each.file, each.line, each.object, each.text) for each in model.findings]
         own = (
             finding
             for finding, key in zip(model.findings, keys, strict=True)

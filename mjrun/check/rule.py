@@ -13,6 +13,7 @@ from mjrun.model.xml_source import Element
 if TYPE_CHECKING:
     from mjrun.check.context import LintContext
 
+MAX_OBJECTS = 5  # that a text names in addition to the finding's own
 SEVERITIES = ("note", "warning", "error")  # in ascending order
 SAFE, UNSAFE = "safe", "unsafe"  # fixes that are certain, and fixes that need a look
 
@@ -39,12 +40,13 @@ class Finding:
     Attributes:
       code: the code of the rule, such as `MJ301`; stable.
       severity: `error`, `warning` or `note`.
-      message: the fault, in one line.
+      message: the fault, in one line, without the objects that have it.
       file: the model, or a file that it includes. For an attached model, the file that attaches it.
       line: the line in `file`, counted from 1, if known.
       object: the object with the fault, such as `joint 'knee'`; empty for the whole model.
       remedy: the remedy.
       fixes: the fixes of the fault, several for a finding about several objects.
+      others: the other objects with the same fault; empty texts for those without a name.
 
     All texts except `code` and `severity` may contain unescaped names from the model.
     """
@@ -57,6 +59,16 @@ class Finding:
     object: str = ""
     remedy: str = ""
     fixes: tuple[Fix, ...] = ()
+    others: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The message, and the first of the other objects."""
+        if not self.others:
+            return self.message
+        names = [*self.others[:MAX_OBJECTS], *(["…"] if len(self.others) > MAX_OBJECTS else [])]
+        listed = f": {', '.join(names)}" if all(names) else " like it"
+        return f"{self.message} (and {len(self.others)} more{listed})"
 
     @classmethod
     def read(cls, values: dict[str, Any]) -> "Finding":
@@ -65,8 +77,8 @@ class Finding:
             Fix(tuple(TextEdit(**edit) for edit in fix["edits"]), tuple(fix["fields"]), tuple(fix["files"]))
             for fix in values["fixes"]
         ]
-        others = {name: value for name, value in values.items() if name != "fixes"}
-        return cls(**others, fixes=tuple(fixes))
+        made: dict[str, Any] = {"fixes": tuple(fixes), "others": tuple(values["others"])}
+        return cls(**values | made)
 
 
 class Place(NamedTuple):

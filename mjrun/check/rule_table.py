@@ -14,7 +14,6 @@ from mjrun.errors import BrokenModelError, ModelError, clean
 from mjrun.model.xml_source import XmlSource
 
 MAX_FINDINGS = 20  # of one code in one model
-MAX_OBJECTS = 5  # that one finding names in addition to its own
 
 
 def _declared() -> Iterator[Rule]:
@@ -83,11 +82,7 @@ def capped(findings: Sequence[Finding]) -> list[Finding]:
 def _merged(group: Sequence[Finding]) -> Finding:
     """Returns one finding for `group`, whose messages are the same, with its other objects."""
     first, *others = group
-    if not others:
-        return first
-    names = [finding.object for finding in others[:MAX_OBJECTS]] + ["…"] * (len(others) > MAX_OBJECTS)
-    listed = f": {', '.join(names)}" if all(names) else " like it"
-    return replace(first, message=f"{first.message} (and {len(others)} more{listed})", fixes=_fixes(group))
+    return replace(first, others=tuple(finding.object for finding in others), fixes=_fixes(group))
 
 
 def _fixes(findings: Sequence[Finding]) -> tuple[Fix, ...]:

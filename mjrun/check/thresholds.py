@@ -29,6 +29,9 @@ class Thresholds:
     min_inertia_share: float = _threshold(
         "MJ206", 0.1, "smallest inertia, relative to that of the boxes around the geoms, filled with the mass"
     )
+    placeholder_spread: float = _threshold(
+        "MJ206", 1.3, "such a distance for a body with equal inertias, relative to the reach of its geoms alone"
+    )
     placeholder_slenderness: float = _threshold("MJ206", 3.0, "length to width of a body with equal inertias")
 
     density: float = _threshold("MJ207", 12_000.0, "density of a body [kg/m³]")  # lead has 11,340

@@ -88,8 +88,8 @@ def full_message(finding: Finding, model: str) -> str:
     """Returns the message with the object it concerns, and with the model if the file is another one."""
     where = "" if finding.file in (model, short_path(Path(model))) else f" (in {model})"
     if not finding.object or finding.object.startswith("<") or finding.object in finding.message:  # names elements
-        return finding.message + where
-    return f"{finding.object}: {finding.message}{where}"
+        return finding.text + where
+    return f"{finding.object}: {finding.text}{where}"
 
 
 def cases(result: CheckResult) -> Iterator[Case]:
@@ -170,9 +170,8 @@ def _rule(rule: Rule) -> dict[str, object]:
 
 def _result(finding: Finding, model: str, index: int) -> dict[str, object]:
     text = "\n".join(clean(part) for part in (full_message(finding, model), finding.remedy) if part)
-    place: dict[str, object] = {"artifactLocation": {"uri": _uri(finding.file)}}
-    if finding.line:
-        place["region"] = {"startLine": finding.line}
+    region = {"startLine": finding.line or 1}  # which GitHub requires
+    place = {"artifactLocation": {"uri": _uri(finding.file)}, "region": region}
     location: dict[str, object] = {"physicalLocation": place}
     if finding.object:
         location["logicalLocations"] = [{"fullyQualifiedName": clean(finding.object)}]

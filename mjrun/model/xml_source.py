@@ -20,6 +20,8 @@ from mjrun.suffixes import XML
 MAX_DEPTH = 50  # levels of nested includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
 START_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
+COMMENT = re.compile(rb"(?<=<!--).*?(?=-->)", re.DOTALL)
+DASHES = re.compile(rb"-{2,}|-\Z")  # which MuJoCo accepts in comments, unlike XML
 ASCII = 127  # the largest byte of ASCII
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
 LFS_REMEDY = "fetch the file itself: git lfs pull"
@@ -225,7 +227,7 @@ def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Eleme
         return None
     parser = XmlParser(path, encoding)
     try:
-        parser.expat.Parse(text, True)
+        parser.expat.Parse(_without_dashes(text), True)
     except expat.ExpatError as error:
         if error.code == _INVALID_TOKEN and text[parser.expat.ErrorByteIndex] > ASCII and encoding is None:
             return _parsed(source, path, "iso-8859-1")
@@ -247,7 +249,12 @@ def scan(
     parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser.CurrentLineNumber)
     parser.EndElementHandler = end
     with suppress(expat.ExpatError, ValueError, LookupError):
-        parser.Parse(text, True)
+        parser.Parse(_without_dashes(text), True)
+
+
+def _without_dashes(text: bytes) -> bytes:
+    """Returns text of the same length whose comments XML allows."""
+    return COMMENT.sub(lambda comment: DASHES.sub(lambda dashes: b"=" * len(dashes[0]), comment[0]), text)
 
 
 class XmlParser:

@@ -78,6 +78,7 @@ def many(*names: str) -> str:
         ("a1 a2 a3", "a1 a4", False),
         ("a b c d e f g h", "b c d e f g h", True),
         ("a b c d e f g h", "a b c d e f g h i", False),
+        ("a b c d e f g h", "a b c d e f g other", False),
     ],
 )
 def test_a_finding_about_fewer_objects_is_known(before: str, after: str, remains_known: bool) -> None:
@@ -85,6 +86,22 @@ def test_a_finding_about_fewer_objects_is_known(before: str, after: str, remains
     check(update_baseline=True)
     write("model.xml", many(*after.split()))
     assert [each.known for each in check().models] == [remains_known]
+
+
+def test_objects_without_names_are_known_when_others_are_added_before_them() -> None:
+    geom = '<geom size="1" pos="9 0 {}" class="{}"/>'
+    hidden = '<default><default class="a"><geom mass="0"/></default><default class="b"/></default>'
+
+    def model(*classes: str) -> str:
+        geoms = "".join(geom.format(9 * i, name) for i, name in enumerate(classes))
+        return f'<mujoco>{hidden}<worldbody><body name="t"><freejoint/>{geoms}</body></worldbody></mujoco>'
+
+    write("model.xml", model("b", "a"))
+    check(update_baseline=True, select="MJ203")
+    write("model.xml", model("b", "b", "a"))
+    assert check(select="MJ203", baseline="known.json").models[0].known == 1
+    write("model.xml", model("b", "a", "a"))
+    assert check(select="MJ203", baseline="known.json").models[0].known == 0
 
 
 def test_as_many_findings_are_known_as_there_were() -> None:

@@ -5,8 +5,8 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 import mjrun.check.rules
-from mjrun.check.rule import Finding, Rule
-from mjrun.check.rule_table import MAX_FINDINGS, MAX_OBJECTS, RULES, capped
+from mjrun.check.rule import MAX_OBJECTS, Finding, Rule
+from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped
 from tests.check.models import ROOT, lint, lint_file, mjcf
 
 
@@ -32,7 +32,7 @@ def test_what_is_replicated_is_told_once_at_the_line_that_says_it() -> None:
     body = '<body name="b"><joint name="j" range="2 1"/><geom size="1"/></body>'
     findings = lint(mjcf(f'<replicate count="5" offset="0 0 3">\n{body}</replicate>'))
     assert [(f.code, f.line) for f in findings] == [("MJ302", 5)]
-    assert findings[0].message.endswith("(and 4 more: joint 'j1', joint 'j2', joint 'j3', joint 'j4')")
+    assert findings[0].text.endswith("(and 4 more: joint 'j1', joint 'j2', joint 'j3', joint 'j4')")
 
 
 def test_findings_that_say_the_same_of_several_objects_are_one_with_their_names() -> None:
@@ -40,10 +40,10 @@ def test_findings_that_say_the_same_of_several_objects_are_one_with_their_names(
     (merged,) = capped(feet)
     names = ", ".join(f"geom '{line}'" for line in range(2, 2 + MAX_OBJECTS))
     assert (merged.line, merged.object) == (1, "geom '1'")
-    assert merged.message == f"it has no mass (and 7 more: {names}, …)"
+    assert merged.text == f"it has no mass (and 7 more: {names}, …)"
 
     (unnamed,) = capped([Finding("MJ115", "warning", "it warns", "a.xml")] * 3)
-    assert unnamed.message == "it warns (and 2 more like it)"
+    assert unnamed.text == "it warns (and 2 more like it)"
     other_file = [feet[0], Finding("MJ203", "note", "it has no mass", "b.xml", 1, "geom '1'")]
     assert capped(other_file) == other_file
 

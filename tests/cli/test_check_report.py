@@ -45,7 +45,7 @@ def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
     result = CheckResult((ModelResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
     document: Any = check_report.sarif(result)
     place = document["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
-    assert place == {"artifactLocation": {"uri": uri}}
+    assert place == {"artifactLocation": {"uri": uri}, "region": {"startLine": 1}}
 
 
 def result(*findings: Finding, loads: bool = True, skipped: int = 0) -> CheckResult:

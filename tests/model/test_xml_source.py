@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+import mujoco
 import pytest
 
-from mjrun.model.xml_source import Element, read_xml
+from mjrun.model.xml_source import Element, read_xml, scan
 
 
 def test_an_included_circle_is_read_once() -> None:
@@ -37,3 +38,18 @@ def test_elements_know_what_they_stand_in() -> None:
     inner = Element("geom", {}, Path("a.xml"), 2, Element("default", {}, Path("a.xml"), 1, outer))
     assert inner.within("default")
     assert not inner.within("geom")
+
+
+@pytest.mark.parametrize("comment", ["<!-- a -- b -->", "<!--------->", "<!-- a --- b --->", "<!-- a\n--\nb - -->"])
+def test_comments_that_mujoco_accepts_are_read_with_all_that_follows(comment: str) -> None:
+    text = f'{comment}\n<mujoco>{comment}<worldbody><geom name="g" size="1"/></worldbody></mujoco>'
+    Path("a.xml").write_text(text)
+    assert mujoco.MjModel.from_xml_string(text).ngeom == 1
+    source = read_xml(Path("a.xml"))
+    (geom,) = (element for element in source.elements() if element.tag == "geom")
+    assert not source.errors
+    assert text[geom.offset :].startswith("<geom")
+    assert (geom.line, len(source.comments)) == (text[: geom.offset].count("\n") + 1, 2)
+    tags = list[str]()
+    scan(text.encode(), lambda tag, attributes, line: tags.append(tag))
+    assert tags == ["mujoco", "worldbody", "geom"]

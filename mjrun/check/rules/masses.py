@@ -162,12 +162,15 @@ def _inertia_problem(context: LintContext, body: int) -> str:
             f"{ratio:.1f} times farther out than its geoms reach"
         )
     own = _reach(context, body, model.geom_bodyid == body)
-    slenderness = own.max() / own.min() if own.all() else 0.0
-    if np.ptp(inertia) <= EQUAL * inertia.max() and slenderness > context.thresholds.placeholder_slenderness:
-        return (
-            f"its inertia is {inertia[0]:.3g} kg m² about every axis, but its geoms are {slenderness:.1f} times as "
-            "long as wide: is it a placeholder?"
-        )
+    if own.all() and np.ptp(inertia) <= EQUAL * inertia.max():
+        slenderness, farther = own.max() / own.min(), (spread / own).max()
+        reason = ""
+        if farther > context.thresholds.placeholder_spread:
+            reason = f"its mass would have to sit {farther:.1f} times farther out than its own geoms reach"
+        elif slenderness > context.thresholds.placeholder_slenderness:
+            reason = f"its geoms are {slenderness:.1f} times as long as wide"
+        if reason:
+            return f"its inertia is {inertia[0]:.3g} kg m² about every axis, but {reason}: is it a placeholder?"
     solid = _solid_inertia(context, body) if own.all() else np.zeros(3)
     if (small := inertia < context.thresholds.min_inertia_share * solid).any():
         ratio = (solid[small] / np.maximum(inertia[small], mujoco.mjMINVAL)).max()

@@ -12,6 +12,7 @@ from tests.check.models import lint, mjcf
 SIDES = st.floats(0.05, 0.3)
 
 
+WELDED = '<body><geom size="0.1" pos="2 2 2"/></body>'
 BOUNDS = (Thresholds.min_inertia_share, 3 * Thresholds.inertia_spread**2)  # of the inertia relative to a solid box's
 
 
@@ -64,11 +65,12 @@ def test_the_inertia_about_each_axis_is_compared_with_that_of_a_solid(share: flo
         (inertial(1, np.full(3, 0.01)), 'type="box" size="0.3 0.05 0.05"', True),
         (inertial(1, np.full(3, 0.01)), 'type="box" size="0.1 0.1 0.1"', False),
         (inertial(1, np.array([0.4, 0.4, 0.4])), 'size="0.1"', True),
-        (inertial(1, np.full(3, 1.0), '<body><geom size="0.1" pos="2 2 2"/></body>'), 'size="0.1"', False),
+        (inertial(1, np.array([1, 1, 0.9]), WELDED), 'size="0.1"', False),
+        (inertial(1, np.full(3, 1.0), WELDED), 'size="0.1"', True),
         (inertial(1, np.full(3, 0.4)), 'type="hfield" hfield="h"', False),
         ("", 'size="0.1"', False),
     ],
-    ids=["placeholder", "cube", "too large", "reached by a welded body", "infinite", "inferred"],
+    ids=["placeholder", "cube", "too large", "reached by a welded body", "equal", "infinite", "inferred"],
 )
 def test_the_geoms_of_a_body_and_of_those_welded_to_it_decide(inner: str, geom: str, reported: bool) -> None:
     asset = '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'
