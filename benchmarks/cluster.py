@@ -21,10 +21,12 @@ points for each task, nothing of a task should grow with the number of nodes; na
 
 import argparse
 import heapq
+import os
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 from unittest.mock import patch
@@ -69,10 +71,19 @@ class CountingFolder(LocalFolder):
     def __truediv__(self, name: str) -> "CountingFolder":
         return CountingFolder(Path(self.path(name)), self._counts)
 
-    def names(self, suffix: str) -> list[str]:
-        names = super().names(suffix)
-        self._counts.update(lists=1, listed=len(names))
-        return names
+    def create(self, *, is_cleaned: bool = True) -> None:
+        super().create(is_cleaned=is_cleaned)
+        self._counts.update(folders=1)
+        if is_cleaned:
+            self._count_list()
+
+    def names(self, suffix: str | tuple[str, ...]) -> list[str]:
+        self._count_list()
+        return super().names(suffix)
+
+    def _count_list(self) -> None:
+        with suppress(FileNotFoundError):
+            self._counts.update(lists=1, listed=len(os.listdir(self.path())))  # noqa: PTH208
 
     def open(self, name: str) -> BinaryIO:
         stream = super().open(name)
@@ -174,15 +185,15 @@ class _Cluster:
         points = task_points([(0, self.points)], node + 1, self.nodes)
         if not len(points):
             return
-        files = ChunkFiles(self.folder, [METRIC], STUDY)
+        files = ChunkFiles(self.folder, [METRIC], STUDY, self.points)
         files.bounds = task_blocks(points)
         files.create()
         known = files.read(points, _keys)
         missing = known.points[known.is_missing]
-        leases = CountedLeases(files.folder, STUDY)
+        leases = CountedLeases(files.ranges)
         parts = PartWriter(files, executors.INTERVAL, leases.publish)
         leased = LeasedPoints(missing, known, files, leases, executors.QUEUED)
-        sizes, beat = executors.ChunkSizes(None, executors.QUEUED, first=32), self.clock.now
+        sizes, beat = executors.ChunkSizes(None, executors.QUEUED), self.clock.now
         self.task_bytes = max(self.task_bytes, _bytes(known) + _bytes(leased))
         steps = np.broadcast_to(np.int64(1), len(missing))
 
@@ -222,9 +233,9 @@ def simulated(
         with patch("mjrun.study.leases.time", cluster.clock), patch("mjrun.study.chunk_files.time", cluster.clock):
             end = cluster.run()
         counts, start = cluster.counts.copy(), time.process_time()
-        files = ChunkFiles(cluster.folder, [METRIC], STUDY)
+        files = ChunkFiles(cluster.folder, [METRIC], STUDY, points)
         known = files.read(np.arange(points), _keys)
-        cpu, names = time.process_time() - start, files.folder.names(".parquet")
+        cpu, names = time.process_time() - start, files.ranges.names(".parquet")
         expected = np.arange(points, dtype=float)
         return ClusterRun(
             points,
@@ -238,7 +249,7 @@ def simulated(
             len(names),
             files.size(),
             end,
-            np.array_equal(known.metrics[:, 0], expected) and not files.folder.names(".lease"),
+            np.array_equal(known.metrics[:, 0], expected) and not files.ranges.names(".lease"),
         )
 
 

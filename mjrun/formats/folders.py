@@ -41,8 +41,15 @@ class Folder(ABC):
         """Returns the folder of this name in this one."""
 
     @abstractmethod
-    def create(self) -> None:
-        """Creates the folder if it does not exist, and removes what ended processes have left in it."""
+    def create(self, *, is_cleaned: bool = True) -> None:
+        """Creates the folder if it does not exist.
+
+        Args:
+          is_cleaned: removes what ended processes have left in it.
+        """
+
+    def remove_if_empty(self) -> None:  # noqa: B027
+        """Removes the folder if it contains nothing; in stores, such folders do not exist."""
 
     @abstractmethod
     def exists(self) -> bool:
@@ -53,8 +60,8 @@ class Folder(ABC):
         """Returns whether a file exists."""
 
     @abstractmethod
-    def names(self, suffix: str) -> list[str]:
-        """Returns the names of the files that end with `suffix`, sorted; none if the folder does not exist."""
+    def names(self, suffix: str | tuple[str, ...]) -> list[str]:
+        """Returns the names of files and folders that end with `suffix`, sorted; none if the folder does not exist."""
 
     @abstractmethod
     def size(self, name: str) -> int:
@@ -165,10 +172,15 @@ class LocalFolder(Folder):
     def __truediv__(self, name: str) -> "LocalFolder":
         return LocalFolder(self._path / name)
 
-    def create(self) -> None:
+    def create(self, *, is_cleaned: bool = True) -> None:
         with _failing(self.path(), "made"):
             self._path.mkdir(parents=True, exist_ok=True)
-        remove_left_behind(self._path)
+        if is_cleaned:
+            remove_left_behind(self._path)
+
+    def remove_if_empty(self) -> None:
+        with suppress(OSError):
+            self._path.rmdir()
 
     def exists(self) -> bool:
         return is_folder(self._path)
@@ -176,7 +188,7 @@ class LocalFolder(Folder):
     def has(self, name: str) -> bool:
         return is_file(self._path / name)
 
-    def names(self, suffix: str) -> list[str]:
+    def names(self, suffix: str | tuple[str, ...]) -> list[str]:
         with _failing(self.path()), suppress(FileNotFoundError, NotADirectoryError):
             return sorted(name for name in os.listdir(self._path) if name.endswith(suffix))  # noqa: PTH208
         return []
@@ -241,7 +253,7 @@ class StoredFolder(Folder):
     def __truediv__(self, name: str) -> "StoredFolder":
         return StoredFolder(self.path(name))
 
-    def create(self) -> None:
+    def create(self, *, is_cleaned: bool = True) -> None:
         # Some file systems need it, object stores do not; buckets are not made.
         with suppress(Exception):
             self._store.mkdir(self._key, create_parents=False)
@@ -254,11 +266,11 @@ class StoredFolder(Folder):
         with _failing(self.path(name)):
             return self._call(lambda: self._store.isfile(self._place(name)))
 
-    def names(self, suffix: str) -> list[str]:
+    def names(self, suffix: str | tuple[str, ...]) -> list[str]:
         places: list[str] = []
         with _failing(self._url), suppress(FileNotFoundError):
             places = self._call(lambda: self._store.ls(self._key, detail=False, refresh=True))
-        return sorted(name for place in places if (name := place.rpartition("/")[2]).endswith(suffix))
+        return sorted(name for place in places if (name := place.rstrip("/").rpartition("/")[2]).endswith(suffix))
 
     def size(self, name: str) -> int:
         with _failing(self.path(name)), suppress(FileNotFoundError):

@@ -28,6 +28,7 @@ from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain
+from mjrun.study.range_folders import PointRange, RangeFolders
 from mjrun.study.result_columns import MISSING, STATUSES, ResultColumns, ResultRows
 from mjrun.study.spec import FILES, MODEL, PointResult, StudySpec, places_in_any_order, simulation_at, versions
 from mjrun.task.task import Task
@@ -39,8 +40,7 @@ if TYPE_CHECKING:
 SUFFIX = ".parquet"
 METRIC = "metric:"  # precedes the name of each metric
 STUDY = "study"  # in the metadata of a part
-NAMED = 16  # digits of the hash of a study in the names of its parts
-PART = re.compile(rf"([0-9a-f]{{{NAMED}}})-(\d{{1,18}})-(\d{{1,18}})-[0-9a-f]{{{NAMED}}}\.parquet")
+DIGITS = 16  # of the hash at the end of the name of a part
 TEXTS, INTEGERS = ("status", "message", "host"), ("point", "steps", "exit_code")
 KEY_BYTES = 16
 KEYS = f"S{KEY_BYTES}"  # of numpy, which ignores zeros at the end
@@ -155,19 +155,22 @@ class ChunkFiles:
       folder: folder of the study.
       metrics: names of the metrics.
       study: hash of everything that determines the results of all points, 64 hexadecimal digits.
+      points: number of points of the study.
 
     Attributes:
-      folder: folder of the parts.
+      folder: folder of the parts, and of the folders of their ranges.
+      ranges: folders of ranges of points.
       width: number of metrics.
       bounds: ascending points where new parts begin, since different processes work on either side.
       damaged: names of the parts that the last `read` could not read.
       adopted: places of the results that the last `read` has found by keys, ascending.
     """
 
-    def __init__(self, folder: str | Path | Folder, metrics: Sequence[str], study: str) -> None:
+    def __init__(self, folder: str | Path | Folder, metrics: Sequence[str], study: str, points: int = 0) -> None:
         self.folder, self._metrics, self.study = folder_at(folder) / PARTS, tuple(metrics), study
+        self.ranges = RangeFolders(self.folder, study, points)
         self.width = len(self._metrics)
-        self.bounds = np.array([], np.int64)
+        self.bounds = np.arange(self.ranges.window, points, self.ranges.window)
         self.damaged = list[str]()
         self.adopted = np.array([], np.intp)
         self._parts = set[str]()  # of this study whose results are known
@@ -186,7 +189,7 @@ class ChunkFiles:
 
     def size(self) -> int:
         """Returns the size of all parts [bytes]."""
-        return sum(map(self.folder.size, self._names()))
+        return sum(map(self.folder.size, self.ranges.names(SUFFIX)))
 
     def read(self, points: Sequence[int] | np.ndarray, keys: Callable[[np.ndarray], Sequence[str]]) -> ResultColumns:
         """Reads the results of points; of several results of a point, prefers one that is final.
@@ -201,19 +204,21 @@ class ChunkFiles:
         Raises:
           FileError: a part cannot be opened.
         """
-        self.damaged, others, self.adopted = [], list[str](), np.array([], np.intp)
-        known, seen = ResultColumns(points, len(self._metrics)), set[str]()
+        self.damaged, self.adopted = [], np.array([], np.intp)
+        known, seen, others = ResultColumns(points, len(self._metrics)), set[str](), list[str]()
         self._parts = set()
-        while new := [name for name in self._names() if name not in seen]:  # other processes merge parts
+
+        def is_relevant(part: PointRange) -> bool:
+            return part.study == self.ranges.study and known.has_between(part.first, part.last)
+
+        while new := [name for name in self.ranges.names(SUFFIX, is_relevant) if name not in seen]:  # others merge them
             seen.update(new)
             for name in new:
-                part = _Name.of(name)
-                if part is None or part.study != self.study[:NAMED]:
-                    others.append(name)
-                    continue
-                if known.has_between(part.first, part.last) and not self._put(name, known):
+                if (part := PointRange.of(name)) and is_relevant(part) and not self._put(name, known):
                     others.append(name)
         open_places = np.flatnonzero(~known.is_final)
+        if len(open_places):
+            others += self._names(is_own=False)
         if others and len(open_places):
             self._read_by_key(others, known, open_places, _binary(keys(known.points[open_places])))
         return known
@@ -228,11 +233,8 @@ class ChunkFiles:
           FileError: a part cannot be opened.
         """
         has_new = False
-        for name in self._names():
-            part = _Name.of(name)
-            if part is None or part.study != self.study[:NAMED] or name in self._parts:
-                continue
-            if part.first <= last and first <= part.last:
+        for name in self._names(lambda part: part.overlaps(first, last)):
+            if name not in self._parts:
                 has_new = self._put(name, known) or has_new
         return has_new
 
@@ -254,8 +256,8 @@ class ChunkFiles:
         Raises:
           FileError: the new part cannot be written.
         """
-        ranges = [(part.first, part.last) for part in map(_Name.of, parts) if part]
-        first, last = min(first for first, _ in ranges), max(last for _, last in ranges)
+        ranges = [part for part in map(PointRange.of, parts) if part]
+        first, last = min(part.first for part in ranges), max(part.last for part in ranges)
         try:
             made = self._publish(_grouped(self.folder, parts), first, last, "".join(parts))
         except _UnreadablePartError:
@@ -270,8 +272,8 @@ class ChunkFiles:
         Raises:
           FileError: a part cannot be written.
         """
-        usable = [name for name in self._names() if name not in self.damaged]
-        self.merge_small([name for name in usable if (part := _Name.of(name)) and part.study == self.study[:NAMED]])
+        self.merge_small([name for name in self._names() if name not in self.damaged])
+        self.ranges.remove_empty()
 
     def merge_small(self, parts: Sequence[str]) -> None:
         """Merges those of some parts of this study that are small, in order, into large ones.
@@ -300,14 +302,14 @@ class ChunkFiles:
         import pyarrow.parquet
 
         others, damaged = list[str](), list[str]()
-        for name in self._names():
+        for name in self.ranges.names(SUFFIX):
             try:
                 with self.folder.open(name) as stream:
                     schema = pyarrow.parquet.read_schema(stream)
             except FileNotFoundError:  # merged by another process
                 continue
             except (OSError, pyarrow.ArrowException):
-                damaged += [name] if PART.fullmatch(name) else []
+                damaged += [name] if PointRange.of(name) else []
                 continue
             study = (schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
             if study != self.study and {*_schema(()).names} - {"point"} <= {*schema.names}:
@@ -317,8 +319,8 @@ class ChunkFiles:
     def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> str:
         from mjrun.formats.arrow_columns import cast_texts
 
-        digest = hashlib.sha256(content.encode()).hexdigest()[:NAMED]
-        name = f"{self.study[:NAMED]}-{first}-{last}-{digest}{SUFFIX}"
+        digest = hashlib.sha256(content.encode()).hexdigest()[:DIGITS]
+        name = self.ranges.new_name(first, last, f"{digest}{SUFFIX}")
         schema = _schema(self._metrics, self.study)
         with OutputWriter(self.folder.destination(name)) as output, output.writing():
             # as a path, the name would have to be UTF-8
@@ -332,13 +334,18 @@ class ChunkFiles:
         self._parts.add(name)
         return name
 
-    def _names(self) -> list[str]:
-        """Lists the files that may be parts.
+    def _names(self, is_relevant: Callable[[PointRange], bool] = lambda _: True, *, is_own: bool = True) -> list[str]:
+        """Lists parts of relevant points of this study, or the files that may be parts of others.
 
         Raises:
-          FileError: the folder cannot be read.
+          FileError: a folder cannot be read.
         """
-        return self.folder.names(SUFFIX)
+
+        def is_wanted(part: PointRange) -> bool:
+            return (part.study == self.ranges.study) == is_own and is_relevant(part)
+
+        names = self.ranges.names(SUFFIX, is_wanted)
+        return [name for name in names if (is_wanted(part) if (part := PointRange.of(name)) else not is_own)]
 
     def _put(self, name: str, known: ResultColumns) -> bool:
         """Adds the results in a part; returns False for one of another study whose hash begins with the same digits."""
@@ -385,20 +392,6 @@ class ChunkFiles:
                 place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts) + first[row]
                 known.put(places[place], rows.results.at(row))
         self.adopted = np.flatnonzero(was_missing & ~known.is_missing)
-
-
-@dataclass(frozen=True)
-class _Name:
-    """The name of a part: the first digits of its study, and its first and last point."""
-
-    study: str
-    first: int
-    last: int
-
-    @classmethod
-    def of(cls, name: str) -> "_Name | None":
-        match = PART.fullmatch(name)
-        return cls(match[1], int(match[2]), int(match[3])) if match else None
 
 
 @dataclass(frozen=True)

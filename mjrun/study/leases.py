@@ -1,36 +1,35 @@
 """Leases of ranges of points, by which processes on any machines share the work on one study.
 
-A lease is a small file beside the parts, named `STUDY-FIRST-LAST-OWNER.lease`. A process creates one, and then lists
-the others: of two processes whose ranges overlap, at least one sees both leases, and gives up its own. It renews its
-leases by changing their content. Another process that sees the same content for `EXPIRY` seconds on its clock takes
-the points; it does not wait for a process of the same machine that has ended. No clocks are compared, and the file
-system needs no locks. A wrong guess costs time only: a point has the same result, whichever process simulates it.
+A lease is a small file beside the parts of its points, named `STUDY-FIRST-LAST-OWNER.lease`. A process creates one, and
+then lists the others of these points: of two processes whose ranges overlap, at least one sees both leases, and gives
+up its own. It renews its leases by changing their content. Another process that sees the same content for `EXPIRY`
+seconds on its clock takes the points; it does not wait for a process of the same machine that has ended. No clocks are
+compared, and the file system needs no locks. A wrong guess costs time only: a point has the same result, whichever
+process simulates it.
 
 A process that finds all points leased asks for some by a lease of no points; others then give back those that they have
 not begun, so that points that take much longer than expected do not wait for one process.
 """
 
 import json
-import re
 import secrets
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.folders import Folder, folder_at
+from mjrun.formats.folders import Folder
 from mjrun.platform import system
-from mjrun.study.chunk_files import NAMED, ChunkFiles
+from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.range_folders import NAME, PointRange, RangeFolders
 from mjrun.study.result_columns import ResultColumns
 
 SUFFIX = ".lease"
-NAME = re.compile(rf"([0-9a-f]{{{NAMED}}})-(\d{{1,18}})-(\d{{1,18}})-([0-9a-f]{{8}})\.lease")
 BEAT = 5.0  # [s] between two renewals
 EXPIRY = 60.0  # [s] without a renewal, after which a lease is void: file systems of networks show changes late
 POLL = 1.0  # [s] until a process that has found all points leased looks again
@@ -43,28 +42,23 @@ SHARES = 4  # ranges for each process, of the points that are free: ranges becom
 
 
 @dataclass(frozen=True)
-class Lease:
-    """A lease of the points from `first` to `last`, which is included."""
+class Lease(PointRange):
+    """A lease of a range of points, by the name of its file."""
 
     name: str
-    first: int
-    last: int
     owner: str
 
     @classmethod
-    def of(cls, name: str, study: str) -> "Lease | None":
-        """Returns the lease that a file represents; None if it is not a lease of this study."""
-        match = NAME.fullmatch(name)
-        return cls(name, int(match[2]), int(match[3]), match[4]) if match and match[1] == study[:NAMED] else None
+    def of(cls, name: str) -> "Lease | None":
+        """Returns the lease that a file represents; None if it is not a lease."""
+        match = NAME.fullmatch(name.rpartition("/")[2])
+        is_lease = match and match[4] and name.endswith(SUFFIX)
+        return cls(match[1], int(match[2]), int(match[3]), name, match[4]) if match and is_lease else None
 
     @property
     def is_request(self) -> bool:
         """True for a lease of no points, by which a process asks for some."""
         return self.first > self.last
-
-    def overlaps(self, first: int, last: int) -> bool:
-        """Returns whether any of these points is in the range."""
-        return self.first <= last and first <= self.last
 
 
 @dataclass(frozen=True)
@@ -103,20 +97,26 @@ class LeaseContent:
             return cls()
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """A content of a lease of another process, since when it is unchanged, and when it was read last [s]."""
+
+    content: LeaseContent
+    since: float
+    read: float
+
+
 class Leases:
     """The leases of one study, and those of this process among them; a context manager that releases the latter.
 
     Args:
-      folder: folder of the leases, which exists.
-      study: hash of everything that determines the results of all points.
+      ranges: folders of the leases, of which the outermost exists.
     """
 
-    def __init__(self, folder: str | Path | Folder, study: str) -> None:
-        self._folder, self._study, self._owner = folder_at(folder), study, secrets.token_hex(4)
+    def __init__(self, ranges: RangeFolders) -> None:
+        self._ranges, self._folder, self._owner = ranges, ranges.folder, secrets.token_hex(4)
         self._own = dict[Lease, int]()  # the points of each that are not published
-        self._seen = dict[
-            str, tuple[LeaseContent, float, float]
-        ]()  # of others, since when it is the same, and when it was read
+        self._seen = dict[Lease, _Seen]()  # of others
         self._host, self._process = system.machine_name(), system.process_identity()
         self._start, self._beat, self.points = time.monotonic(), 0, 0
         self._lock, self._closed = threading.Lock(), threading.Event()
@@ -140,17 +140,17 @@ class Leases:
         return True
 
     def _create(self, first: int, last: int, points: int) -> Lease:
-        name = f"{self._study[:NAMED]}-{first}-{last}-{self._owner}{SUFFIX}"
-        lease = Lease(name, first, last, self._owner)
+        name = self._ranges.new_name(first, last, f"{self._owner}{SUFFIX}")
+        lease = Lease(self._ranges.study, first, last, name, self._owner)
         with self._lock:
             self._folder.create_file(name, self._content())
             self._own[lease] = points
         return lease
 
     def ask(self, *, is_idle: bool) -> None:
-        """Asks other processes for points, or stops to."""
+        """Asks other processes for points, unless another one asks already, or stops to."""
         own = [lease for lease in self._own if lease.is_request]
-        if is_idle and not own:
+        if is_idle and not own and not self.requests():
             with suppress(FileError):
                 self.claim(*NONE, 1)
         elif not is_idle:
@@ -167,20 +167,29 @@ class Leases:
             if len(own):
                 self._release(lease)
 
-    def others(self, is_relevant: Callable[[Lease], bool] = lambda _: True) -> list[Lease]:
-        """Returns the leases of other processes that are relevant and still valid; the files of no others are read.
+    def requests(self) -> list[Lease]:
+        """Returns the valid leases by which other processes ask for points."""
+        return self.others(lambda points: points.first > points.last)
 
-        If each of a thousand processes read the leases of all, the file system would do little else.
+    def others(self, is_relevant: Callable[[PointRange], bool]) -> list[Lease]:
+        """Returns the leases of relevant points that other processes hold and that are still valid.
+
+        Folders and files of other points are not read: if each of a thousand processes read the leases of all, the
+        file system would do little else.
         """
-        leases = [lease for name in self._folder.names(SUFFIX) if (lease := Lease.of(name, self._study))]
-        others = [lease for lease in leases if lease.owner != self._owner and is_relevant(lease)]
-        names, now = {lease.name for lease in leases}, time.monotonic()
-        self._seen = {name: seen for name, seen in self._seen.items() if name in names}
+
+        def is_wanted(points: PointRange) -> bool:
+            return points.study == self._ranges.study and is_relevant(points)
+
+        leases = {lease for name in self._ranges.names(SUFFIX, is_wanted) if (lease := Lease.of(name))}
+        others = [lease for lease in leases if lease.owner != self._owner and is_wanted(lease)]
+        now = time.monotonic()
+        self._seen = {lease: seen for lease, seen in self._seen.items() if lease in leases or not is_relevant(lease)}
         return [lease for lease in others if self._is_valid(lease, now)]
 
     def hosts(self) -> list[str]:
-        """Returns the machines of the leases that `others` has read last."""
-        return sorted({clean(content.host) or "another machine" for content, _, _ in self._seen.values()})
+        """Returns the machines of the leases of other processes."""
+        return sorted({clean(seen.content.host) or "another machine" for seen in self._seen.values()})
 
     def publish(self, points: Sequence[int] | np.ndarray, *, is_own: bool = True) -> None:
         """Releases the ranges in which all results are published, now that those of `points` are.
@@ -206,16 +215,15 @@ class Leases:
 
     def _is_valid(self, lease: Lease, now: float) -> bool:
         """Returns whether a process still works on a range; removes the lease of one that does not."""
-        before, since, read = self._seen.get(lease.name, (None, now, -BEAT))
-        if before is not None and now - read < BEAT:
+        before = self._seen.get(lease)
+        if before and now - before.read < BEAT:
             return True
         try:
             content = LeaseContent.read(self._folder, lease.name)
         except FileNotFoundError:
             return False
-        if content != before:
-            since = now
-        self._seen[lease.name] = content, since, now
+        since = before.since if before and content == before.content else now
+        self._seen[lease] = _Seen(content, since, now)
         if now - since < EXPIRY and not system.has_ended(content.process):
             return True
         with suppress(FileError):
@@ -314,7 +322,7 @@ class LeasedPoints:
         if now < self._asked + BEAT:
             return False
         self._asked = now
-        return bool(self._leases.others(lambda lease: lease.is_request))
+        return bool(self._leases.requests())
 
     def give_back(self, points: Sequence[int]) -> None:
         """Releases leased points: those that are not in a chunk, and `points`, whose chunks have not begun."""
@@ -327,17 +335,52 @@ class LeasedPoints:
 
     def _lease(self, size: Callable[[np.ndarray], int]) -> None:
         """Leases a range of points, and reads the results in it that other processes have published."""
-        failures, self._is_giving = 0, False
+        self._is_giving = False
+        windows = self._windows()
+        for number, window in enumerate([*windows, *windows[:1]]):
+            if self._lease_in(window, len(windows), size, shares=number > 0 or len(windows) == 1):
+                return
+        self._pause_end = time.monotonic() + POLL
+
+    def _windows(self) -> list[PointRange]:
+        """Returns ranges that contain all open points, in which leases are looked for one after the other.
+
+        The first contains the next place; the others are in random order, so that processes spread.
+        """
+        size = self._files.ranges.window
+        numbers = np.unique(self.points[self._is_open] // size)
+        if not len(numbers):
+            return []
+        here = self.points[min(self._next, len(self.points) - 1)] // size
+        first = int(np.searchsorted(numbers, here)) % len(numbers)
+        others = np.random.default_rng().permutation(np.delete(numbers, first))
+        starts = [size * number for number in (int(numbers[first]), *others.tolist())]
+        return [PointRange("", start, start + size - 1) for start in starts]
+
+    def _lease_in(self, window: PointRange, windows: int, size: Callable[[np.ndarray], int], *, shares: bool) -> bool:
+        """Leases a range of points in a window; returns False if none is free.
+
+        Args:
+          windows: number of windows with open points.
+          shares: whether to lease points between those of other processes, too.
+        """
+        failures, within = 0, self._within(window)
+
+        def has_open(points: PointRange) -> bool:
+            return points.overlaps(window.first, window.last) and bool(self._is_open[self._within(points)].any())
+
         while failures < TRIES:
-            others = self._leases.others(lambda lease: bool(self._is_open[self._within(lease)].any()))
-            free, owners = self._is_open.copy(), {"", *(lease.owner for lease in others)}
+            others = self._leases.others(has_open)
+            free = self._is_open.copy()
             for lease in others:
                 free[self._within(lease)] = False
-            places = np.flatnonzero(free)
-            if not len(places):
-                break
-            self._owners = len(owners)
-            run = self._run(places[self._start(places, is_alone=not others) :], len(places), size)
+            places = within.start + np.flatnonzero(free[within])
+            is_next = self._next < len(free) and bool(free[self._next])
+            if not len(places) or not (shares or is_next or not others):
+                return False
+            self._owners = 1 + len({lease.owner for lease in others}) * windows
+            start = self._start(places, is_alone=not others)
+            run = self._run(places[start:], len(places) * windows, size)
             first, last = self.points[run[[0, -1]]].tolist()
             if not self._leases.claim(first, last, len(run)):
                 self._next = len(self.points)  # two that begin at the same time do not meet again
@@ -350,12 +393,13 @@ class LeasedPoints:
             self._leases.publish(self.points[run[~self._is_open[run]]], is_own=False)
             self._is_open[run] = False
             if len(self._leased):
-                return
-        self._pause_end = time.monotonic() + POLL
+                return True
+        return False
 
-    def _within(self, lease: Lease) -> slice:
-        """Returns the places of the points of a lease."""
-        return slice(*np.searchsorted(self.points, [lease.first, lease.last + 1]))
+    def _within(self, points: PointRange) -> slice:
+        """Returns the places of a range of points."""
+        first, stop = np.searchsorted(self.points, [points.first, points.last + 1]).tolist()
+        return slice(first, stop)
 
     def _start(self, places: np.ndarray, *, is_alone: bool) -> int:
         """Returns where the next range begins among free places: after the last range, or anywhere between others."""

@@ -81,7 +81,7 @@ class PreparedPoints(ABC):
         self, spec: PointSpec, points: Design, shipped: ShippedStudy, folder: str | Path, metrics: Sequence[str]
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder_at(folder)
-        self.files = ChunkFiles(self.folder, metrics, self._digest())
+        self.files = ChunkFiles(self.folder, metrics, self._digest(), len(points.points))
         self.numbers = np.arange(len(points.points))
 
     @cached_property
@@ -191,7 +191,7 @@ class PreparedPoints(ABC):
         statuses, budget = Counter[str](), Budget(options)
         failures, is_waiting = FailureReporter(self.points, reporter, self.noun), False
         with (
-            Leases(self.files.folder, self.files.study) as leases,
+            Leases(self.files.ranges) as leases,
             PartWriter(self.files, executors.INTERVAL, leases.publish) as parts,
             ExitStack() as stack,
         ):

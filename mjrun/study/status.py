@@ -102,7 +102,7 @@ def study_status(folder: str | Path) -> StudyStatus:
     """
     place = folder_at(folder)
     points, metrics, study = study_facts(place)
-    files, known = ChunkFiles(place, metrics, study), ResultColumns(range(points), len(metrics))
+    files, known = ChunkFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
     leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease
     files.update(known, 0, points - 1)
     running, rates = list[RunningRange](), dict[str, float]()
@@ -150,13 +150,15 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
 
 def _leases(files: ChunkFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
     """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
-    for name in files.folder.names(SUFFIX):
+    for name in files.ranges.names(SUFFIX):
         try:
-            lease = Lease.of(name, files.study)
+            lease = Lease.of(name)
             content, silent = LeaseContent.read(files.folder, name), files.folder.age(name)
         except OSError:  # its owner has released it
             continue
-        if lease and not lease.is_request and not system.has_ended(content.process):
+        if lease is None or lease.study != files.ranges.study or lease.is_request:
+            continue
+        if not system.has_ended(content.process):
             yield lease, content, max(0.0, silent)
 
 

@@ -3,16 +3,17 @@
 import re
 import secrets
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.folders import Folder, LocalFolder, folder_at
+from mjrun.formats.folders import LocalFolder, folder_at
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.platform import system
 from mjrun.study.chunk_files import ChunkFiles
-from mjrun.study.leases import EXPIRY, NAME, SUFFIX, LeaseContent
+from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
+from mjrun.study.range_folders import RangeFolders
 from mjrun.study.result_columns import ResultColumns
 from mjrun.study.slurm import FOLDER as SLURM
 from mjrun.study.status import study_facts
@@ -64,8 +65,8 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     """
     place = folder_at(folder)
     points, metrics, study = study_facts(place)
-    files, known = ChunkFiles(place, metrics, study), ResultColumns(range(points), len(metrics))
-    leases = _ended_leases(files.folder)
+    files, known = ChunkFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
+    leases = _ended_leases(files.ranges)
     files.update(known, 0, points - 1)
     missing = int(known.is_missing.sum())
     others, damaged = files.unused()
@@ -78,19 +79,23 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     for name in () if dry_run else [name for some in names.values() for name in some]:
         files.folder.remove(name)
     if isinstance(place, LocalFolder):
-        counts += _remove_temporary(Path(place.path()), Path(files.folder.path()), dry_run=dry_run)
+        parts = [Path(folder.path()) for folder in files.ranges.folders()]
+        counts += _remove_temporary(Path(place.path()), parts, dry_run=dry_run)
+        if not dry_run:
+            files.ranges.remove_empty()
     return UnusedFiles(place.path(), not dry_run, counts, missing if others else 0)
 
 
-def _remove_temporary(folder: Path, parts: Path, *, dry_run: bool) -> list[UnusedKind]:
+def _remove_temporary(folder: Path, parts: Sequence[Path], *, dry_run: bool) -> list[UnusedKind]:
     """Removes temporary files, and the logs of Slurm jobs.
 
     Raises:
       FileError: one cannot be removed.
     """
     runs = [path for path in (folder / SLURM).glob("*") if RUN.fullmatch(path.name) and path.is_dir()]
-    with left_behind(folder) as above, left_behind(parts) as beside:
-        kinds = {"temporary file": [*above, *beside], "log folder": runs}
+    with ExitStack() as stack:
+        found = [path for place in (folder, *parts) for path in stack.enter_context(left_behind(place))]
+        kinds = {"temporary file": found, "log folder": runs}
         counts = [UnusedKind(noun, len(paths), sum(map(_size, paths))) for noun, paths in kinds.items() if paths]
         for path in () if dry_run else [path for paths in kinds.values() for path in paths]:
             remove(path)
@@ -102,13 +107,13 @@ def _remove_temporary(folder: Path, parts: Path, *, dry_run: bool) -> list[Unuse
     return counts
 
 
-def _ended_leases(folder: Folder) -> list[str]:
+def _ended_leases(ranges: RangeFolders) -> list[str]:
     """Returns the leases of ended processes, of whatever version of the study.
 
     Raises:
       FileError: a process works on the study.
     """
-    names = [name for name in folder.names(SUFFIX) if NAME.fullmatch(name)]
+    folder, names = ranges.folder, [name for name in ranges.names(SUFFIX) if Lease.of(name)]
     if not names:
         return []
     probe = f".{secrets.token_hex(8)}.probe"

@@ -135,6 +135,29 @@ def test_merged_parts_have_the_same_results(files: ChunkFiles, tmp_path: Path) -
     assert read(files) == before == {0: "ok", 1: "crashed", 2: "ok", 3: "crashed", 4: "ok", 5: "crashed", 7: "ok"}
 
 
+def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mjrun.study.range_folders.SIZES", (4, 2))
+    files = ChunkFiles(tmp_path, ["a", "b"], STUDY, len(KEYS))
+    files.create()
+    parts = [write(files, points, [RESULTS[0]] * len(points)) for points in ([0, 1], [2], [3, 4], [5, 6])]
+    assert [len(part.relative_to(tmp_path).parts) for part in parts] == [4, 4, 2, 3]
+    moved = tmp_path / "parts" / write(files, [7], RESULTS[1:]).name
+    next(tmp_path.rglob(moved.name)).rename(moved)  # where earlier versions have it
+    parts[1].write_text("damaged")
+    known = {0: "ok", 1: "ok", 3: "ok", 4: "ok", 5: "ok", 6: "ok", 7: "crashed"}
+    assert read(files) == known
+    assert files.damaged == [str(parts[1].relative_to(tmp_path / "parts"))]
+    parts[1].unlink()
+    assert read(ChunkFiles(tmp_path, ["a", "b"], STUDY)) == known
+    other = ChunkFiles(tmp_path, ["a", "b"], "cd" * 32)
+    assert len([*filter(None, other.read(range(8), keys_of).wall.tolist())]) == 7  # by keys
+    files.merge_all()
+    assert len([*(tmp_path / "parts").iterdir()]) == 1
+    assert read(files) == known
+
+
 def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: ChunkFiles, tmp_path: Path) -> None:
     with PartWriter(files, 0) as parts:
         for point in range(150):

@@ -20,11 +20,14 @@ def cluster() -> ModuleType:
     return module
 
 
-def test_a_task_of_many_opens_as_many_files_as_one_of_few(cluster: ModuleType) -> None:
-    few, many = (cluster.simulated(200 * nodes, nodes, failures=0.0) for nodes in (4, 16))
+def test_a_task_of_many_opens_as_many_files_as_one_of_few(cluster: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjrun.study.range_folders.SIZES", (400, 100))
+    few, many = (cluster.simulated(100 * nodes, nodes, failures=0.0) for nodes in (8, 24))
     assert few.is_complete
     assert many.is_complete
-    assert many.counts["opens"] / many.nodes < 1.2 * few.counts["opens"] / few.nodes
+    for kind in ("opens", "lists", "folders"):
+        assert many.counts[kind] / many.nodes < 1.2 * few.counts[kind] / few.nodes
+    assert many.counts["listed"] / many.nodes < 1.5 * few.counts["listed"] / few.nodes  # three times as many without
     assert many.task_bytes == few.task_bytes
     assert many.files == 4 * many.nodes  # one for each block of a task
     assert few.twice == many.twice == 0

@@ -174,7 +174,7 @@ def test_chunks_contain_every_missing_point_once(study: Study) -> None:
     prepared = PreparedStudy(study, study.spec)
     assert [result.status for result in prepared.known] == ["missing"] * 10
     prepared.files.create()
-    with Leases(prepared.files.folder, prepared.files.study) as leases:
+    with Leases(prepared.files.ranges) as leases:
         leased = LeasedPoints(prepared.missing(), prepared.known, prepared.files, leases, 1)
         chunks = [chunk for chunk in prepared.chunks(leased, study, ChunkSizes(4, 1)) if chunk]
     assert [point.index for chunk in chunks for point in chunk.points] == [*range(10)]

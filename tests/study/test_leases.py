@@ -21,6 +21,7 @@ from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_files import ChunkFiles
 from mjrun.study.leases import BEAT, EXPIRY, POLL, LeasedPoints, Leases
+from mjrun.study.range_folders import SIZES
 from mjrun.study.result_columns import ResultColumns, ResultRows
 from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
@@ -49,11 +50,11 @@ class Process:
     """One of several processes that simulate all points of a study, in chunks of `size`."""
 
     def __init__(self, folder: Path, count: int, size: int, *, retry: bool = False) -> None:
-        self._files = ChunkFiles(folder, ["square"], STUDY)
+        self._files = ChunkFiles(folder, ["square"], STUDY, count)
         self._files.create()
         self.known: ResultColumns = self._files.read(range(count), lambda _: [])
         missing = np.flatnonzero(~self.known.is_final if retry else self.known.is_missing)
-        self.leases, self._size = Unrenewed(self._files.folder, STUDY), size
+        self.leases, self._size = Unrenewed(self._files.ranges), size
         self.points = LeasedPoints(missing, self.known, self._files, self.leases, ahead=2)
         self._chunks = list[np.ndarray]()
 
@@ -86,12 +87,22 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return Clock(monkeypatch)
 
 
-@given(st.integers(1, 80), st.lists(st.integers(1, 9), min_size=1, max_size=4), st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=12)
+@given(
+    st.integers(1, 80),
+    st.lists(st.integers(1, 9), min_size=1, max_size=4),
+    st.sampled_from([SIZES, (20, 8)]),
+    st.randoms(use_true_random=False),
+)
+@settings(deadline=None, max_examples=16)
 def test_each_point_is_simulated_once_and_known_to_all(
-    tmp_path_factory: pytest.TempPathFactory, count: int, sizes: list[int], order: random.Random
+    tmp_path_factory: pytest.TempPathFactory,
+    count: int,
+    sizes: list[int],
+    folders: tuple[int, ...],
+    order: random.Random,
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mjrun.study.range_folders.SIZES", folders)
         clock, folder, done = Clock(patch), tmp_path_factory.mktemp("study"), Counter[int]()
         processes = [Process(folder, count, size) for size in sizes]
         while any(process.points.left for process in processes):
@@ -207,14 +218,14 @@ def test_points_of_an_ended_process_of_this_machine_are_free_at_once(tmp_path: P
 def test_a_range_begins_and_ends_with_a_block_of_a_task(tmp_path: Path, clock: Clock) -> None:
     process = Process(tmp_path, 100, 8)
     process._files.bounds = np.array([10, 20])
-    leases = Leases(process._files.folder, STUDY)
+    leases = Leases(process._files.ranges)
     points = LeasedPoints([*range(5, 10), *range(20, 30)], process.known, process._files, leases, 1)
     assert [points.take(lambda _: 8).tolist() for _ in range(3)] == [[*range(5, 10)], [*range(20, 28)], [28, 29]]
 
 
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be written"):
-        Leases(tmp_path / "missing", STUDY).claim(0, 1, 2)
+        Leases(ChunkFiles(tmp_path / "missing", [], STUDY).ranges).claim(0, 1, 2)
 
 
 STUCK = """

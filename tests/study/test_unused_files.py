@@ -68,7 +68,7 @@ def test_only_what_the_table_does_not_use_is_removed(tmp_path: Path, used: set[P
 
 def test_nothing_is_removed_while_a_process_works_on_the_study(tmp_path: Path, used: set[Path]) -> None:
     other = write(tmp_path, OTHER, range(2))
-    with Leases(tmp_path / "parts", OTHER) as leases:
+    with Leases(ChunkFiles(tmp_path, [], OTHER).ranges) as leases:
         assert leases.claim(0, 1, 2)
         (lease,) = tmp_path.rglob("*.lease")
         elsewhere = json.loads(lease.read_text()) | {"host": "node", "process": ""}
