@@ -22,7 +22,6 @@ from mjrun.outputs.camera_panels import (
     panels_of,
     unused_options,
 )
-from mjrun.outputs.frame_schedule import FrameSchedule
 from mjrun.outputs.output import Context, EventSteps, OutputResult, PassRenderers, RendererRequest
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.scene_frames import (
@@ -93,24 +92,9 @@ class FramePlan:
     overlay: Overlay
 
     @property
-    def context(self) -> Context:
-        """The simulation."""
-        return self.scene.context
-
-    @property
-    def schedule(self) -> FrameSchedule | None:
-        """The schedule of the frames; None if events decide."""
-        return self.scene.schedule
-
-    @property
-    def conditions(self) -> Sequence[str]:
-        """The conditions of the events that the schedule depends on."""
-        return self.scene.conditions
-
-    @property
     def enable_flags(self) -> int:
         """MuJoCo enable flags that the measured values require."""
-        model = self.probes.model if self.probes else self.context.model
+        model = self.probes.model if self.probes else self.scene.context.model
         return model.opt.enableflags
 
     def size_of(self, file: PanelFile) -> tuple[int, int]:
@@ -159,12 +143,12 @@ class DrawnFrames(RecordedFrames):
         plan: FramePlan,
         files: Sequence[PanelFile],
         stack: ExitStack,
-        rendering: PassRenderers,
+        renderers: PassRenderers,
         jobs: int | str = 1,
     ) -> None:
         super().__init__(plan.scene, stack)
-        job, schedule = plan.job, plan.schedule
-        self._plan, self._files, self._stack, self._rendering = plan, files, stack, rendering
+        job, schedule = plan.job, plan.scene.schedule
+        self._plan, self._files, self._stack, self._renderers = plan, files, stack, renderers
         # Filament's noise continues from frame to frame: only a single process makes the same video each time.
         self._asked = 1 if jobs == AUTO and job.renderer == "filament" else jobs
         self._cost = estimated_cost(job.size, len(panels_of(job)))
@@ -172,12 +156,12 @@ class DrawnFrames(RecordedFrames):
         self.jobs = 1
         if schedule and lacks_gpu():
             self._start_processes(len(schedule.steps), software=True)  # while the backend is being detected
-        self.backend = rendering.backend(job.renderer_request)
+        self.backend = renderers.backend(job.renderer_request)
         if schedule:
             self._start_processes(len(schedule.steps), software=self.backend.software)
         for text in self._warnings():
             self._reporter.warn(text)
-        facts = plan.context.facts(job, schedule.observed if schedule else None)
+        facts = plan.scene.context.facts(job, schedule.observed if schedule else None)
         self.facts = {**facts, "renderer": self.backend.renderer}
         self._values: list[FrameValues] = []
         self._calibration: DrawingCalibration | None = None
@@ -192,7 +176,9 @@ class DrawnFrames(RecordedFrames):
         """Returns the compositor of all files; with `legend`, coloured segmentations list what is in view."""
         plan, overlay, schedule = self._plan, self._plan.overlay, self.schedule
         if plan.probes:
-            overlay = plan.probes.overlay(overlay, self._values, schedule.steps, schedule.speeds, plan.context.timeline)
+            overlay = plan.probes.overlay(
+                overlay, self._values, schedule.steps, schedule.speeds, plan.scene.context.timeline
+            )
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
         return scene_compositor(plan.job, self.drawn_model, self.backend, streams, self.poses, self.decorations)
 
@@ -236,7 +222,7 @@ class DrawnFrames(RecordedFrames):
         if self._processes is None:
             cores = available_cores() if system.PASSES_DESCRIPTORS else 1  # by which the processes share memory
             self.jobs = jobs_for(self._asked, software, frames, cost or self._cost, cores)
-            self._processes = self._rendering.workers(self.jobs) if self.jobs > 1 else None
+            self._processes = self._renderers.workers(self.jobs) if self.jobs > 1 else None
 
     def _choose_depth_colours(self, compositor: SceneCompositor) -> None:
         """Chooses the colour range of depth from sampled frames, unless a range was set."""
@@ -293,7 +279,7 @@ class DrawnFrames(RecordedFrames):
 
     def _warnings(self) -> list[str]:
         """Returns warnings about what the renderer omits, and about options without effect."""
-        job, context = self._plan.job, self._plan.context
+        job, context = self._plan.job, self._scene.context
         replay_remarks = context.simulation.replay_remarks(context.model)
         remarks = [text for each in self._scene.decorations for text in each.remarks if text not in replay_remarks]
         unused = unused_options(job, self._plan.plots) if all(file.exact for file in self._files) else []

@@ -178,11 +178,11 @@ class PlannedImages:
     job: "VideoInMemory"
     plan: "FramePlan"
 
-    def frames(self, stack: ExitStack, rendering: output.PassRenderers) -> RecordedFrames:
+    def frames(self, stack: ExitStack, renderers: output.PassRenderers) -> RecordedFrames:
         """Returns the frames, whose states are recorded and which can then be drawn."""
         from mjrun.outputs.drawn_frames import DrawnFrames
 
-        return DrawnFrames(self.plan, self.job.encoded_files, stack, rendering, self.job.jobs)
+        return DrawnFrames(self.plan, self.job.encoded_files, stack, renderers, self.job.jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,11 +379,11 @@ class ExportOutput(output.Output[ExportResult]):
         rows: Sequence[int] | None,
         detector: "MarkDetector | None",
         stack: ExitStack,
-        rendering: output.PassRenderers,
+        renderers: output.PassRenderers,
     ) -> None:
         self._job, self._plan, self._context = job, plan, plan.context
         self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
-        self._frames = images.frames(stack, rendering) if images else RecordedFrames(plan, stack)
+        self._frames = images.frames(stack, renderers) if images else RecordedFrames(plan, stack)
         self._table, self._steps = table, rows
         self._rows = stack.enter_context(closing(RowFile(len(table.columns) if table else 0)))
         self._detector = detector

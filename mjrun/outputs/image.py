@@ -82,11 +82,13 @@ class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
     def plan(self, context: output.Context) -> "output.Plan[ImageResult]":
         """Resolves every name in the model, and the step unless events decide."""
         frames, file = plan_frames(self, context), self.formatted_files[0]
-        when = "at an event" if frames.schedule is None else f"at {frames.schedule.times[0]:g} s"
-        until = context.timeline.steps if frames.schedule is None else frames.schedule.steps[0]
+        when = "at an event" if frames.scene.schedule is None else f"at {frames.scene.schedule.times[0]:g} s"
+        until = context.timeline.steps if frames.scene.schedule is None else frames.scene.schedule.steps[0]
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
         preview = output.Preview("image", self.output, 1, "image", frames.size_of(file), about)
-        return output.Plan(preview, until, partial(ImageOutput, self, frames), frames.enable_flags, frames.conditions)
+        return output.Plan(
+            preview, until, partial(ImageOutput, self, frames), frames.enable_flags, frames.scene.conditions
+        )
 
 
 @dataclass(frozen=True)
@@ -137,9 +139,9 @@ class ImageFile(PanelFile):
 class ImageOutput(output.Output[ImageResult]):
     """An image with open files."""
 
-    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
+    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, renderers: output.PassRenderers) -> None:
         files = job.formatted_files
-        self._job, self._plan, self._frames = job, plan, DrawnFrames(plan, files, stack, rendering)
+        self._job, self._plan, self._frames = job, plan, DrawnFrames(plan, files, stack, renderers)
         self.facts = self._frames.facts
         self._writers: list[ImageWriter] = []
         for file in files:
@@ -149,7 +151,7 @@ class ImageOutput(output.Output[ImageResult]):
         self._frames.open_calibration(numbers=any(file.view == "depth" and file.format == "png" for file in files))
         self._pointcloud: PointCloudWriter | None = None
         if job.pointcloud is not None:
-            labels = Segmentation(plan.context.model, job.seg_by).legend if "seg" in job.view else None
+            labels = Segmentation(plan.scene.context.model, job.seg_by).legend if "seg" in job.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
@@ -165,7 +167,7 @@ class ImageOutput(output.Output[ImageResult]):
                 self._pointcloud.write(picture)
         if self._clipped:
             text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
-            self._plan.context.reporter.warn(text)
+            self._plan.scene.context.reporter.warn(text)
 
     def finish(self) -> Sequence[OutputWriter]:
         writers = [*self._writers, *self._frames.calibrate(), *([self._pointcloud] if self._pointcloud else [])]

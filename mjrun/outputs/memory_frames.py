@@ -32,7 +32,7 @@ class VideoInMemory(Video):
         drawn = plan_frames(self, context, self.plot, self.plot_side)
         preview = output.Preview("video", self.output, None, "frames", self.size)
         opened = partial(MemoryOutput, self, drawn)
-        return output.Plan(preview, context.timeline.steps, opened, drawn.enable_flags, drawn.conditions)
+        return output.Plan(preview, context.timeline.steps, opened, drawn.enable_flags, drawn.scene.conditions)
 
 
 class MemoryOutput(output.Output[output.OutputResult]):
@@ -42,8 +42,8 @@ class MemoryOutput(output.Output[output.OutputResult]):
       frames: the frames.
     """
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
-        self.frames = DrawnFrames(plan, job.encoded_files, stack, rendering, job.jobs)
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.PassRenderers) -> None:
+        self.frames = DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return self.frames.taps(event_steps)

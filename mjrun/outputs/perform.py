@@ -87,8 +87,8 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     Raises:
       MjrunError: the pass would fail before its first step.
     """
-    with collected_warnings(), closing(PassRenderers()) as rendering:
-        plans, context, _ = _plan(jobs, reporter or WarningReporter(), rendering)
+    with collected_warnings(), closing(PassRenderers()) as renderers:
+        plans, context, _ = _plan(jobs, reporter or WarningReporter(), renderers)
     timeline = context.timeline
     outputs = [plan.preview for plan in plans]
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
@@ -117,13 +117,13 @@ class Pass(Generic[R]):
         self._jobs, self._stack = jobs, stack
         self._manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
 
-        rendering = stack.enter_context(closing(PassRenderers()))
-        self._plans, self._context, self._stepper = _plan(jobs, reporter, rendering)
+        renderers = stack.enter_context(closing(PassRenderers()))
+        self._plans, self._context, self._stepper = _plan(jobs, reporter, renderers)
         for text in self._context.simulation.notes(self._context.model):
             reporter.note(text)
         for text in self._context.simulation.remarks(self._context.model):
             reporter.warn(text)
-        self.outputs = [plan.open(stack, rendering) for plan in self._plans]
+        self.outputs = [plan.open(stack, renderers) for plan in self._plans]
         self._writers: dict[int, Sequence[OutputWriter]] = {}  # of the outputs that are complete
 
     def simulate(self) -> None:
@@ -299,7 +299,7 @@ class Pass(Generic[R]):
 
 
 def _plan(
-    jobs: Sequence[Job[R]], reporter: Reporter, rendering: PassRenderers
+    jobs: Sequence[Job[R]], reporter: Reporter, renderers: PassRenderers
 ) -> tuple[list[Plan[R]], Context, Stepper]:
     """Plans all jobs, after collecting every error in them."""
     if not jobs:
@@ -310,7 +310,7 @@ def _plan(
     collected = _UsageErrors(alone=len(jobs) == 1)
     _check_files(jobs, collected)
     for index, job in enumerate(jobs):
-        collected.collect(index, partial(_check, job, rendering))
+        collected.collect(index, partial(_check, job, renderers))
     collected.raise_all()
 
     context = collected.collect(None, partial(_context, simulation, reporter))
@@ -332,10 +332,10 @@ def _context(simulation: Simulation, reporter: Reporter) -> Context:
     return Context(simulation, model, final_timeline(simulation, model), reporter)
 
 
-def _check(job: Job[OutputResult], rendering: PassRenderers) -> None:
+def _check(job: Job[OutputResult], renderers: PassRenderers) -> None:
     job.check()
     if job.renderer_request is not None:
-        rendering.detect(job.renderer_request)
+        renderers.detect(job.renderer_request)
 
 
 class _UsageErrors:

@@ -130,12 +130,8 @@ class ScenePlan:
     conditions: Sequence[str]
     schedule: FrameSchedule | None
 
-    def scheduled(self, event_steps: EventSteps) -> FrameSchedule:
-        """Schedules the frames, given the onsets of each condition, and warns about shots that are not shown."""
-        return scheduled(self.job, self.context, self.motions, event_steps)
 
-
-def scheduled(
+def _scheduled(
     job: SceneJob[OutputResult], context: Context, motions: Sequence[CameraMotion], event_steps: EventSteps
 ) -> FrameSchedule:
     """Schedules the frames, given the onsets of each condition, and warns about shots that are not shown."""
@@ -171,7 +167,7 @@ def plan_scene(job: SceneJob[OutputResult], context: Context, cameras: Sequence[
         drawn_model=drawn,
         is_bare=bool(remark) and not job.is_measured,
         conditions=awaited,
-        schedule=None if awaited else scheduled(job, context, motions, {}),
+        schedule=None if awaited else _scheduled(job, context, motions, {}),
     )
 
 
@@ -194,7 +190,7 @@ class RecordedFrames:
     def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
         """Returns the taps that record the states of frames and of decorations."""
         plan = self._scene
-        self.schedule = plan.schedule or plan.scheduled(event_steps)
+        self.schedule = plan.schedule or _scheduled(plan.job, plan.context, plan.motions, event_steps)
         taps: list[AnyTap] = [Tap(self.schedule.steps, lambda stepper: stepper.state(), self.states.append)]
         for decoration, states in zip(plan.decorations, self._decoration_states, strict=True):
             taps.append(Tap(decoration.steps(self.schedule.observed), lambda stepper: stepper.state(), states.append))

@@ -67,11 +67,11 @@ class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
     def plan(self, context: output.Context) -> "output.Plan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
-        count = None if frames.schedule is None else len(frames.schedule.steps)
+        count = None if frames.scene.schedule is None else len(frames.scene.schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
         preview = output.Preview("video", self.output, count, "frames", frames.size_of(file), about)
         opened = partial(VideoOutput, self, frames)
-        return output.Plan(preview, context.timeline.steps, opened, frames.enable_flags, frames.conditions)
+        return output.Plan(preview, context.timeline.steps, opened, frames.enable_flags, frames.scene.conditions)
 
 
 @dataclass(frozen=True)
@@ -125,11 +125,14 @@ class VideoFile(PanelFile):
 class VideoOutput(output.Output[VideoResult]):
     """A video with open files."""
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.PassRenderers) -> None:
-        self._job, self._timeline = job, plan.context.timeline
-        self._frames = DrawnFrames(plan, job.encoded_files, stack, rendering, job.jobs)
-        self._reporter = plan.context.reporter
-        self.facts = {**self._frames.facts, **({"frames": len(plan.schedule.steps)} if plan.schedule else {})}
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.PassRenderers) -> None:
+        self._job, self._timeline = job, plan.scene.context.timeline
+        self._frames = DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
+        self._reporter = plan.scene.context.reporter
+        self.facts = {
+            **self._frames.facts,
+            **({"frames": len(plan.scene.schedule.steps)} if plan.scene.schedule else {}),
+        }
         self._draw_wall = 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in job.encoded_files:

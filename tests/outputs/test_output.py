@@ -179,22 +179,22 @@ def test_videos_of_one_pass_share_one_group_of_workers(
 
 
 def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
-    with closing(PassRenderers()) as rendering:
+    with closing(PassRenderers()) as renderers:
         choice = RendererRequest.of(ViewOptions(gl=backend.name))
-        rendering.detect(choice)
-        rendering.detect(RendererRequest.of(ViewOptions(gl=backend.name, camera="side")))
+        renderers.detect(choice)
+        renderers.detect(RendererRequest.of(ViewOptions(gl=backend.name, camera="side")))
         assert started["detections"] == 1
-        assert rendering.backend(choice) is rendering.backend(choice)
-        assert rendering.backend(choice).renderer == backend.renderer
-        assert rendering.backend(RendererRequest.of(ViewOptions())).max_size > 0
+        assert renderers.backend(choice) is renderers.backend(choice)
+        assert renderers.backend(choice).renderer == backend.renderer
+        assert renderers.backend(RendererRequest.of(ViewOptions())).max_size > 0
     assert started["detections"] == 2
 
 
 def test_workers_are_added_and_never_started_again(started: dict[str, int]) -> None:
-    with closing(PassRenderers()) as rendering:
-        first = rendering.workers(1)
-        assert rendering.workers(2) is first
-        assert rendering.workers(1) is first
+    with closing(PassRenderers()) as renderers:
+        first = renderers.workers(1)
+        assert renderers.workers(2) is first
+        assert renderers.workers(1) is first
         assert started["workers"] == 2
 
 
