@@ -82,7 +82,7 @@ LIBRARIES = {
         "experiment.statistics",
         "physics.random_distribution",
         "experiment.sample_designs",
-        "experiment.correlations",
+        "experiment.correlated_samples",
         "plotting.study.statistics",
         "fitting",
     ),

@@ -303,7 +303,7 @@ def command(
             with _confined_if_asked(console, command_line):
                 body(console, command_line)
             if command_line.value("open"):
-                from mjrun.cli.opening import files_in, open_first
+                from mjrun.cli.open_in_desktop import files_in, open_first
 
                 page, report = command_line.value("html"), console.report
                 made = [str(page)] if page else []

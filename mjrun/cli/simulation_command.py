@@ -18,7 +18,7 @@ from mjrun.cli.console import Case, Console, Report, flag
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.model import ServoOptions
-from mjrun.options.output import LAST_INSTANT, CommandOptions
+from mjrun.options.output import LAST_INSTANT, SimulationCommandOptions
 from mjrun.options.policy import ZERO
 from mjrun.options.trace import TraceOptions
 from mjrun.suffixes import is_yaml
@@ -155,7 +155,7 @@ def make(
     """
     from mjrun.outputs.perform import perform
 
-    options = command_line.make(CommandOptions)
+    options = command_line.make(SimulationCommandOptions)
     jobs: list[Job[OutputResult]] = [job]
     if options.recording is not None:
         from mjrun.outputs.recording import Recording

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.experiment.correlations import correlated, rank_correlations
+from mjrun.experiment.correlated_samples import correlated, rank_correlations
 from mjrun.experiment.design_points import LARGEST_INTEGER, Design, GridPoints, NumberTexts, numbers
 from mjrun.experiment.point_conditions import chosen, parameter_names, with_conditional
 from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES

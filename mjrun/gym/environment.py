@@ -15,7 +15,7 @@ from mjrun.document.task import read_task
 from mjrun.model import state
 from mjrun.options.task import CONTROL, POSITION, TORQUE
 from mjrun.rendering.single_render import render
-from mjrun.task.action_map import ActionMap, Driven
+from mjrun.task.action_map import ActionMap, DrivenActuator
 from mjrun.task.episode import Ending
 from mjrun.task.expressions import RUNNING
 from mjrun.task.single_world import SingleWorld
@@ -175,7 +175,7 @@ def _within(actions: ActionMap, low: np.ndarray, high: np.ndarray) -> tuple[np.n
     return np.where(is_clipped, actions.low, low), np.where(is_clipped, actions.high, high)
 
 
-def _limits(each: Driven, model: mujoco.MjModel) -> tuple[float, float]:
+def _limits(each: DrivenActuator, model: mujoco.MjModel) -> tuple[float, float]:
     """Returns the lowest and the highest effective target; infinite without limits."""
     actuator = each.actuator(model)
     if each.target in (CONTROL, TORQUE) and model.actuator_ctrllimited[each.control]:

@@ -177,7 +177,7 @@ class BaselineOptions(Options):
 
 
 @options
-class ReportFormatOptions(Options):
+class BenchReportOptions(Options):
     """Formats of the report."""
 
     section: ClassVar[str] = "Report"

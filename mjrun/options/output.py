@@ -66,7 +66,7 @@ class RerunOptions(Options):
 
 
 @options
-class CommandOptions(RerunOptions):
+class SimulationCommandOptions(RerunOptions):
     """Additional outputs of the commands that simulate."""
 
     section: ClassVar[str] = "Output"

@@ -362,7 +362,7 @@ class _InstantRows:
 
     Attributes:
       count: the number of instants so far.
-      all: the fields `{field: (1, size + 1, …)}`, as far as they are stored; a recorded step writes the state after it.
+      all: the fields `{field: (1, size + 1, …)}` that are stored; a recorded step writes the state after it.
     """
 
     def __init__(self, templates: Fields, size: int) -> None:

@@ -13,9 +13,9 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import clean, option
 from mjrun.model.names import enum_members, object_names
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
-from mjrun.scene_graph.items import ItemRecorder, Shapes, flex_ends
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping
 from mjrun.scene_graph.meshes import unique_rows
+from mjrun.scene_graph.visualizer_geoms import ItemRecorder, Shapes, flex_ends
 from mjrun.scene_graph.walk import SKIN, UNSCALED, ModelWalk, is_attached, matrix_quaternion, toward
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value

@@ -11,9 +11,9 @@ from mjrun.errors import clean
 from mjrun.model.names import names, object_names
 from mjrun.scene_graph import meshes, shapes
 from mjrun.scene_graph.graph import CameraLens, Fact, Mesh, Node, Quaternion, Skin, Vector
-from mjrun.scene_graph.items import TYPES, Shapes
 from mjrun.scene_graph.lights import light_of
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping, texture_pixels
+from mjrun.scene_graph.visualizer_geoms import TYPES, Shapes
 
 GEOM, SITE = int(mujoco.mjtObj.mjOBJ_GEOM), int(mujoco.mjtObj.mjOBJ_SITE)
 FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)

@@ -18,7 +18,7 @@ TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTIN
 
 
 @dataclass(frozen=True)
-class Driven:
+class DrivenActuator:
     """The actuator that a number of the action drives.
 
     Attributes:
@@ -56,7 +56,7 @@ class ActionMap:
     """
 
     def __init__(self, actions: Sequence[Action], model: mujoco.MjModel) -> None:
-        self.driven: list[Driven] = []
+        self.driven: list[DrivenActuator] = []
         self.widths: list[int] = []
         parts: list[np.ndarray] = []
         for index, action in enumerate(actions):
@@ -161,13 +161,13 @@ def _put(controls: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray | int,
         ctrl[rows, columns] = controls
 
 
-def _driven(action: Action, model: mujoco.MjModel) -> list[Driven]:
+def _driven(action: Action, model: mujoco.MjModel) -> list[DrivenActuator]:
     """Returns the actuators of an action, each once, though several patterns may match it."""
-    driven: list[Driven] = []
+    driven: list[DrivenActuator] = []
     for index, pattern in enumerate(action.actuators or ()):
         with concerning("actuators", index):
             places = [place for part in control_slices(model, pattern) for place in range(part.start, part.stop)]
-        driven += [Driven(control_names(model)[place], CONTROL, place) for place in places]
+        driven += [DrivenActuator(control_names(model)[place], CONTROL, place) for place in places]
 
     target = action.target or CONTROL
     for index, pattern in enumerate(action.joints or ()):
@@ -191,17 +191,17 @@ def actuators_of(model: mujoco.MjModel, joint: int) -> list[int]:
     return np.flatnonzero(is_of_joint).tolist()
 
 
-def _driven_joint(model: mujoco.MjModel, joint: int, actuators: Sequence[int], target: str) -> Driven:
+def _driven_joint(model: mujoco.MjModel, joint: int, actuators: Sequence[int], target: str) -> DrivenActuator:
     name = names(model, "joint")[joint]
     if len(actuators) != 1:
         raise UsageError(f"joint {quoted(name)} has {counted(len(actuators), 'actuator')}, not one")
     (actuator,) = actuators
     if int(model.jnt_type[joint]) not in SCALAR:
         raise UsageError(f"joint {quoted(name)} is neither a hinge nor a slide")
-    return Driven(name, target, int(model.actuator_ctrladr[actuator]), joint)
+    return DrivenActuator(name, target, int(model.actuator_ctrladr[actuator]), joint)
 
 
-def _require_motor(model: mujoco.MjModel, driven: Driven) -> None:
+def _require_motor(model: mujoco.MjModel, driven: DrivenActuator) -> None:
     """Checks that the actuator of a joint is a motor: its torque is proportional to its control."""
     actuator = driven.actuator(model)
     is_motor = (
@@ -219,7 +219,7 @@ def _require_motor(model: mujoco.MjModel, driven: Driven) -> None:
         )
 
 
-def _numbers(action: Action, driven: Sequence[Driven], model: mujoco.MjModel) -> np.ndarray:
+def _numbers(action: Action, driven: Sequence[DrivenActuator], model: mujoco.MjModel) -> np.ndarray:
     """Returns squashed (0 or 1), low, high, scale, offset, kp and kd `(7, nact)`."""
     count = len(driven)
     low, high = action.clip or ((-np.inf,), (np.inf,))
@@ -248,7 +248,7 @@ def spread(name: str, numbers: Numbers, count: int) -> np.ndarray:
     return np.array(np.broadcast_to(numbers, count))
 
 
-def _offset(offset: Numbers | str, driven: Sequence[Driven], model: mujoco.MjModel) -> np.ndarray:
+def _offset(offset: Numbers | str, driven: Sequence[DrivenActuator], model: mujoco.MjModel) -> np.ndarray:
     if not isinstance(offset, str):
         return spread("offset", offset, len(driven))
     with concerning("offset"):

@@ -14,7 +14,7 @@ from mjrun.model.sources.gym import GymSource
 from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, LAGGED, POSITION, TORQUE, VELOCITY, WORLD
 from mjrun.probe.fields import field_probe
-from mjrun.task.action_map import ActionMap, Driven
+from mjrun.task.action_map import ActionMap, DrivenActuator
 from mjrun.task.external_environment import TERMINATED, ExternalEnvironment
 from mjrun.task.task import TIMED_OUT, Command, Observation, Task
 from mjrun.task.worlds import TaskWorlds
@@ -350,7 +350,7 @@ def control_range(model: mujoco.MjModel, actuator: int) -> Numbers | None:
     return low, high
 
 
-def _unit(driven: Driven, model: mujoco.MjModel) -> str:
+def _unit(driven: DrivenActuator, model: mujoco.MjModel) -> str:
     if driven.target == CONTROL:
         return field_probe(model, "ctrl").columns[driven.control].unit
     field = "qvel" if driven.target == VELOCITY else "qpos"

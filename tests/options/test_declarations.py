@@ -16,7 +16,7 @@ from mjrun.bench import warp_timing
 from mjrun.cli.main import COMMANDS, group
 from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.codecs import CODECS
-from mjrun.options.bench import BenchOptions, EngineOptions, ReportFormatOptions
+from mjrun.options.bench import BenchOptions, BenchReportOptions, EngineOptions
 from mjrun.options.check import CheckOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
@@ -27,7 +27,7 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.model import InfoOptions, ModelOptions
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.output import CODECS as CODEC_LIST
-from mjrun.options.output import LAST_INSTANT, CommandOptions, KeyframeOptions
+from mjrun.options.output import LAST_INSTANT, KeyframeOptions, SimulationCommandOptions
 from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
 from mjrun.options.rendering import ViewOptions
 from mjrun.options.run import RunOptions
@@ -41,7 +41,7 @@ from mjrun.outputs.format_lists import with_formats
 from mjrun.rendering.graph import graph_size
 from mjrun.study.executors import ENGINES
 
-SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, ConsoleOptions)
+SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, SimulationCommandOptions, ConsoleOptions)
 # By name: workers of pytest must collect the classes in the same order.
 ALL = {
     (value.__module__, value.__name__): value
@@ -78,7 +78,7 @@ def test_a_name_means_the_same_in_every_command_that_simulates() -> None:
 @pytest.mark.parametrize(
     ("cls", "places"),
     [
-        (CommandOptions, FrontEnd.COMMAND),
+        (SimulationCommandOptions, FrontEnd.COMMAND),
         (ConfinementOptions, FrontEnd.COMMAND),
         (ConsoleOptions, FrontEnd.COMMAND),
         (InfoOptions, FrontEnd.COMMAND),
@@ -101,7 +101,7 @@ def test_every_command_has_the_options_of_the_console_off_by_default(name: str) 
 @pytest.mark.parametrize(
     ("make", "values", "message"),
     [
-        (ReportFormatOptions, {"csv": True, "markdown": True}, "csv and markdown exclude each other"),
+        (BenchReportOptions, {"csv": True, "markdown": True}, "csv and markdown exclude each other"),
         (IMAGE, {"time": 1, "step": 2}, "time and step exclude each other: both set the instant"),
         (KEYFRAME, {"time": 1, "step": 3}, "time and step exclude each other: both set the instant"),
         (TRACE, {"every": 2, "rate": 100}, "every and rate exclude each other: both set the sampling rate"),

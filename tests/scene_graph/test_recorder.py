@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.scene_graph.graph import SceneGraph, SceneMotion, Track
-from mjrun.scene_graph.items import MOST
 from mjrun.scene_graph.recorder import FLAGS, SceneRequest, compute_poses, record_scene
+from mjrun.scene_graph.visualizer_geoms import MOST
 
 ROPE = """
 <mujoco>
@@ -171,7 +171,7 @@ def test_what_depends_on_forces_is_known() -> None:
 
 
 def test_there_is_a_limit_to_items(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjrun.scene_graph.items.MOST", 1)
+    monkeypatch.setattr("mjrun.scene_graph.visualizer_geoms.MOST", 1)
     _, graph, motion = recorded(ROPE, [0, 10], ["joint", "com"])
     assert len(motion.tracks) == 1 < MOST
     assert [remark for remark in graph.remarks if "too many" in remark]

@@ -12,7 +12,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.formats.parent_folders import ParentFolders
-from mjrun.options.bench import BenchOptions, ReportFormatOptions
+from mjrun.options.bench import BenchOptions, BenchReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 
@@ -25,7 +25,7 @@ SLOWER, PARTLY = 1, 8  # exit codes
 
 @command(
     BenchOptions,
-    ReportFormatOptions,
+    BenchReportOptions,
     OpenOptions,
     ConfinementOptions,
     arguments=[MODEL],
@@ -50,7 +50,7 @@ def bench(console: Console, command_line: CommandLine) -> None:
     """
     form = command_line.form("csv", "markdown")
     console.guard_stdout()
-    forms = command_line.make(ReportFormatOptions)
+    forms = command_line.make(BenchReportOptions)
     if forms.html is not None:
         from mjrun.plotting.page_writer import check_page_name
 

@@ -23,7 +23,7 @@ from mjrun.options.console import OpenOptions
 from mjrun.options.episodes import EpisodeOptions
 from mjrun.options.export import ExportOptions
 from mjrun.options.option import options_of
-from mjrun.options.output import CommandOptions
+from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.suffixes import is_hdf5
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     ExecutionOptions,
     EpisodeOptions,
     ExportOptions,
-    CommandOptions,
+    SimulationCommandOptions,
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,
@@ -90,7 +90,7 @@ def export(console: Console, command_line: CommandLine) -> None:
 def _export_episodes(console: Console, command_line: CommandLine, format_: "ExportFormat") -> None:
     product = resolve_name(format_.product)
     known = {each.attribute for each in options_of(product)}
-    for name in command_line.explicit(ExportOptions, CommandOptions):
+    for name in command_line.explicit(ExportOptions, SimulationCommandOptions):
         if name not in known:
             raise UsageError(f"{option(name)} does not apply to {option('format')} {format_.name}")
     command_line = command_line.with_defaults(output=f"{stem(command_line)}_{format_.name}")

@@ -17,13 +17,13 @@ from mjrun.cli.simulation_command import (
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.image import ImageOptions
-from mjrun.options.output import CommandOptions
+from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
 
 
 @command(
     ImageOptions,
-    CommandOptions,
+    SimulationCommandOptions,
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,

@@ -24,7 +24,7 @@ from mjrun.formats.tables import format_of_suffix
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
-from mjrun.options.output import CommandOptions
+from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import VariationOptions
@@ -44,7 +44,7 @@ OF_ONE = ("recording", "save_key", "print_document")  # options that do not appl
     PlotOptions,
     TablePlotOptions,
     VariationOptions,
-    CommandOptions,
+    SimulationCommandOptions,
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,
@@ -119,7 +119,7 @@ def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[s
     from mjrun.formats.study_reader import folder_of_results
     from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 
-    classes = (SimulationOptions, CommandOptions, VariationOptions)
+    classes = (SimulationOptions, SimulationCommandOptions, VariationOptions)
     names = (*OF_MODELS, *(each.name for cls in classes for each in options_of(cls)))
     _require_none(command_line, names, f"applies to models, and {quoted(tables[0])} is not one")
     if command_line.value("output") is None and command_line.value("html") is None:

@@ -20,7 +20,7 @@ from mjrun.cli.simulation_command import (
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
-from mjrun.options.output import CommandOptions
+from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
 
@@ -37,7 +37,7 @@ WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
 @command(
     TraceOptions,
     TraceCommandLineOptions,
-    CommandOptions,
+    SimulationCommandOptions,
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,
@@ -74,7 +74,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
 
     if options.csv:
         command_line = _as_csv(command_line)
-    if command_line.make(CommandOptions).print_document:
+    if command_line.make(SimulationCommandOptions).print_document:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
     job = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
     result = make(console, command_line, job)

@@ -13,14 +13,14 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
-from mjrun.options.output import CommandOptions
+from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.video import VideoOptions
 
 
 @command(
     VideoOptions,
-    CommandOptions,
+    SimulationCommandOptions,
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,

@@ -23,7 +23,7 @@ from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.episodes import CameraVideos, Episode, EpisodeLayout
-from mjrun.formats.episodes.statistics import MOST, NumberStatistics, Statistics, color_statistics
+from mjrun.formats.episodes.statistics import MOST, NumberStatistics, RowStatistics, color_statistics
 from mjrun.formats.mp4_samples import Mp4Samples, join, read_samples
 
 VERSION = "v3.0"
@@ -473,7 +473,7 @@ def _values(table: pyarrow.Table, name: str) -> np.ndarray:
     return column.to_numpy(zero_copy_only=False).reshape(table.num_rows, -1)
 
 
-def _plain(statistics: Statistics, is_image: bool = False) -> dict[str, Any]:
+def _plain(statistics: RowStatistics, is_image: bool = False) -> dict[str, Any]:
     """Returns statistics as lists; those of images have the shape (3, 1, 1)."""
     shape: Callable[[np.ndarray], Any] = lambda row: (row.reshape(-1, 1, 1) if is_image else row).tolist()  # noqa: E731
     numbers = {"min": statistics.min, "max": statistics.max, "mean": statistics.mean, "std": statistics.std}
@@ -481,7 +481,7 @@ def _plain(statistics: Statistics, is_image: bool = False) -> dict[str, Any]:
     return {**made, "count": [statistics.count], **{name: shape(row) for name, row in statistics.quantiles.items()}}
 
 
-def _row_statistics(name: str, statistics: Statistics) -> dict[str, Any]:
+def _row_statistics(name: str, statistics: RowStatistics) -> dict[str, Any]:
     made = _plain(statistics, is_image=name.startswith(IMAGES))
     return {f"stats/{name}/{key}": value for key, value in made.items()}
 

@@ -10,7 +10,7 @@ MOST = 255  # of a colour
 
 
 @dataclass(frozen=True)
-class Statistics:
+class RowStatistics:
     """Statistics of rows of numbers.
 
     Attributes:
@@ -60,12 +60,12 @@ class NumberStatistics:
         self._min, self._max = np.minimum(self._min, rows.min(axis=0)), np.maximum(self._max, rows.max(axis=0))
         self._keep(rows[-before % self._distance :: self._distance])
 
-    def result(self) -> Statistics:
+    def result(self) -> RowStatistics:
         """Returns the statistics of all rows, at least one."""
         values = np.quantile(self._sample, list(QUANTILES.values()), axis=0)
         quantiles = dict(zip(QUANTILES, values, strict=True))
         std = np.sqrt(self._squares / self._count)
-        return Statistics(self._count, self._min, self._max, self._mean, std, quantiles)
+        return RowStatistics(self._count, self._min, self._max, self._mean, std, quantiles)
 
     def _keep(self, rows: np.ndarray) -> None:
         """Adds rows to the sample, and halves it when it is full."""
@@ -74,7 +74,7 @@ class NumberStatistics:
             self._sample, self._distance = self._sample[::2], 2 * self._distance
 
 
-def color_statistics(counts: np.ndarray, images: int) -> Statistics:
+def color_statistics(counts: np.ndarray, images: int) -> RowStatistics:
     """Returns the statistics of the channels of images, from 0 to 1.
 
     Args:
@@ -92,4 +92,4 @@ def color_statistics(counts: np.ndarray, images: int) -> Statistics:
         name: np.array([values[np.searchsorted(row, share * row[-1])] for row in below])
         for name, share in QUANTILES.items()
     }
-    return Statistics(images, low, high, mean, std, quantiles)
+    return RowStatistics(images, low, high, mean, std, quantiles)

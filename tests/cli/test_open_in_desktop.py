@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.cli.opening import files_in
+from mjrun.cli.open_in_desktop import files_in
 
 if TYPE_CHECKING:
     from pathlib import Path
