@@ -1,14 +1,7 @@
 """A small task, and a policy for it in Python, for tests."""
 
-import threading
 from pathlib import Path
-from typing import cast
 
-import pytest
-
-from mjrun.evaluation.execution import EvaluationSpec
-from mjrun.study import executors
-from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.task.task import Action, Observation, Reset, Task, Termination
 
 XML = """
@@ -127,17 +120,3 @@ def write_policies(folder: Path) -> Path:
     path = folder / "policies.py"
     path.write_text(POLICY)
     return path
-
-
-def play_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plays episodes in the process of the test: a separate process shows nothing more, and takes a second."""
-
-    alone = threading.Lock()  # the threads of an engine share MuJoCo's handler of warnings
-
-    def run_chunk(chunk: PointChunk) -> ChunkResult:
-        spec = cast(EvaluationSpec, chunk.study.spec.open())
-        with alone:
-            results = [result for some in spec.simulator().run(chunk.points) for result in some]
-        return ChunkResult(sorted(results, key=lambda result: result.index))
-
-    monkeypatch.setattr(executors, "run_chunk", run_chunk)

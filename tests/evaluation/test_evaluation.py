@@ -21,14 +21,15 @@ from mjrun.study import executors
 from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.task.task import Reward
 from tests.document.schema_oracle import fits
-from tests.evaluation.tasks import XML, cart_task, play_here, write_policies
+from tests.evaluation.tasks import XML, cart_task, write_policies
 from tests.policy.networks import linear
+from tests.study.in_process import simulate_here
 
 
 @pytest.fixture(autouse=True)
 def _here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if "processes" not in request.node.name:
-        play_here(monkeypatch)
+        simulate_here(monkeypatch)
 
 
 def evaluation(folder: Path, out: str = "out", name: str = "act", **options: object) -> Evaluation:
@@ -236,7 +237,7 @@ def test_a_policy_is_read_with_its_weights_before_the_first_episode(
 def test_a_report_is_what_its_schema_says(
     tmp_path: Path, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
     task, schema = cart_task(tmp_path, duration=0.2), report_schema("eval", "mjrun eval", EvaluationResult)
     result = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=2, jobs=1, **options).run()  # type: ignore[arg-type]
     report = json.loads(json.dumps(asdict(result)))

@@ -9,13 +9,14 @@ from scipy.stats import trim_mean
 
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.table import FILES
-from tests.evaluation.tasks import cart_task, play_here
+from tests.evaluation.tasks import cart_task
 from tests.page_cells import PageCells
+from tests.study.in_process import simulate_here
 
 
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
 
 
 def made(folder: Path, **options: object) -> str:

@@ -19,7 +19,8 @@ from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import WarningReporter
 from mjrun.task.task import Task
-from tests.evaluation.tasks import cart_task, play_here, write_policies
+from tests.evaluation.tasks import cart_task, write_policies
+from tests.study.in_process import simulate_here
 from tests.study.slurm_stand_in import install
 
 
@@ -92,7 +93,7 @@ def test_a_crash_a_hang_an_exception_and_an_action_that_is_no_number_cost_their_
 
 def test_known_episodes_are_not_played_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """More episodes, another point and another policy add what is missing; another task shares nothing."""
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
     out = tmp_path / "out"
     alone, _ = play(prepared(tmp_path, "random"), range(5), tmp_path / "whole")
     assert play(prepared(tmp_path, "random"), range(2), out)[1] == 2
@@ -118,7 +119,7 @@ def wider_options(task: object) -> EvaluationOptions:
 def test_failed_episodes_are_known_until_they_are_to_be_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
     some = prepared(tmp_path, f"{write_policies(tmp_path)}:NotNumber", replace(cart_task(tmp_path), terminations={}))
     first, _ = play(some, range(5, 9), tmp_path / "out")
     assert [each.status for each in first[0]] == ["ok", "ok", "failed", "failed"]
@@ -128,7 +129,7 @@ def test_failed_episodes_are_known_until_they_are_to_be_retried(
 
 
 def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
 
     def act(observation: np.ndarray) -> np.ndarray:  # nobody else could find it
         return np.array([-2.0 * observation[0] - 1.2 * observation[1]])
@@ -145,7 +146,7 @@ def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path, monkeypa
 
 def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Records survive the files, to the last bit."""
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
     some = prepared(tmp_path, "random", metric=(("never", "first(time, qpos/slider > 50)"), ("end", "last(time)")))
     expected = player_of(some.groups[0].spec).play(range(3))
     played, _ = play(some, range(3), tmp_path / "out")

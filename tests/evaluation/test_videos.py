@@ -14,7 +14,8 @@ from mjrun.formats.video_reader import read_video
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.evaluation.episodes import episodes, played, totals
-from tests.evaluation.tasks import cart_task, play_here, write_policies
+from tests.evaluation.tasks import cart_task, write_policies
+from tests.study.in_process import simulate_here
 
 
 def chosen(returns: list[float], count: int) -> list[tuple[str, float]]:
@@ -90,7 +91,7 @@ SMALL = {"size": (64, 48), "fps": 20, "quality": "draft"}
 
 @pytest.mark.gl
 def test_a_recorded_episode_is_the_video_of_that_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
     task, policy = cart_task(tmp_path, duration=0.3), f"{write_policies(tmp_path)}:act"
     out = tmp_path / "out"
     some = Evaluation(task, str(out), policy=policy, episodes=3, videos=2, jobs=1, **SMALL)  # type: ignore[arg-type]

@@ -34,6 +34,6 @@ def test_a_task_of_many_opens_as_many_files_as_one_of_few(cluster: ModuleType, m
 
 
 def test_points_of_failed_nodes_are_simulated_again_and_no_others(cluster: ModuleType) -> None:
-    run = cluster.simulated(1000, 4, seconds=0.5, failures=1.0)
+    run = cluster.simulated(200, 4, seconds=0.5, failures=1.0)
     assert run.is_complete
     assert 0 < run.twice < 0.2 * run.points

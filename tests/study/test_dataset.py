@@ -15,6 +15,7 @@ from mjrun.errors import FailedPointsError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.study.dataset import Dataset, DatasetResult
 from mjrun.study.image_spec import camera_argument, part_of
+from tests.study.in_process import simulate_here
 
 MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
 <asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>
@@ -52,10 +53,13 @@ def records(folder: Path) -> list[dict[str, Any]]:
     return [image for document in documents for image in document["images"]]
 
 
-def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(model: Path, tmp_path: Path) -> None:
+def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(
+    model: Path, tmp_path: Path, point_processes: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     options = {"format": "coco,yolo,nerfstudio", "keypoints": "top"}
-    made(model, tmp_path / "a", **options)
     made(model, tmp_path / "b", **options, jobs=2, chunk=1)
+    simulate_here(monkeypatch)
+    made(model, tmp_path / "a", **options)
     first = made(model, tmp_path / "c", **options, samples=2)
     assert (first.rendered, first.points) == (2, 2)
     again = made(model, tmp_path / "c", **options)

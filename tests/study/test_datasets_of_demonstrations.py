@@ -15,10 +15,7 @@ import pytest
 import mjrun
 from mjrun.errors import FailedEpisodesError, ModelError, UsageError
 from mjrun.reporter import WarningReporter
-from mjrun.study import executors
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
-from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import ChunkResult, PointChunk, StudySpec
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 DEMOS = {"demo_1": recorded_states(5, first=0.052), "demo_2": recorded_states(3, seed=1)}
@@ -38,18 +35,6 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replays in the process of the test."""
-
-    def run_chunk(chunk: PointChunk) -> ChunkResult:
-        spec = chunk.study.spec.open()
-        assert isinstance(spec, StudySpec)
-        return ChunkResult([result for part in PointSimulator(spec).run(chunk.points) for result in part])
-
-    monkeypatch.setattr(executors, "run_chunk", run_chunk)
-
-
 def made(file: Path | str, folder: Path, **options: Any) -> EpisodeDatasetResult:
     return EpisodeDataset(mjrun.Simulation(str(file)), str(folder), jobs=1, **options).run(WarningReporter())
 
@@ -58,7 +43,6 @@ def table(folder: Path) -> Any:
     return pandas.read_parquet(folder / "data/chunk-000/file-000.parquet")
 
 
-@pytest.mark.usefixtures("here")
 def test_each_state_is_a_row_with_its_action_and_its_task(file: Path, tmp_path: Path) -> None:
     result = made(file, tmp_path / "set")
     assert (result.episodes, result.rows, result.fps, result.successes) == (2, 8, 20, 1)
@@ -77,7 +61,6 @@ def test_each_state_is_a_row_with_its_action_and_its_task(file: Path, tmp_path: 
     assert [each["demonstration"] for each in listed["episodes"]] == [f"{file}:{name}" for name in DEMOS]
 
 
-@pytest.mark.usefixtures("here")
 def test_offline_reinforcement_learning_gets_rewards_and_ends(file: Path, tmp_path: Path) -> None:
     made(file, tmp_path / "set-v0", format="minari", instruction="lift")
     first, second = minari.MinariDataset(tmp_path / "set-v0/data").iterate_episodes()
@@ -107,7 +90,6 @@ def test_images_are_those_of_a_bare_loop_over_the_states(file: Path, tmp_path: P
             assert abs(frame.astype(int) - renderer.render()).mean() < 2  # what the encoder loses
 
 
-@pytest.mark.usefixtures("here")
 def test_one_demonstration_or_the_first_ones_may_be_selected(file: Path, tmp_path: Path) -> None:
     assert made(f"{file}:demo_2", tmp_path / "one").rows == 3
     assert made(file, tmp_path / "first", episodes=1).rows == 5
@@ -115,7 +97,6 @@ def test_one_demonstration_or_the_first_ones_may_be_selected(file: Path, tmp_pat
     assert table(tmp_path / "first")["episode_index"].tolist() == [0] * 5 + [1] * 3
 
 
-@pytest.mark.usefixtures("here")
 def test_demonstrations_that_do_not_fit_the_first_are_left_out(file: Path, tmp_path: Path) -> None:
     written: Any
     with h5py.File(file, "a") as written:

@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import av
 import minari
@@ -19,10 +19,8 @@ from mjrun.errors import FailedEpisodesError, FileError, UsageError
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.reporter import WarningReporter
-from mjrun.study import executors
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
 from mjrun.study.episode_spec import camera_keys
-from mjrun.study.spec import ChunkResult, PointChunk, PointSpec
 from mjrun.task.task import Reward, Task
 from tests.evaluation.tasks import XML, cart_task, write_policies
 
@@ -37,18 +35,6 @@ class Wild:
         self.calls += 1
         return np.array([9e9 if self.seed == 4 and self.calls > 4 else np.nan if self.seed == 5 else 0.1])
 """
-
-
-@pytest.fixture(autouse=True)
-def _here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulates in the process of the test: a separate process shows nothing more, and takes a second."""
-
-    def run_chunk(chunk: PointChunk) -> ChunkResult:
-        spec = cast("PointSpec", chunk.study.spec.open())  # of a study or of an evaluation
-        return ChunkResult([result for part in spec.simulator().run(chunk.points) for result in part])
-
-    if "image" not in request.node.name and "processes" not in request.node.name:
-        monkeypatch.setattr(executors, "run_chunk", run_chunk)
 
 
 @pytest.fixture

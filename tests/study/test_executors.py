@@ -52,6 +52,9 @@ def test_every_engine_gives_the_same_results(
         install(tmp_path / "cluster")
         monkeypatch.setenv("PATH", str(tmp_path / "cluster"), prepend=os.pathsep)
     monkeypatch.setenv("HOME", str(tmp_path))  # where Ray stores the token of its clusters
+    here = PointSimulator(cast("StudySpec", chunks[0].study.spec.open()))
+    expected = [result for chunk in chunks for part in here.run(chunk.points) for result in part]
+    (tmp_path / "ball.xml").unlink()  # of which the study has a copy
     with ExitStack() as stack:
         executor, ahead = open_executor(engine, 2, tmp_path, stack)
         assert ahead >= 2
@@ -60,9 +63,6 @@ def test_every_engine_gives_the_same_results(
         if victim:  # of which there are two: it costs nothing
             os.kill(victim, signal.SIGKILL)
         results = [result for future in futures for result in future.result(timeout=PATIENCE).results]
-
-    here = PointSimulator(cast("StudySpec", chunks[0].study.spec.open()))
-    expected = [result for chunk in chunks for part in here.run(chunk.points) for result in part]
     assert [result.index for result in results] == [result.index for result in expected]
     np.testing.assert_array_equal([r.metrics for r in results], [r.metrics for r in expected])
 

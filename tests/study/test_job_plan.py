@@ -224,7 +224,7 @@ def test_it_counts_what_a_run_does_and_writes_nothing(timed: Study) -> None:
     assert (again.known, again.missing, again.chunks, again.steps, again.wall) == (12, 0, 0, 0, 0)
 
 
-def test_a_point_that_fails_has_no_time_and_says_why(timed: Study) -> None:
+def test_a_point_that_fails_has_no_time_and_says_why(timed: Study, point_processes: None) -> None:
     folder = Path(timed.output).parent
     failing = replace(timed, vary={"model": f"{folder}/deadly.xml,{folder}/ball.xml"})
     preview = failing.preview()

@@ -48,7 +48,7 @@ class PreparedSquares(PreparedPoints):
 
 
 @pytest.mark.slow
-def test_points_are_computed_once_and_cost_no_other(tmp_path: Path) -> None:
+def test_points_are_computed_once_and_cost_no_other(tmp_path: Path, point_processes: None) -> None:
     first = PreparedSquares(tmp_path, [1, 2, 3, 4])
     first.files.create()
     assert [*first.missing()] == [0, 1, 2, 3]

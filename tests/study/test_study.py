@@ -138,7 +138,9 @@ def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simul
 
 
 @pytest.mark.slow
-def test_points_that_fail_are_rows_and_the_rest_is_done(simulation: Simulation, tmp_path: Path) -> None:
+def test_points_that_fail_are_rows_and_the_rest_is_done(
+    simulation: Simulation, tmp_path: Path, point_processes: None
+) -> None:
     models = ",".join(str(tmp_path / name) for name in ("ball.xml", "deadly.xml", "missing.xml"))
     with pytest.raises(FailedPointsError) as caught:
         study(simulation, tmp_path / "study", vary={"model": models, "qvel/ball/vz": "0,-1e9"}, metric={}).run()
@@ -301,7 +303,9 @@ class Count:
 
 @pytest.mark.parametrize("period", [(), ("--control-dt", "0.01")])
 @pytest.mark.slow
-def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(mjrun_here: Command, period: Sequence[str]) -> None:
+def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(
+    mjrun_here: Command, period: Sequence[str], point_processes: None
+) -> None:
     (mjrun_here.folder / "ball.xml").write_text(BALL)
     name = f"pushes_{len(period)}.py"  # a module that this process has not imported yet
     code = mjrun_here.folder / name
@@ -370,18 +374,14 @@ def edit(folder: Path) -> None:
     (folder / "model.xml").write_text(CONTROLLED.replace("1 0 0", "2 0 0"))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", ["local", "slurm"])
-def test_a_model_that_is_edited_while_a_study_runs_changes_no_result(tmp_path: Path, engine: str) -> None:
+def test_a_model_that_is_edited_while_a_study_runs_changes_no_result(tmp_path: Path) -> None:
     edited_study(tmp_path / "quiet").run()
-    chunk = 2 if engine == "slurm" else 1  # slurm starts a process for each
-    running = edited_study(tmp_path / "edited", engine=engine, chunk=chunk)
+    running = edited_study(tmp_path / "edited", chunk=1)
     result = running.run(_Editor(lambda: edit(tmp_path / "edited")))
     assert result.simulated == 3
     assert table(tmp_path / "edited" / "study") == table(tmp_path / "quiet" / "study")
 
-    changed = replace(running, engine="local").run()
-    assert changed.simulated == 3  # they are other points now
+    assert running.run().simulated == 3  # they are other points now
     assert table(tmp_path / "edited" / "study") != table(tmp_path / "quiet" / "study")
 
 

@@ -15,7 +15,8 @@ from mjrun.evaluation.evaluation import EvaluationResult
 from mjrun.evaluation.summaries import PointSummary, compared, summary_of
 from mjrun.evaluation.videos import EpisodeVideo
 from tests.evaluation.episodes import episodes, played
-from tests.evaluation.tasks import XML, play_here, write_policies
+from tests.evaluation.tasks import XML, write_policies
+from tests.study.in_process import simulate_here
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -37,7 +38,7 @@ ACT = ("--policy", "policies.py:act", "--jobs", "1")
 
 @pytest.fixture
 def cart(mjrun_here: Command, monkeypatch: pytest.MonkeyPatch) -> str:
-    play_here(monkeypatch)
+    simulate_here(monkeypatch)
     (mjrun_here.folder / "cart.xml").write_text(XML)
     (mjrun_here.folder / "cart.yaml").write_text(TASK)
     write_policies(mjrun_here.folder)
