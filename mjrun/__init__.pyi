@@ -732,6 +732,8 @@ class Evaluation(_Evaluation):
         and manifests.
       embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
         [default: 10.0]
+      export_to: Also write the results as runs of MLflow, one for each point with its parameters and
+        metrics, to this folder (mlruns), which is replaced as a whole.
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
@@ -831,6 +833,7 @@ class Evaluation(_Evaluation):
         repeats: int = ...,
         when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         where: str | Sequence[str] = ...,
+        export_to: str | PathLike[str] | None = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
         videos: int | str = ...,
@@ -1510,6 +1513,8 @@ class Study(_Study):
         and manifests.
       embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
         [default: 10.0]
+      export_to: Also write the results as runs of MLflow, one for each point with its parameters and
+        metrics, to this folder (mlruns), which is replaced as a whole.
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
@@ -1575,6 +1580,7 @@ class Study(_Study):
         repeats: int = ...,
         when: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         where: str | Sequence[str] = ...,
+        export_to: str | PathLike[str] | None = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
         keep: Literal["trace", "recording", "video"] | Sequence[Literal["trace", "recording", "video"]] = ...,
@@ -2024,6 +2030,7 @@ def evaluate(
     speed: float | str | Fraction = ...,
     html: str | PathLike[str] | None = ...,
     embed_up_to: float = ...,
+    export_to: str | PathLike[str] | None = ...,
     vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     points: str | PathLike[str] | None = ...,
     design: Literal["grid", "zip"] = ...,
@@ -2089,6 +2096,8 @@ def evaluate(
         and manifests.
       embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
         [default: 10.0]
+      export_to: Also write the results as runs of MLflow, one for each point with its parameters and
+        metrics, to this folder (mlruns), which is replaced as a whole.
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
@@ -2599,6 +2608,7 @@ def sweep(
     speed: float | str | Fraction = ...,
     html: str | PathLike[str] | None = ...,
     embed_up_to: float = ...,
+    export_to: str | PathLike[str] | None = ...,
     vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     points: str | PathLike[str] | None = ...,
     design: Literal["grid", "zip"] = ...,
@@ -2723,6 +2733,8 @@ def sweep(
         and manifests.
       embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
         [default: 10.0]
+      export_to: Also write the results as runs of MLflow, one for each point with its parameters and
+        metrics, to this folder (mlruns), which is replaced as a whole.
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all

@@ -29,6 +29,7 @@ from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison, Summaries, summaries
 from mjrun.evaluation.table import FILES, episode_table, point_table
 from mjrun.evaluation.videos import EpisodeVideo, VideoMaker, remove_old_videos
+from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.input_file import exists, is_file, is_folder
@@ -80,6 +81,8 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
 
             check_page(self.html)
         prepared = PreparedEvaluation(self, self.task, self.rewritten)
+        if self.export_to is not None:
+            check_runs(self.export_to, len(prepared.points.points))
         maker = VideoMaker(self, prepared, self.seed)
         folder = Path(self.output)
         _require_ours(folder)
@@ -128,6 +131,11 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             from mjrun.evaluation.evaluation_page import write_evaluation_page
 
             write_evaluation_page(self, result, prepared.points, facts)
+        if self.export_to is not None:
+            everything = [PointSummary(0, {}, outcome.policies, outcome.comparison)]
+            points, _ = point_table(prepared.points, outcome.points or everything, prepared.units)
+            tags = {"task": self.task.text, "policy": outcome.policies[0].policy}
+            write_runs(self.export_to, str(folder), points, prepared.points.names, tags)
         raise_failures(result, verdicts, _error(played, failures, result))
         return result
 

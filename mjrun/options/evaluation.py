@@ -13,7 +13,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.rendering import QUALITIES
-from mjrun.options.report import PageOptions
+from mjrun.options.report import PageOptions, RunOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
@@ -100,6 +100,7 @@ class EpisodeVideoOptions(Options):
 class EvaluationOptions(
     EpisodeVideoOptions,
     PageOptions,
+    RunOptions,
     VariationOptions,
     DisturbanceOptions,
     ConfidenceOptions,

@@ -37,6 +37,21 @@ REPORT_FORMATS = tuple(each.name for each in options_of(ReportFormatOptions))
 
 
 @options
+class RunOptions(Options):
+    """Results as runs of an experiment tracker."""
+
+    section: ClassVar[str] = "Output"
+
+    export_to: str | None = option(
+        converter=Optional(File("DIR", written=True)),
+        default=None,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Also write the results as runs of MLflow, one for each point with its parameters and metrics, to this "
+        "folder (mlruns), which is replaced as a whole.",
+    )
+
+
+@options
 class PageOptions(Options):
     """A self-contained page about a result, which any browser opens without network or scripts."""
 

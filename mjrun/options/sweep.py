@@ -13,7 +13,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real, Si
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
 from mjrun.options.rendering import QUALITIES
-from mjrun.options.report import PageOptions
+from mjrun.options.report import PageOptions, RunOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
@@ -184,7 +184,7 @@ class ConfidenceOptions(Options):
 
 
 @options
-class StudyOptions(KeepOptions, PageOptions, VariationOptions, ConfidenceOptions):
+class StudyOptions(KeepOptions, PageOptions, RunOptions, VariationOptions, ConfidenceOptions):
     """A study.
 
     Args:

@@ -16,6 +16,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
+from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import (
     FILES,
     Requirements,
@@ -101,6 +102,8 @@ class Study(StudyOptions, ExecutionOptions):
                 check_page(self.html)
             prepared = PreparedStudy(self, self.spec)
             keeper = PointKeeper(self, prepared)
+            if self.export_to is not None:
+                check_runs(self.export_to, len(prepared.points.points))
             check_engine(self.engine, prepared.folder)
             prepared.files.create()
             prepared.warn_of_damaged(reporter)
@@ -238,6 +241,9 @@ class Study(StudyOptions, ExecutionOptions):
 
             known = {**prepared.identity, "command": self.command, "wall": result.wall}
             write_study_page(self, result, points, known, self.simulation.source.text)
+
+        if self.export_to is not None:
+            write_runs(self.export_to, prepared.folder.path(), table, points.names, {})
 
         error: FailedPointsError | LostFilesError | None = None
         if results.status.any():

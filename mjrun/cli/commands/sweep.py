@@ -208,7 +208,7 @@ def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
 
 
 def _accepted_beside(file: str) -> Sequence[str]:
-    return () if is_yaml(file) else WITH_RESULTS
+    return ("export_to",) if is_yaml(file) else ("export_to", *WITH_RESULTS)
 
 
 def _with_document(study: "Study", *, required: bool = False) -> "Study":
@@ -286,7 +286,7 @@ def _require_said_there(command_line: CommandLine, file: str) -> None:
     explicit = command_line.explicit(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
         if each.attribute in explicit and each.name not in ours:
-            if own:
+            if not is_yaml(file):
                 says = f"{option(each.name)}: {clean(file)} sets it already"
                 raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
             assignment = (
