@@ -10,6 +10,7 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import BinaryIO, Self
 
+from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError
 from mjrun.formats.input_file import is_file
@@ -56,7 +57,9 @@ class InputSnapshot:
         return cls(root, {}, os.getcwd(), frozenset(), owner)  # noqa: PTH109
 
     def with_files(self, files: Iterable[Path]) -> Self:
-        """Returns a snapshot that also contains these files. Missing files are left out: reading their copies fails.
+        """Returns a snapshot that also contains these files.
+
+        Missing files are left out: reading their copies fails. So are those that a confined process must not read.
 
         Raises:
           FileError: a file cannot be read or copied.
@@ -65,6 +68,8 @@ class InputSnapshot:
         for path in files:
             absolute = _absolute(path, self.cwd)
             if absolute in digests or self._holds(absolute) or absolute.startswith("/dev/") or not is_file(path):
+                continue
+            if not is_readable(path):  # and reading it fails with the reason
                 continue
             folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
             try:
@@ -93,9 +98,13 @@ class InputSnapshot:
         return copy
 
     def place(self, path: str | Path) -> Path:
-        """Returns the path of the copy of a file or folder, whether or not it is part of the snapshot."""
+        """Returns the path of the copy of a file or folder, whether or not it is part of the snapshot.
+
+        A file that a confined process must not read stays at its own.
+        """
         absolute = _absolute(path, self.cwd)
-        return Path(absolute) if self._holds(absolute) else self._copy(absolute)
+        is_original = self._holds(absolute) or not is_readable(absolute)
+        return Path(absolute) if is_original else self._copy(absolute)
 
     def digest(self, path: str | Path) -> str:
         """Returns the SHA-256 of an original file; empty if it is not part of the snapshot."""

@@ -97,6 +97,19 @@ def test_the_folder_lasts_as_long_as_what_refers_to_it(robot: Path) -> None:
     assert not root.exists()
 
 
+def test_a_file_outside_of_a_confinement_is_not_copied_and_keeps_its_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside, outside = tmp_path / "inside.xml", tmp_path / "outside.xml"
+    for path in (inside, outside):
+        path.write_text(BODY.format("ball", 1))
+    monkeypatch.setattr(f"{InputSnapshot.__module__}.is_readable", lambda path: Path(path) != outside)
+    snapshot = InputSnapshot.empty().with_files([inside, outside])
+    assert {*snapshot.digests} == {str(inside)}
+    assert snapshot.place(outside) == outside
+    assert snapshot.place(inside) != inside
+
+
 def test_what_is_not_copied_is_not_read_from_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     snapshot = InputSnapshot.empty().with_files([Path("late.xml"), Path("/dev/null")])
