@@ -836,12 +836,12 @@ class Evaluation(_Evaluation):
         export_to: str | PathLike[str] | None = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
-        videos: int | str = ...,
         camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         size: Sequence[int] = ...,
         quality: Literal["draft", "model", "high"] = ...,
         fps: float | str | Fraction = ...,
         speed: float | str | Fraction = ...,
+        videos: int | str = ...,
         episodes: int = ...,
         seed: int = ...,
         compare: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
@@ -1504,11 +1504,11 @@ class Study(_Study):
         mov, mkv, webm, gif, apng, webp.
       probe: Values to measure in kept traces, in addition to the columns that the metrics read.
         [default: qpos,qvel,ctrl,act,energy,contact,sensor]
-      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('auto',)]
-      size: Width and height of kept videos [pixels]. [default: (640, 360)]
-      quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
-      fps: Frames per second of kept videos [Hz]. [default: 30]
-      speed: Simulated seconds per second of kept videos. [default: 1]
+      camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
+      size: Width and height of the videos [pixels]. [default: (640, 360)]
+      quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
+      fps: Frames per second of the videos [Hz]. [default: 30]
+      speed: Simulated seconds per second of video. [default: 1]
       html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
         and manifests.
       embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
@@ -1583,17 +1583,17 @@ class Study(_Study):
         export_to: str | PathLike[str] | None = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+        size: Sequence[int] = ...,
+        quality: Literal["draft", "model", "high"] = ...,
+        fps: float | str | Fraction = ...,
+        speed: float | str | Fraction = ...,
         keep: Literal["trace", "recording", "video"] | Sequence[Literal["trace", "recording", "video"]] = ...,
         keep_where: str | Sequence[str] = ...,
         keep_lowest: str | Sequence[str] = ...,
         keep_highest: str | Sequence[str] = ...,
         contact_sheet: str | PathLike[str] | None = ...,
         probe: str | Sequence[str] = ...,
-        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
-        size: Sequence[int] = ...,
-        quality: Literal["draft", "model", "high"] = ...,
-        fps: float | str | Fraction = ...,
-        speed: float | str | Fraction = ...,
         metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         every: int = ...,
         require: str | Sequence[str] = ...,
@@ -2724,11 +2724,11 @@ def sweep(
         mov, mkv, webm, gif, apng, webp.
       probe: Values to measure in kept traces, in addition to the columns that the metrics read.
         [default: qpos,qvel,ctrl,act,energy,contact,sensor]
-      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('auto',)]
-      size: Width and height of kept videos [pixels]. [default: (640, 360)]
-      quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
-      fps: Frames per second of kept videos [Hz]. [default: 30]
-      speed: Simulated seconds per second of kept videos. [default: 1]
+      camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
+      size: Width and height of the videos [pixels]. [default: (640, 360)]
+      quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
+      fps: Frames per second of the videos [Hz]. [default: 30]
+      speed: Simulated seconds per second of video. [default: 1]
       html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
         and manifests.
       embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.

@@ -3,20 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
+from mjrun.options.kinds import File, Flag, Kind, Optional, Several, Text
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Size
+from mjrun.options.number_kinds import Integer, Numbers
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.rendering import QUALITIES
 from mjrun.options.report import PageOptions, RunOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
+from mjrun.options.video import SelectedVideoOptions
 
 # Extras of evaluations: the library that each installs, and what needs it.
 EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
@@ -74,7 +73,7 @@ class VideoCount(Kind[int | str, int | str]):
 
 
 @options
-class EpisodeVideoOptions(Options):
+class EpisodeVideoOptions(SelectedVideoOptions):
     """Videos of selected episodes."""
 
     section: ClassVar[str] = "Videos"
@@ -85,15 +84,6 @@ class EpisodeVideoOptions(Options):
         help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best; or "
         "failures, all episodes that end in a failure.",
     )
-    camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
-    )
-    size: tuple[int, int] = option(
-        converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."
-    )
-    quality: str = option(converter=Choice(QUALITIES), default="model", help="Rendering quality of the videos.")
-    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of the videos [Hz].")
-    speed: Fraction = option(converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video.")
 
 
 @options

@@ -8,15 +8,15 @@ from itertools import combinations
 from typing import ClassVar
 
 from mjrun.errors import option as mention
-from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
-from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real, Size
+from mjrun.options.kinds import Choice, File, Flag, Kind, Optional, Several, Text
+from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
-from mjrun.options.rendering import QUALITIES
 from mjrun.options.report import PageOptions, RunOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
+from mjrun.options.video import SelectedVideoOptions
 
 # The extras of studies, with the libraries that each installs and the feature that needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -47,7 +47,7 @@ KEPT = ("trace", "recording", "video")
 
 
 @options
-class KeepOptions(Options):
+class KeepOptions(SelectedVideoOptions):
     """Files of selected points, which are simulated again, with identical results, once all metrics are known."""
 
     section: ClassVar[str] = "Files of points"
@@ -84,17 +84,6 @@ class KeepOptions(Options):
         default=PROBES,
         usual=",".join(PROBES),
         help="Values to measure in kept traces, in addition to the columns that the metrics read.",
-    )
-    camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="auto", help="Camera of kept videos: a camera of the model, or a rig."
-    )
-    size: tuple[int, int] = option(
-        converter=Size(), default=(640, 360), help="Width and height of kept videos [pixels]."
-    )
-    quality: str = option(converter=Choice(QUALITIES), default="model", help="Rendering quality of kept videos.")
-    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of kept videos [Hz].")
-    speed: Fraction = option(
-        converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of kept videos."
     )
 
 

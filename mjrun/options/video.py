@@ -3,11 +3,11 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Key, Optional, Several, Text
-from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
-from mjrun.options.option import Exclusion, option, options, required
+from mjrun.options.kinds import Camera, Choice, File, Key, Optional, Several, Text
+from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes, Size
+from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
-from mjrun.options.rendering import ViewOptions
+from mjrun.options.rendering import QUALITIES, ViewOptions
 
 PLOT_SIDES = ("under", "beside")
 
@@ -68,3 +68,20 @@ class VideoOptions(ViewOptions, OutputOptions):
         default=AUTO,
         help="Number of rendering processes; auto uses one per core for long videos that are rendered on the CPU.",
     )
+
+
+@options
+class SelectedVideoOptions(Options):
+    """Videos of selected simulations: points of a study, or episodes."""
+
+    section: ClassVar[str] = "Videos"
+
+    camera: tuple[object, ...] = option(
+        converter=Several(Camera()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
+    )
+    size: tuple[int, int] = option(
+        converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."
+    )
+    quality: str = option(converter=Choice(QUALITIES), default="model", help="Rendering quality of the videos.")
+    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of the videos [Hz].")
+    speed: Fraction = option(converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video.")
