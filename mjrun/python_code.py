@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import copy
 import hashlib
 import importlib
 import importlib.abc
@@ -16,10 +17,13 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cache, reduce
 from pathlib import Path
 from types import ModuleType
+from typing import TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, clean, option, quoted
+
+T = TypeVar("T")
 
 
 class RedirectedFunction:
@@ -124,6 +128,36 @@ def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str
         digest.update(f"{source.name}\0{len(source.content)}\0".encode() + source.content)
         count += 1
     return digest.hexdigest() if count else ""
+
+
+def own_copy(code: T) -> T:
+    """Returns a copy of an object of the user's, which keeps its own memory from now on.
+
+    Functions, classes, objects of installed packages, and what cannot be copied are returned themselves.
+    """
+    thing = inspect.unwrap(code) if callable(code) else code
+    owner = getattr(thing, "__self__", thing)
+    home = type(owner).__module__
+    file = str(getattr(sys.modules.get(home), "__file__", None) or "")
+    if isinstance(owner, type) or not (home == "__main__" or _is_users(file)):
+        return code
+    try:
+        return copy.deepcopy(code)
+    except Exception:
+        return code
+
+
+def shared_memory(code: str, units: str) -> str:
+    """Returns a warning that `code` acts differently at the same start again.
+
+    Args:
+      units: what is affected: "episodes".
+    """
+    remedy = "a class gets a memory for each, and reset(seed) of a policy can begin its random numbers"
+    return (
+        f"{code} acts differently when it is called again at the same start: all {units} share its memory or random "
+        f"numbers, so results depend on the order of {units}; {remedy}"
+    )
 
 
 def _home(code: object) -> tuple[str, str]:

@@ -89,6 +89,9 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         check_engine(self.engine)
 
         played = self._play(prepared, folder, reporter)
+        if not played.failed:
+            for text in prepared.remarks(self.seed):
+                reporter.warn(text)
         count = len(prepared.points.points)
         policies = [played.groups[first : first + count] for first in range(0, len(played.groups), count)]
         outcome = summaries(prepared.points, prepared.player, prepared.metrics, policies, self.confidence)

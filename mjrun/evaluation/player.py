@@ -52,6 +52,10 @@ class EpisodePlayer(ABC):
         return {}
 
     @abstractmethod
+    def first_action(self, seed: int) -> np.ndarray:
+        """Returns the action at the start of the episode of `seed`, `(nact,)`."""
+
+    @abstractmethod
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         """Plays the episodes of `seeds`, and returns their records in order.
 
@@ -138,6 +142,10 @@ class TaskPlayer(EpisodePlayer):
         self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
         self.can_succeed = any(ending.kind == "success" for ending in self._worlds.endings)
 
+    def first_action(self, seed: int) -> np.ndarray:
+        with self._task.located():
+            return self._policy.episode(seed, self._actions)(self._worlds.reset([seed], [0])[0])
+
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         count = min(len(seeds), SIDE_BY_SIDE, self._fitting)
         if self._worlds.count < count:
@@ -223,6 +231,9 @@ class EnvironmentPlayer(EpisodePlayer):
         self.endings = [TERMINATED, TIMED_OUT.name]
         self.can_succeed = False  # it does not announce successes
 
+    def first_action(self, seed: int) -> np.ndarray:
+        return self._policy.episode(seed, self._actions)(self._environment.reset(seed))
+
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         return [self._played(seed) for seed in seeds]
 
@@ -277,6 +288,9 @@ class MeasuringPlayer(EpisodePlayer):
 
     def metric_units(self) -> Mapping[str, str]:
         return metric_units(self._named_metrics, self._metrics, column_units(self._model, self._episode_columns))
+
+    def first_action(self, seed: int) -> np.ndarray:
+        return self._player.first_action(seed)
 
     def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         return [self._played(seed) for seed in seeds]

@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, GroupSpec, PolicyChoice
@@ -19,7 +21,7 @@ from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.packages import require_all
-from mjrun.python_code import module_sources
+from mjrun.python_code import module_sources, shared_memory
 from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task
@@ -88,6 +90,17 @@ class PreparedEvaluation:
                 options.metric, (*OWN, RETURN + IQM, *OUTCOMES, *self.player.endings, *self.points.names)
             )
             self.criteria = self._criteria(options)
+
+    def remarks(self, seed: int) -> Iterator[str]:
+        """Yields a remark on each policy in Python that begins the episode of `seed` in another way when it is asked
+        again; each of them should have played episodes without failures.
+        """
+        for group in {group.policy: group for group in reversed(self.groups)}.values():
+            if group.spec.chosen.is_code:
+                player = player_of(group.spec) if group.policy else self.player
+                first, again = player.first_action(seed), player.first_action(seed)
+                if not np.array_equal(first, again):
+                    yield shared_memory(f"{option('policy')} {clean(group.name)}", "episodes")
 
     @property
     def snapshot(self) -> InputSnapshot:

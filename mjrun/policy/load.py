@@ -15,7 +15,7 @@ from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.loaders import formats, loader_of
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made
+from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made, own_copy
 
 STREAM = 1_886_350_441  # separates the random numbers of policies from those of tasks
 FORM = (
@@ -51,7 +51,8 @@ class ZeroPolicy(Policy):
 class PythonPolicy(Policy):
     """A function, an object, or a class that is instantiated for each episode.
 
-    An object with `reset` is copied for each episode, so that episodes share no memory.
+    An object is copied for each episode, so that episodes share no memory; without `reset`, only if it is of a class of
+    the user's and can be copied.
 
     Raises:
       UsageError: the object cannot be called as a policy.
@@ -82,7 +83,7 @@ class PythonPolicy(Policy):
         if isinstance(self._thing, type):
             return made(self._thing, self.name, "policy")
         if not _method(self._thing, "reset"):
-            return self._thing
+            return own_copy(self._thing)
         try:
             return copy.deepcopy(self._thing)
         except Exception as error:

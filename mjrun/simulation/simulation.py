@@ -32,6 +32,7 @@ from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require_model, require_timestep
 from mjrun.physics.stepper import PhysicsStepper, Stepper
+from mjrun.python_code import RedirectedFunction, own_copy
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.suffixes import split_episode
 from mjrun.task.task import Task
@@ -288,8 +289,9 @@ class Simulation(SimulationOptions):
             with concerning("ctrl_from"):
                 table = self._table(model)
         if self.controller is not None:
-            period = self.control_dt or timestep
-            controller = PeriodicController(self.controller, period, timestep)
+            is_loaded = isinstance(self.controller, RedirectedFunction)  # or else the caller may look at it afterwards
+            function = own_copy(self.controller) if is_loaded else self.controller
+            controller = PeriodicController(function, self.control_dt or timestep, timestep)
         control = ControlSources(timestep, data.ctrl.copy(), table, self._noise(model), controller)
         return PhysicsStepper(model, data, control, self._pushes(model))
 

@@ -68,11 +68,14 @@ class PreparedStudy(PreparedPoints):
       folder: folder of the study.
       columns: columns that the metrics read in the base model, except the time.
       units: units of parameters and metrics in the base model; empty where unknown.
+      has_own_memory: False if the user's code acts differently at the same start again.
 
     Raises:
       UsageError: a name is unknown, or a value is invalid.
       FileError: a file cannot be read.
     """
+
+    has_own_memory = True
 
     def __init__(self, options: StudyOptions, spec: StudySpec, points: Design | None = None) -> None:
         if not isinstance(spec.product, EpisodeSpec):
@@ -179,7 +182,8 @@ class PreparedStudy(PreparedPoints):
         try:
             model = self.first.load()
             self.first.timeline(model)
-            self.first.stepper(model)
+            start = self.first.stepper(model).state()
+            self.has_own_memory = not self.first.code or np.array_equal(start, self.first.stepper(model).state())
         except UsageError as error:
             match error.path:
                 case ("set", name, *rest) if name in self.points.names:

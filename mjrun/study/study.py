@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
+from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean, option
 from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
@@ -36,6 +36,7 @@ from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.probe.verdict import Verdict
+from mjrun.python_code import shared_memory
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study import repeats
@@ -107,6 +108,9 @@ class Study(StudyOptions, ExecutionOptions):
             check_engine(self.engine, prepared.folder)
             prepared.files.create()
             prepared.warn_of_damaged(reporter)
+            if not prepared.has_own_memory:
+                code = option("policy" if self.simulation.controller is None else "controller")
+                reporter.warn(shared_memory(code, "points"))
             self._report_changes(prepared, reporter)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}

@@ -26,6 +26,12 @@ def act(observation):
 def weak(observation):
     return np.array([-0.1 * observation[0]])
 
+CALLS = []
+
+def counting(observation):
+    CALLS.append(0)
+    return np.array([0.01 * len(CALLS)])
+
 class Broken:
     def __init__(self):
         self.calls = 0

@@ -231,6 +231,12 @@ def test_a_policy_is_read_with_its_weights_before_the_first_episode(
     assert "/files/" not in shown
 
 
+def test_functions_with_a_memory_that_episodes_share_are_reported(tmp_path: Path) -> None:
+    compared = evaluation(tmp_path, compare=f"{write_policies(tmp_path)}:counting", episodes=1)
+    with pytest.warns(MjrunWarning, match=r"policy .*:counting acts differently .* depend on the order of episodes"):
+        compared.run()
+
+
 @pytest.mark.parametrize(
     "options", [{}, {"compare": "random", "vary": {"control_dt": "0.02,0.04"}, "fail_below": {"length": 0}}]
 )

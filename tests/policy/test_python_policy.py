@@ -41,6 +41,14 @@ class Predictor:
 
 shared = Counter()
 
+class Forgotten:
+    count = 0
+    def act(self, observation):
+        self.count += 1
+        return [self.count]
+
+kept = Forgotten()
+
 def double(observation):
     observation *= 2
     return observation[:1]
@@ -71,6 +79,7 @@ def acted(policy: Policy, seed: int = 0) -> list[float]:
     [
         ("Counter", [1, 2, 3]),
         ("shared", [1, 2, 3]),
+        ("kept", [1, 2, 3]),
         ("Seeded", [9, 9, 9]),
         ("Predictor", [1, 2, 3]),
         ("double", [2, 2, 2]),
@@ -84,8 +93,9 @@ def test_whatever_acts_is_a_policy_and_forgets_between_episodes(
     assert capsys.readouterr().out == ""  # what it prints is not payload
 
 
-def test_episodes_side_by_side_do_not_share_memory(code: str) -> None:
-    policy = load_policy(f"{code}:shared")
+@pytest.mark.parametrize("name", ["shared", "kept"])
+def test_episodes_side_by_side_do_not_share_memory(code: str, name: str) -> None:
+    policy = load_policy(f"{code}:{name}")
     one, other = policy.episode(0, ONE), policy.episode(1, ONE)
     assert [float(actor(np.zeros(1))[0]) for actor in (one, one, other, one)] == [1, 2, 1, 3]
 

@@ -29,6 +29,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study import isolation
 from mjrun.study.executors import open_executor
 from mjrun.study.job_plan import plan, run_task
+from mjrun.study.prepared import PreparedStudy
 from mjrun.study.status import study_status
 from mjrun.study.study import Study, StudyResult
 from mjrun.study.unused_files import remove_unused
@@ -298,6 +299,15 @@ class Count:
     def __call__(self, model, data):
         self.calls += 1
         data.qfrc_applied[2] = self.calls
+
+class Forgotten:
+    calls = 0
+
+    def __call__(self, model, data):
+        self.calls += 1
+        data.qfrc_applied[2] = -self.calls
+
+kept = Forgotten()
 """
 
 
@@ -311,14 +321,21 @@ def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(
     code = mjrun_here.folder / name
     code.write_text(CODE)
     steps = ("--steps", "40", *period)
-    vary = ("--vary", f"controller={name}:push,{name}:Count", "--repeats", "2", "--metric", "z=last(qpos/ball/z)")
+    vary = (
+        "--vary",
+        f"controller={name}:push,{name}:Count,{name}:kept",
+        "--repeats",
+        "2",
+        "--metric",
+        "z=last(qpos/ball/z)",
+    )
 
     def simulated() -> int:
         return json.loads(mjrun_here("sweep", "ball.xml", *steps, "--json", *vary).stdout)["simulated"]
 
-    assert (simulated(), simulated()) == (4, 0)
+    assert (simulated(), simulated()) == (6, 0)
     rows = pd.read_csv(mjrun_here.folder / "ball_study" / "results.csv")
-    for index, controller in ((0, "push"), (2, "Count")):
+    for index, controller in ((0, "push"), (2, "Count"), (4, "kept")):
         options = (*steps, "--controller", f"{name}:{controller}", "-o", "alone.csv")
         assert mjrun_here("trace", "ball.xml", *options).returncode == 0
         alone = pd.read_csv(mjrun_here.folder / "alone.csv")["qpos/ball/z"].tolist()[-1]
@@ -329,7 +346,23 @@ def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(
         assert b"--control-dt requires --controller, which it calls periodically" in nobody.stderr
     else:
         code.write_text(CODE.replace("= 5", "= 6"))
-        assert simulated() == 4
+        assert simulated() == 6
+
+
+def test_a_function_with_a_memory_that_points_would_share_is_reported(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    code = tmp_path / "control_with_memory.py"
+    code.write_text(
+        "CALLS = []\n"
+        "def count(model, data):\n    CALLS.append(0)\n    data.qfrc_applied[2] = len(CALLS)\n"
+        "def push(model, data):\n    data.qfrc_applied[2] = 5\n"
+    )
+    for name, is_known in (("count", False), ("push", True)):
+        controlled = replace(simulation, controller=load_controller(f"{code}:{name}"))
+        made = study(controlled, tmp_path / "study", vary={"seed": "1"})
+        assert PreparedStudy(made, made.spec).has_own_memory == is_known
 
 
 def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) -> None:
