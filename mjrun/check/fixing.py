@@ -36,7 +36,7 @@ from mjrun.platform.mirrored_paths import mirrored
 from mjrun.suffixes import ARCHIVES, COMPILED
 
 MAX_ROUNDS = 50
-ROUNDING = 1e-12  # absolute and relative, of numbers that a fix writes in another way
+ROUNDING = 1e-9  # absolute and relative, of numbers that a fix writes in another way, with ten digits
 RUN_AGAIN = "run the command again"
 OUTSIDE = f"it is outside the folders of the models; give a folder that contains both, with {option('fix')}"
 IN_COLLECTION = f"it belongs to a collection of models; copy its folder, and give that, with {option('fix')}"

@@ -1,7 +1,7 @@
 """Edits of the text of XML files: each replaces a span of bytes, and every other byte stays unchanged."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -97,13 +97,16 @@ class ElementEditor:
         """
         return self._edit(element, self._attribute(element, old).name, new)
 
-    def without(self, element: Element, name: str) -> TextEdit:
-        """Returns the edit that removes an attribute.
+    def without(self, element: Element, name: str, removed: Collection[str] = ()) -> TextEdit:
+        """Returns the edit that removes an attribute, or an empty element if `removed` are all of its attributes.
 
         Raises:
           UneditableError: the element cannot be edited, or has no such attribute.
         """
-        return self._edit(element, self._attribute(element, name).whole, "")
+        attribute = self._attribute(element, name)
+        if element.attributes.keys() <= set(removed) and self._tag(element)[0].endswith(b"/>"):
+            return self.without_element(element)
+        return self._edit(element, attribute.whole, "")
 
     def without_element(self, element: Element) -> TextEdit:
         """Returns the edit that removes an element, with its line if nothing else is on it.
@@ -225,8 +228,8 @@ def _is_unicode(text: bytes) -> bool:
 
 
 def number_word(value: float) -> str:
-    """Returns a number as a word that reads back as the same: `1` rather than `1.0`."""
-    return repr(float(value)).removesuffix(".0")
+    """Returns a number with ten digits, more than any measure of a model has: `0.7071067812`, `1`."""
+    return f"{value:.10g}"
 
 
 def edited(text: bytes, edits: Iterable[TextEdit]) -> bytes:

@@ -75,22 +75,25 @@ def test_a_damaged_model_is_restored(original: Path, damage: Callable[[str], str
     for name in dir(expected):
         value = getattr(expected, name)
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            np.testing.assert_allclose(getattr(model, name), value, rtol=1e-12, atol=1e-12, err_msg=name)
+            np.testing.assert_allclose(getattr(model, name), value, rtol=1e-9, atol=1e-9, err_msg=name)
     assert fix(path.name) == {}
 
 
 COMPILER, JOINT = '<compiler angle="radian"', 'name="shoulder_pitch" class="large" axis="0 1 0"'
 KEYFRAME, HEIGHT = 'qpos=".9 1 -.3 .7 .5 .6 1"', 'qpos="-.025 0 .7031'
 OPTION = '<option integrator="implicitfast"'
+UNIT = f"0 {0.707 / np.hypot(0.707, 0.7):.10f} {0.7 / np.hypot(0.707, 0.7):.10f}"
 # The rule, the scene, what is replaced in it, the damage, and its repair; the latter is often what was replaced.
 REPAIRS = [
     ("MJ105", "arm", OPTION, f'{OPTION} apirate="50"', OPTION),
     ("MJ108", "arm", '<key name="reach"', '<key name="home"', '<key name="home_2"'),
     ("MJ116", "arm", f"{COMPILER}/>", f'{COMPILER}/><size njmax="500" nkey="3"/>', f'{COMPILER}/><size nkey="3"/>'),
+    ("MJ116", "arm", f"{COMPILER}/>", f'{COMPILER}/>\n  <size njmax="500" nconmax="9"/>', f"{COMPILER}/>"),
     ("MJ118", "arm", JOINT, JOINT.replace("0 1 0", "0 1.01 0"), JOINT),
+    ("MJ118", "arm", JOINT, JOINT.replace("0 1 0", "0 .707 .7"), JOINT.replace("0 1 0", UNIT)),
     ("MJ202", "arm", COMPILER, f'{COMPILER} inertiafromgeom="false"', f'{COMPILER} inertiafromgeom="auto"'),
     ("MJ302", "arm", 'range="-1.9 1.9"', 'range="1.9 -1.9"', 'range="-1.9 1.9"'),
-    ("MJ305", "arm", 'range="-1.9 1.9"', 'range="-180 180"', f'range="-{np.pi!r} {np.pi!r}"'),
+    ("MJ305", "arm", 'range="-1.9 1.9"', 'range="-180 180"', f'range="-{np.pi:.10g} {np.pi:.10g}"'),
     ("MJ402", "arm", KEYFRAME, KEYFRAME.replace('1"', '3.3"'), KEYFRAME.replace('1"', '3.05"')),
     ("MJ403", "arm", KEYFRAME.replace("qpos", "ctrl"), 'ctrl=".9 2.2 -.3 .7 .5 .6 1"', 'ctrl=".9 1.9 -.3 .7 .5 .6 1"'),
     ("MJ404", "humanoid", f"{HEIGHT} 1 0 0 0", f"{HEIGHT} 1.1 0 0 0", f"{HEIGHT} 1 0 0 0"),

@@ -35,6 +35,8 @@ def element(folder: Path, tag: str) -> Element:
 
 def test_each_edit_changes_what_it_says_and_no_other_byte(tmp_path: Path, text: bytes, editor: ElementEditor) -> None:
     geom, root = element(tmp_path, "geom"), element(tmp_path, "mujoco")
+    end = TRICKY.index("/>", geom.offset) + len("/>\r\n")
+    whole = TRICKY[TRICKY.rindex("\n", 0, geom.offset) + 1 : end]
     for edits, old, new in (
         (editor.with_words(geom, "size", {0: "9", 2: "7"}), 'size="1  2\n      3"', 'size="9  2\n      7"'),
         ([editor.with_value(geom, "name", "h'")], "name = 'g'", "name = 'h&apos;'"),
@@ -42,6 +44,8 @@ def test_each_edit_changes_what_it_says_and_no_other_byte(tmp_path: Path, text: 
         ([editor.with_value(root, "name", "m")], '> y">', '> y" name="m">'),
         ([editor.renamed(geom, "rgba", "colour")], "rgba=", "colour="),
         ([editor.without(geom, "name")], "\tname = 'g'", ""),
+        ([editor.without(geom, "name", geom.attributes)], whole, ""),
+        ([editor.without(geom, "name", {"name"})], "\tname = 'g'", ""),
         ([editor.without_element(element(tmp_path, "body"))], '    <body name="a"></body>\n', ""),
         ([editor.with_child(element(tmp_path, "body"), "<x/>")], '"a"><', '"a">\r\n      <x/>\r\n    <'),
         ([editor.with_child(element(tmp_path, "worldbody"), "<x/>")], "  </worldbody>", "    <x/>\r\n  </worldbody>"),

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +41,14 @@ def deprecated_attributes(context: LintContext) -> Iterator[Violation]:
 
 
 def _modern(context: LintContext, element: Element, attribute: str) -> Fix:
-    fields = DEPRECATED[element.tag, attribute][1]
+    deprecated = {
+        name: DEPRECATED[element.tag, name][1] for name in element.attributes if (element.tag, name) in DEPRECATED
+    }
     if attribute != "directional" or element.attributes[attribute] != "true":
-        return Fix((context.editor.without(element, attribute),), fields)
+        fields = chain.from_iterable(deprecated.values())
+        return Fix((context.editor.without(element, attribute, deprecated),), tuple(fields))
     renamed = context.editor.renamed(element, attribute, "type")
-    return Fix((renamed, context.editor.with_value(element, attribute, attribute)), fields)
+    return Fix((renamed, context.editor.with_value(element, attribute, attribute)))
 
 
 @rule("MJ117", "note", "absolute path", fix=SAFE)
@@ -80,14 +84,13 @@ def directions_not_normalized(context: LintContext) -> Iterator[Violation]:
             length = float(np.linalg.norm(numbers))
             if len(numbers) == count and ROUNDED < abs(length - 1) < INTENDED:
                 message = f"the length of its {attribute} is close to 1, but not 1; MuJoCo normalizes it"
-                remedy = f'write {attribute}="{" ".join(f"{number / length:.6g}" for number in numbers)}"'
-                yield _violation(element, message, remedy, partial(_normalized, context, element, attribute, numbers))
+                words = [number_word(number / length) for number in numbers]
+                remedy = f'write {attribute}="{" ".join(words)}"'
+                yield _violation(element, message, remedy, partial(_with_words, context, element, attribute, words))
 
 
-def _normalized(context: LintContext, element: Element, attribute: str, numbers: Sequence[float]) -> Fix:
-    unit = np.array(numbers) / np.linalg.norm(numbers)
-    words = {i: number_word(float(number)) for i, number in enumerate(unit)}
-    return Fix(context.editor.with_words(element, attribute, words))
+def _with_words(context: LintContext, element: Element, attribute: str, words: Sequence[str]) -> Fix:
+    return Fix(context.editor.with_words(element, attribute, dict(enumerate(words))))
 
 
 def _numbers(text: str) -> list[float]:

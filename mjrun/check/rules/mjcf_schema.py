@@ -145,10 +145,15 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
     if (element.tag, name, value) == ("compiler", "exactmeshinertia", "true"):
         meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
         exact = [editor.with_value(e, "inertia", "exact") for e in meshes if not holder(e, "inertia")]
-        return Fix((editor.without(element, name), *exact), ("body_*", "mesh_*"))
+        return Fix((editor.without(element, name, {name}), *exact), ("body_*", "mesh_*"))
     new = deprecated.rewritten(element.tag, name, value)
     if new is None:
         return None
+    if not new:
+        removed = [
+            each for each, value in element.attributes.items() if deprecated.rewritten(element.tag, each, value) == {}
+        ]
+        return Fix((editor.without(element, name, removed),))
     missing = [other for other in new if other not in element.attributes]
     if len(missing) == 1:
         edits = [editor.renamed(element, name, missing[0])]
