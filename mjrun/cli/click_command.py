@@ -18,7 +18,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import DOCUMENT_FORMS, ConsoleOptions
+from mjrun.options.console import DOCUMENT_FORMS, ConsoleOptions, OpenOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
@@ -31,6 +31,7 @@ C = TypeVar("C", bound=Options)
 Body = Callable[[Console, "CommandLine"], None]
 
 
+ON_FILES = (OpenOptions, ConfinementOptions)  # of commands that may read untrusted files, and make others
 # Sections that several commands share; they follow the sections of a single command.
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text

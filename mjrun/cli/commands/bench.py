@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli.bench_report import bench_report, markdown
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import BenchOptions, BenchReportOptions
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 
 if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult
@@ -26,8 +24,7 @@ SLOWER, PARTLY = 1, 8  # exit codes
 @command(
     BenchOptions,
     BenchReportOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[MODEL],
     python="Bench",
     reports={"bench": "mjrun.bench.results:BenchResult"},

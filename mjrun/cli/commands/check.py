@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
@@ -27,8 +25,7 @@ MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL..."
     CheckReportOptions,
     ReportFormatOptions,
     PolicyOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[MODELS],
     python="Check",
     reports={"check": "mjrun.check.check:CheckResult"},

@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
 from mjrun.errors import UsageError, clean, counted, option
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.dataset import DatasetOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
@@ -28,8 +26,7 @@ SHOWN = 10  # reasons of failures
     DatasetOptions,
     ExecutionOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=(
         ModelArgument("model", metavar="MODEL|STUDY.yaml"),
         click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),

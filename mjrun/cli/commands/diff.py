@@ -4,12 +4,10 @@ from typing import Any
 
 import click
 
-from mjrun.cli.click_command import MODEL, CommandLine, ModelArgument, SectionedCommand, command
+from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, ModelArgument, SectionedCommand, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import FailureReport, GoldenDifferenceError
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.diff import DiffOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.simulation import SimulationOptions
@@ -37,8 +35,7 @@ class DiffCommand(SectionedCommand):
     TraceOptions,
     ReportFormatOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     name="diff --golden",
     arguments=[MODEL],
     without=UNWRITTEN,
@@ -75,8 +72,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
 @command(
     DiffOptions,
     ReportFormatOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=PAIR,
     cls=DiffCommand,
     python="Diff",

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.report_formats.markdown import escaped, markdown_table
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import Column, interval_text, number
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationOptions
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.suffixes import is_yaml
@@ -38,8 +36,7 @@ ARGUMENTS = (
     EvaluationOptions,
     ExecutionOptions,
     EvaluationCommandOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=ARGUMENTS,
     without=["repeats"],
     python="Evaluation",

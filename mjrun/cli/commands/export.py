@@ -4,7 +4,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -18,8 +18,6 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.cli.table_cells import number
 from mjrun.errors import UsageError, clean, counted, option
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.episodes import EpisodeOptions
 from mjrun.options.export import ExportOptions
 from mjrun.options.option import options_of
@@ -41,8 +39,7 @@ if TYPE_CHECKING:
     ExportOptions,
     SimulationCommandOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[MODEL],
     python="Export",
     classes={EpisodeOptions: "EpisodeDataset", ExecutionOptions: "EpisodeDataset"},

@@ -5,13 +5,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.cli.table_cells import Column, number
 from mjrun.errors import UsageError, clean, option
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
@@ -33,8 +31,7 @@ ARGUMENTS = (
 @command(
     FitOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=ARGUMENTS,
     reports={"fit": "mjrun.fitting.result:FitResult", "excite": "mjrun.fitting.excitation:ExcitationResult"},
 )

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import cast
 
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -14,8 +14,6 @@ from mjrun.cli.simulation_command import (
     stem,
     with_camera_scripts,
 )
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
@@ -25,8 +23,7 @@ from mjrun.options.simulation import SimulationOptions
     ImageOptions,
     SimulationCommandOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[MODEL],
     without=("duration", "steps"),
     python="Image",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import (
@@ -21,8 +21,6 @@ from mjrun.cli.simulation_command import (
 from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted
 from mjrun.formats.input_file import is_folder
 from mjrun.formats.tables import format_of_suffix
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
 from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
@@ -46,8 +44,7 @@ OF_ONE = ("recording", "save_key", "print_document")  # options that do not appl
     VariationOptions,
     SimulationCommandOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[TABLES],
     python="TablePlot",
     classes={PlotOptions: "Plot", VariationOptions: "VariedPlot"},

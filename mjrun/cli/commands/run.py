@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Case, Console, Report
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, tell_reason, unchanged
 from mjrun.errors import clean
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunOptions
 
@@ -30,8 +28,7 @@ ARGUMENTS = (
 @command(
     RunOptions,
     ReportFormatOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=ARGUMENTS,
     reports={"run-report": "mjrun.outputs.run_report:RunResult"},
 )

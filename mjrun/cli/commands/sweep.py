@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -23,8 +23,6 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
 from mjrun.options.report import PageOptions
 from mjrun.options.setting_kinds import NamedNumbers, Settings
@@ -66,8 +64,7 @@ ARGUMENTS = (
     StudyCommandOptions,
     ExecutionOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=ARGUMENTS,
     python="Study",
     reports={

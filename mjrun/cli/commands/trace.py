@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import (
@@ -18,8 +18,6 @@ from mjrun.cli.simulation_command import (
     stem,
 )
 from mjrun.errors import UsageError, clean, option
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
@@ -39,8 +37,7 @@ WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
     TraceCommandLineOptions,
     SimulationCommandOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[MODEL],
     python="Trace",
     key="traces",

@@ -1,6 +1,6 @@
 """Make a video of a simulation."""
 
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -11,8 +11,6 @@ from mjrun.cli.simulation_command import (
     stem,
     with_camera_scripts,
 )
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import OpenOptions
 from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.video import VideoOptions
@@ -22,8 +20,7 @@ from mjrun.options.video import VideoOptions
     VideoOptions,
     SimulationCommandOptions,
     SimulationOptions,
-    OpenOptions,
-    ConfinementOptions,
+    *ON_FILES,
     arguments=[MODEL],
     python="Video",
     key="videos",
