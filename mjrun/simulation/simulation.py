@@ -109,6 +109,14 @@ class Simulation(SimulationOptions):
         """Returns the same simulation with more overrides of the model, by path; many times faster than `replace`."""
         return self._with_valid({"set": (*self.set, *overrides)})
 
+    @property
+    def without_shared_memory(self) -> "Simulation":
+        """The same simulation, each stepper of which begins with the memory that its controller has now."""
+        controller = self.controller
+        if controller is None or isinstance(controller, RedirectedFunction):
+            return self
+        return self.with_values({"controller": RedirectedFunction(controller)})
+
     def with_values(self, values: Mapping[str, object]) -> "Simulation":
         """Returns the same simulation with other values of options; many times faster than `replace`.
 

@@ -30,7 +30,7 @@ from mjrun.model.source import Source
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.dataset import CAMERA
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.python_code import Sealed, own_copy
+from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.episode_spec import EpisodeSpec
@@ -78,13 +78,11 @@ class StudySpec:
     product: ImageSpec | EpisodeSpec | None = None
 
     def simulation(self, values: tuple[str, ...]) -> Simulation:
-        """Returns the simulation of the point with these values. Its controller shares no memory with others."""
+        """Returns the simulation of the point with these values."""
         names = self.names
         if self.product:
             names, values = without_cameras(names, values)
-        simulation = simulation_at(self.base, names, values, dict(self.controllers))
-        controller = own_copy(simulation.controller)
-        return simulation if controller is simulation.controller else simulation.with_values({"controller": controller})
+        return simulation_at(self.base, names, values, dict(self.controllers)).without_shared_memory
 
     def values(self, point: "StudyPoint") -> dict[str, str]:
         """Returns the values of a point, by parameter, of those that exist there."""

@@ -50,6 +50,24 @@ def test_a_trace_ends_at_the_first_step_at_which_the_condition_holds(tmp_path: P
     assert rows(until, tmp_path / "thin.csv", every=7) == expected
 
 
+class Rising:
+    """A controller that pushes harder with each call."""
+
+    calls = 0
+
+    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.calls += 1
+        data.qfrc_applied[:] = self.calls
+
+
+def test_the_search_for_the_end_leaves_the_memory_of_a_controller_alone(tmp_path: Path) -> None:
+    whole = rows(falling(tmp_path, controller=Rising()), tmp_path / "whole.csv")
+    controller = Rising()
+    part = rows(falling(tmp_path, "qpos/drop < -0.1", controller=controller), tmp_path / "part.csv")
+    assert part == whole[: len(part)]
+    assert controller.calls == len(part) < len(whole)
+
+
 def test_a_condition_that_never_holds_leaves_the_duration(tmp_path: Path) -> None:
     simulation = falling(tmp_path, "qpos/drop > 0")
     assert final_timeline(simulation, simulation.load()) == simulation.timeline(simulation.load())
