@@ -16,7 +16,7 @@ from mjrun.errors import (
     spelled,
 )
 from mjrun.fitting.comparison import HORIZON
-from mjrun.fitting.free_parameter import free_parameters, require_effect, values_at
+from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fitting.measurements import CONTROLS, read_measurements
 from mjrun.fitting.outputs import FitOutputs
@@ -128,8 +128,7 @@ class _Run:
         sharing = [each.sharing for each in self._parameters if each.sharing]
         for remark in [*self._measurements.remarks, *sharing]:
             self._reporter.note(remark)
-        starts = self._starts(self._fit.starts)
-        self._look_first(starts)
+        starts = self._informative(self._starts(self._fit.starts))
         search = self._searched(starts)
         last = self._own_noise(search.best)
         known = sensitivity([last], self._parameters)
@@ -208,19 +207,28 @@ class _Run:
         more = others.random_base2(max(0, (count - 1).bit_length()))[: count - 1]
         return [first, *(0.1 + 0.8 * more)]
 
-    def _look_first(self, starts: Sequence[np.ndarray]) -> None:
-        """Refuses parameters that the measurements do not determine at any of the starts."""
+    def _informative(self, starts: list[np.ndarray]) -> list[np.ndarray]:
+        """Returns the starts, after the first another one if the measurements determine the parameters only there.
+
+        The lower and upper ends of all ranges are such others: a box slides only with little friction.
+
+        Raises:
+          UnidentifiableError: the measurements determine the parameters nowhere.
+        """
         parts = self._shooting.cut(self._fitted.segments, 4 * SHORTEST)
         looks: list[Solution] = []
-        for start in starts:
+        ends = [np.full(len(self._parameters), end) for end in (MARGIN, 1 - MARGIN)]
+        for start in [*starts, *ends]:
             looks.append(self._shooting.look(parts, start, self._shooting.guessed(parts, start), self._noise))
-            if not sensitivity(looks, self._parameters).unidentifiable:
-                return
+            if not sensitivity(looks[-1:], self._parameters).unidentifiable:
+                is_other = len(looks) > len(starts)
+                return [starts[0], start, *starts[1:]] if is_other else starts
         messages = [each.message for each in sensitivity(looks, self._parameters).unidentifiable]
         if not self._fit.allow_unidentifiable:
             raise UnidentifiableError(messages)
         for message in messages:
             self._reporter.warn(message)
+        return starts
 
     def _predicted(self, fitted: Solution) -> dict[tuple[str, str], Solution]:
         """Predicts held-out data by the original and the fitted model, each from the states that fit best."""

@@ -26,12 +26,13 @@ from mjrun.fitting.measurements import Segment
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.rotations_and_noise import LEAST_NOISE, shared
 from mjrun.fitting.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
-from mjrun.fitting.solution import Floats, Solution
+from mjrun.fitting.solution import Floats, Solution, with_noise
 from mjrun.fitting.starting_states import StartingStates, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
 FINE = 1e-4  # reduced χ² below which slopes have found the motion exactly
+CONTACT_EVALUATIONS = 24  # limit of evaluations from which ensembles continue beside contacts
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
@@ -108,9 +109,7 @@ class Shooting:
           coordinates: coordinates of the parameters; None for the original model.
         """
         solution = self._run(self._grown(parts, coordinates, noise, fixed=True))
-        if solution.reduced < EXPLAINED or not self._predictor.has_impacts:
-            return solution
-        return min(solution, self._run(self._rough(parts, coordinates, noise, fixed=True)), key=lambda each: each.cost)
+        return self._smoothed(solution, coordinates, noise, fixed=True)
 
     def weighted(self, solution: Solution) -> Solution:
         """Minimizes again from `solution`, with signals weighted by its residuals."""
@@ -131,15 +130,19 @@ class Shooting:
           advanced: called with every solution that is better than all before.
         """
         whole = self.cut(segments)
-        own = self.follow(whole, None, noise)
+        own = self._run(self._grown(whole, None, noise, fixed=True))
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
         search = SearchResult(own, first, ["whole segments"])
+        if self._is_stopped(first):
+            search.ways.append("whole segments, smoothed by ensembles across contacts")
+            search.best = self._smoothed(first, first.coordinates, noise, advanced=advanced)
 
         if search.best.reduced >= EXPLAINED:
             self._continue(search, segments, starts, noise, advanced)
         if self._predictor.has_impacts and search.best.reduced > FINE:
-            tasks = [self._rough(whole, search.best.coordinates, noise, seed=seed) for seed in range(SHOTS)]
-            best = min(together(self._predictor, tasks), key=lambda each: each.cost)
+            level = noise * max(1.0, search.best.reduced**0.5)
+            tasks = [self._rough(whole, search.best.coordinates, level, seed=seed) for seed in range(SHOTS)]
+            best = with_noise(min(together(self._predictor, tasks), key=lambda each: each.cost), noise)
             if best.reduced < EXPLAINED * search.best.reduced:
                 search.ways.append("ensembles of nearby states, as contacts make the motion rough")
                 search.best = best
@@ -151,6 +154,41 @@ class Shooting:
             better = self.solve(whole, starts[0], own.states, noise)
             search.best = min([search.best, better], key=lambda each: each.cost)
         return search
+
+    def _is_stopped(self, solution: Solution) -> bool:
+        """Returns whether jumps of the motion at contacts may have ended a search."""
+        return self._predictor.has_impacts and solution.reduced >= EXPLAINED
+
+    def _smoothed(
+        self,
+        solution: Solution,
+        coordinates: Floats | None,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        advanced: Advanced | None = None,
+    ) -> Solution:
+        """Continues searches that jumps of the motion have ended, while this halves the cost.
+
+        Ensembles that take all residuals for noise are wide enough to cross jumps; slopes then continue from their end.
+
+        Args:
+          coordinates: coordinates of the solution; None for the original model.
+          fixed: whether the parameters are constant.
+        """
+        parts, is_gain, seed = solution.chunks, True, 0
+        while is_gain and self._is_stopped(solution):
+            level = noise * solution.reduced**0.5
+            wide = with_noise(self._run(self._rough(parts, coordinates, level, fixed=fixed, seed=seed)), noise)
+            place = None if coordinates is None else wide.coordinates
+            search = GaussNewton(self._problem(parts, place, wide.states, noise, fixed=fixed), advanced)
+            tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
+            narrow = self._run(search.minimize(CONTACT_EVALUATIONS, tolerance))
+            best = min([wide, narrow], key=lambda each: each.cost)
+            is_gain, seed = best.cost < 0.5 * solution.cost, seed + 1
+            if best.cost < solution.cost:
+                solution, coordinates = best, None if coordinates is None else best.coordinates
+        return solution
 
     def _continue(
         self,
@@ -224,7 +262,8 @@ class Shooting:
             states = (yield from opening.approach()).states
         tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
         search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
-        return (yield from search.minimize(EVALUATIONS, tolerance))
+        evaluations = CONTACT_EVALUATIONS if self._predictor.has_impacts else EVALUATIONS
+        return (yield from search.minimize(evaluations, tolerance))
 
     def _rough(
         self,
