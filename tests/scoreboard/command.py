@@ -4,6 +4,7 @@ A forked run has a session, folder, streams, limits and signals like a command s
 start of the interpreter, which a fork does not show, are tried by `RealCommand`.
 """
 
+import atexit
 import ctypes
 import gc
 import json
@@ -22,6 +23,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,11 @@ QUICK_IMPORTS = (
     *("yaml", "orjson", "mjrun.cli.commands.info", "mjrun.cli.commands.trace", "mjrun.cli.commands.run"),
     *("mjrun.outputs.perform", "mjrun.outputs.trace", "mjrun.formats.tables.csv", "mjrun.document.run"),
 )
+
+
+IDLE: dict[
+    tuple[str, ...], list["subprocess.Popen[str]"]
+] = {}  # processes of servers that have ended, by what they import
 
 
 @dataclass(frozen=True)
@@ -117,6 +124,8 @@ def modules_of_mjrun() -> list[str]:
 class CommandServer:
     """Runs command lines in processes forked from one that has already imported mjrun, MuJoCo and numpy.
 
+    The process that is forked goes on to the next server with the same imports.
+
     Args:
       limit: seconds of wall time after which a run is killed and counts as hanging.
       memory: address space of a run in MiB; None for no limit.
@@ -134,20 +143,28 @@ class CommandServer:
     ) -> None:
         self._limit, self._memory = limit, memory
         setting = ["--without-landlock"] * without_landlock
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.scoreboard.command", *setting, *imports],
-            cwd=ROOT,
-            env={**os.environ, **VARIABLES},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+        self._idle = IDLE.setdefault((*setting, *imports), [])
+        self._process = (
+            self._idle.pop()
+            if self._idle
+            else subprocess.Popen(
+                [sys.executable, "-m", "tests.scoreboard.command", *setting, *imports],
+                cwd=ROOT,
+                env={**os.environ, **VARIABLES},
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
         )
 
     def __enter__(self) -> "CommandServer":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._process.communicate(timeout=60)
+    def __exit__(self, exception: object, *_: object) -> None:
+        if exception is None:
+            self._idle.append(self._process)
+        else:
+            self._process.communicate(timeout=60)
 
     def run(
         self,
@@ -204,6 +221,12 @@ class CommandServer:
             raise OSError("this kernel does not let a process be watched")
         operations = tuple((operation, path) for operation, path in answer["operations"])
         return Ended(line, answer["code"], out, err, answer["seconds"], operations)
+
+
+@atexit.register
+def _end_idle() -> None:
+    for process in chain.from_iterable(IDLE.values()):
+        process.communicate(timeout=60)
 
 
 def serve() -> None:

@@ -23,7 +23,7 @@ from tests.scoreboard.measure import Tally, measured
 
 LIMIT = 600.0  # [s], on a busy machine
 SCENES = ROOT / "scenes"
-QUICK = ("trace parquet", "contacts", "sweep")
+QUICK = ("contacts",)
 IMPORTS = (*QUICK_IMPORTS, "pyarrow.parquet", "scipy.stats", "mjrun.study.study")
 VIDEOS = (".mp4", ".gif", ".apng", ".mkv", ".webm", ".png")  # their decoded frames are promised
 STABLE = (".mkv", ".webm", ".png")  # so are their bytes, by the same command, which they contain
@@ -59,7 +59,10 @@ def furnish(folder: Path) -> Path:
 )
 def determinism(quick: bool) -> Tally:
     tally = Tally()
-    with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT, imports=IMPORTS) as server:
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        CommandServer(LIMIT, imports=QUICK_IMPORTS if quick else IMPORTS) as server,
+    ):
         folder = furnish(Path(scratch, "first"))
         other = furnish(Path(scratch, "another folder", "ünd deeper"))
         environments = {} if quick else _environments(Path(scratch), tally)

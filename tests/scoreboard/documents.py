@@ -40,7 +40,7 @@ METRIC = ("--metric", "x=max(qpos/hinge)")
 def documents(quick: bool) -> Tally:
     tally = Tally()
     if quick:
-        try_forms([form for form in quick_forms() if form.quick][::6], BASE, tally, QUICK_IMPORTS)
+        try_forms([form for form in quick_forms() if form.quick][::18], BASE, tally, QUICK_IMPORTS)
     else:
         try_forms(forms(), BASE, tally)
     return tally

@@ -22,7 +22,7 @@ from pathlib import Path
 from mjrun.confinement import landlock, seccomp
 from tests.scoreboard import attacks
 from tests.scoreboard.attacks import CHILD, LANDLOCK, LISTEN, LOADER, MAIN, OPERATIONS, SECRET, SIGNALS, Target
-from tests.scoreboard.command import CONTROL, CommandServer, Ended
+from tests.scoreboard.command import CONTROL, QUICK_IMPORTS, CommandServer, Ended
 from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Tally, measured
 from tests.scoreboard.outside_files import LIMIT, MODEL, TASK
@@ -204,7 +204,7 @@ def inside_sandbox(quick: bool) -> Tally:
     by_filter = [name for name, each in OPERATIONS.items() if each.by not in (LANDLOCK, SIGNALS)]
     tally.left_out += [f"{name}: this kernel's Landlock is too old" for name in OPERATIONS if name not in known]
     with ExitStack() as stack:
-        server = stack.enter_context(CommandServer(LIMIT))
+        server = stack.enter_context(CommandServer(LIMIT, imports=QUICK_IMPORTS if quick else ()))
         if not quick:
             _try_free(tally, server)
         if landlock.version():

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.scoreboard.command import ROOT, CommandServer
+from tests.scoreboard.command import QUICK_IMPORTS, ROOT, CommandServer
 from tests.scoreboard.data import inputs_of
 from tests.scoreboard.determinism import furnish
 from tests.scoreboard.measure import Tally, measured
@@ -50,7 +50,7 @@ START = (
 )
 def leaks(quick: bool) -> Tally:
     tally = Tally()
-    with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT) as server:
+    with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT, imports=QUICK_IMPORTS) as server:
         for how in ("one process",) if quick else ("one process", "many processes"):
             folder, temporary = furnish(Path(scratch, how)), Path(scratch, f"{how} temporary")
             temporary.mkdir()

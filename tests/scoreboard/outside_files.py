@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from mjrun.confinement import landlock
-from tests.scoreboard.command import CommandServer, Ended
+from tests.scoreboard.command import QUICK_IMPORTS, CommandServer, Ended
 from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Tally, measured
 
@@ -218,7 +218,7 @@ def outside_files(quick: bool) -> Tally:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         servers = {}
         if landlock.version():
-            servers["Landlock"] = stack.enter_context(CommandServer(LIMIT))
+            servers["Landlock"] = stack.enter_context(CommandServer(LIMIT, imports=QUICK_IMPORTS if quick else ()))
         elif not quick:
             tally.leave_out("confinement by Landlock: this kernel does not know it")
         if not quick or not servers:

@@ -21,7 +21,7 @@ from tests.scoreboard.measure import Tally, measured, side_by_side
 LIMIT = 120.0  # [s] of one run on a busy machine
 MEMORY = 6144  # [MiB] of addresses
 COUNTS = {"model": 900, "document": 900, "table": 420, "expression": 500}
-QUICK = {"model": 8, "document": 8, "table": 0, "expression": 8}
+QUICK = {"model": 4, "document": 4, "table": 0, "expression": 4}
 LIBRARIES = ("matplotlib.backends.backend_svg", "h5py", "scipy.io", "pyarrow.feather", "pyarrow.csv")
 FORMATS = ("csv", "jsonl", "npz", "parquet", "feather", "h5", "mat")
 DONE, READ = frozenset({0, 1, 2, 3, 4, 7, 8}), frozenset({0, 3})

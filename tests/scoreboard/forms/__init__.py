@@ -19,7 +19,7 @@ GROUPS = {
     "URDF": formats.urdf,
 }
 # The tests try one in N of these groups, whose forms are quickly written and are refused by MuJoCo itself.
-QUICK = {"circles and chains": 19, "special files": 61, "numbers": 120, "names": 120, "URDF": 61}
+QUICK = {"circles and chains": 38, "special files": 122, "numbers": 240, "names": 240, "URDF": 122}
 
 
 def all_forms() -> Iterator[tuple[str, Form]]:
