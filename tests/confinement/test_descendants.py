@@ -21,6 +21,8 @@ if listed == "scanned":  # as on a kernel that does not list children
             raise FileNotFoundError
         return read(path, *arguments, **settings)
     Path.read_text = read_text
+descendants.PURSUIT = end = 600  # a busy machine may take longer than usual
+end += time.monotonic()
 descendants.adopt()
 into, out = os.pipe()
 def daemon(depth):
@@ -36,9 +38,10 @@ for depth in range(6):
     daemon(depth)
 chain = os.fork()
 if not chain:
-    while True:  # each link of the chain starts the next one and ends
+    while time.monotonic() < end:  # each link of the chain starts the next one and ends; none stays if it escapes
         if os.fork():
-            os._exit(0)
+            break
+    os._exit(0)
 pids = ""
 while len(pids.split()) < 6:
     pids += os.read(into, 1000).decode()
