@@ -39,6 +39,7 @@ from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
 from tests.backend_trials import RememberedTrial
+from tests.merged_cases import merged
 from tests.prepared_interpreters import PreparedPopen
 from tests.processes import PATIENCE, without_progress
 
@@ -56,6 +57,21 @@ def pytest_collection() -> Generator[None, object, object]:
         if {"CI", "PYTEST_XDIST_WORKER"} <= os.environ.keys():
             fcntl.flock(turn, fcntl.LOCK_EX)
         return (yield)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makeitem(collector: pytest.Module, name: str, obj: object) -> object:
+    """Merges the cases of a test, unless the command line selects some."""
+    options = collector.config.option
+    marks = [*getattr(obj, "pytestmark", ())]
+    if not marks or not isinstance(obj, types.FunctionType) or hasattr(obj, "hypothesis"):
+        return None
+    if options.keyword or "[" in "".join(options.file_or_dir) or collector.get_closest_marker("slow"):
+        return None
+    if (test := merged(obj, marks)) is None:
+        return None
+    setattr(collector.obj, name, test)
+    return collector.ihook.pytest_pycollect_makeitem(collector=collector, name=name, obj=test)
 
 
 def pytest_collection_finish() -> None:

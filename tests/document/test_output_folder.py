@@ -62,8 +62,8 @@ def test_views_in_files_of_their_own_leave_the_name_itself_free() -> None:
         ("self", "out/self leads out of the folder of outputs, by a link"),
     ],
 )
-def test_no_output_is_outside_of_the_folder(output: str, reason: str) -> None:
-    Path("else").mkdir()
+def test_no_output_is_outside_of_the_folder(folder: Path, output: str, reason: str) -> None:
+    (folder / "else").mkdir()
     for link, target in (("link", "../else"), ("file.csv", "../else/file.csv"), ("self", ".")):
         Path("out", link).symlink_to(target)
     text = output if output.startswith('"') else f"'{output}'"
@@ -124,6 +124,6 @@ def test_links_cannot_lead_the_files_of_single_views_out_either() -> None:
          f"3:19: traces[0].output: out/f.labels.json clashes with videos[0].output at d.yaml:2:19; {OWN}"),
     ],
 )  # fmt: skip
-def test_two_outputs_in_one_file_are_reported_with_both_places(text: str, line: str) -> None:
-    Path("out/alias.csv").symlink_to("a.csv")
+def test_two_outputs_in_one_file_are_reported_with_both_places(folder: Path, text: str, line: str) -> None:
+    (folder / "out/alias.csv").symlink_to("a.csv")
     assert problems(HEAD + text) == [line]

@@ -53,7 +53,7 @@ def test_the_users_own_mistakes_are_explained_all_at_once() -> None:
     ],
 )
 def test_a_mistake_in_an_attached_model_is_told_as_of_that_model_itself(arm: str) -> None:
-    Path("sub").mkdir()
+    Path("sub").mkdir(exist_ok=True)
     path = Path("sub/arm.xml")
     path.write_text(arm)
     findings = lint_file(path)
@@ -67,7 +67,7 @@ def test_a_mistake_in_an_attached_model_is_told_as_of_that_model_itself(arm: str
 
 @pytest.mark.parametrize("mistake", ['<option solver="x"/>', "<goem/>", "</b>"])
 def test_what_mujoco_refuses_before_it_attaches_anything_is_told_first(mistake: str) -> None:
-    Path("sub").mkdir()
+    Path("sub").mkdir(exist_ok=True)
     for arm in (attached_arm('type="x"'), attached_arm('siez="1"'), attached_arm("</b>")):
         Path("sub/arm.xml").write_text(arm)
         findings = lint(PARENT.replace("<asset>", f"{mistake}<asset>"))
@@ -79,7 +79,7 @@ def test_what_mujoco_refuses_before_it_attaches_anything_is_told_first(mistake: 
     [('size="1" material="no"', 5), ('name="own" size="-1"', 5), ('size="-1"', None)],  # the last might be the arm's
 )
 def test_a_model_that_attaches_another_is_never_told_with_its_lines(mistake: str, line: int | None) -> None:
-    Path("sub").mkdir()
+    Path("sub").mkdir(exist_ok=True)
     Path("sub/arm.xml").write_text(attached_arm())
     (finding,) = lint(PARENT.replace('<geom size="1"/><site/>', f"<geom {mistake}/><site/>"))
     assert (finding.file, finding.line, finding.severity) == ("model.xml", line, "error")

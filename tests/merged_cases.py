@@ -1,0 +1,70 @@
+"""Tests of many cases as one item: an item costs 5 ms in all, a hundred times as much as most cases.
+
+The cases of a parametrized test are merged where its parameters are all that it takes. A test that names a fixture
+stays apart, with a new one for each case; so do slow tests, which the workers share. A command line that selects
+cases, by -k or by an id in brackets, merges nothing.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable, Collection
+from itertools import product
+
+import pytest
+
+Test = Callable[..., None]
+Case = dict[str, object]
+ONE = type(pytest.param())  # `pytest.param(...)`, whose type has no public name
+
+
+def merged(test: Test, marks: list[pytest.Mark]) -> Test | None:
+    """Returns a test that tries all cases in turn, and names the first that fails; None where they stay apart."""
+    families = list[list[Case]]()
+    for mark in marks:
+        if mark.name in ("slow", "usefixtures"):
+            return None
+        if mark.name == "parametrize":
+            cases = _cases(mark)
+            if not cases:
+                return None
+            families.insert(0, cases)
+    if not families or {*inspect.signature(test).parameters} - {name for cases in families for name in cases[0]}:
+        return None
+
+    @functools.wraps(test)
+    def all_cases() -> None:
+        __tracebackhide__ = True
+        skipped = list[str]()
+        for parts in product(*families):
+            case = {name: value for part in parts for name, value in part.items()}
+            try:
+                test(**case)
+            except pytest.skip.Exception as reason:
+                skipped.append(str(reason))
+            except BaseException as error:
+                error.add_note(f"in the case {case}"[:1000])
+                raise
+        if skipped:
+            pytest.skip(f"{len(skipped)} cases: {skipped[0]}")
+
+    all_cases.__signature__ = inspect.Signature()  # type: ignore[attr-defined]
+    all_cases.pytestmark = [mark for mark in marks if mark.name != "parametrize"]  # type: ignore[attr-defined]
+    return all_cases
+
+
+def _cases(mark: pytest.Mark) -> list[Case] | None:
+    """Returns the cases of one `parametrize`; None where one of them has marks, or fixtures take them."""
+    names, values = mark.args
+    if {*mark.kwargs} - {"ids"} or not isinstance(values, Collection):
+        return None
+    names = [name.strip() for name in names.split(",") if name.strip()] if isinstance(names, str) else list(names)
+    cases = list[Case]()
+    for value in values:
+        if isinstance(value, ONE):
+            if value.marks:
+                return None
+            value = value.values
+        elif len(names) == 1:
+            value = (value,)
+        cases.append(dict(zip(names, value, strict=True)))
+    return cases
