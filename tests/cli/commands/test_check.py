@@ -228,10 +228,8 @@ def test_a_signal_ends_the_processes_too(models: Command) -> None:
 
 
 @pytest.mark.slow
-def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(
-    mjrun_here: Command, shared_models: Path
-) -> None:
-    done = mjrun_here("check", ROOT / "scenes", shared_models, "--json", "--steps", "20")
+def test_models_of_others_are_checked_without_a_traceback(mjrun_here: Command, shared_models: Path) -> None:
+    done = mjrun_here("check", shared_models, "--json", "--steps", "20")  # tests/test_readme.py checks the scenes
     found = json.loads(done.stdout)
     assert done.returncode == 3
     assert b"Traceback" not in done.stderr
