@@ -287,6 +287,8 @@ def command(
 ) -> Callable[[Body], SectionedCommand]:
     """Turns a function of a console and a command line into a command with the options of `classes`.
 
+    Standard output is reserved for what the command prints.
+
     Args:
       name: the name of the command; by default, that of the function.
       without: names of options that this command does not accept.
@@ -302,6 +304,7 @@ def command(
             command_line = CommandLine(params)
             _set_verbosity(console, command_line)
             with _confined_if_asked(console, command_line):
+                console.guard_stdout()
                 body(console, command_line)
             if command_line.value("open"):
                 from mjrun.cli.open_in_desktop import files_in, open_first

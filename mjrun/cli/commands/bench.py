@@ -46,7 +46,6 @@ def bench(console: Console, command_line: CommandLine) -> None:
     Exits with 8 if points of a --scan could not be measured, for example because their timestep is too long.
     """
     form = command_line.form("csv", "markdown")
-    console.guard_stdout()
     forms = command_line.make(BenchReportOptions)
     if forms.html is not None:
         from mjrun.plotting.page_writer import check_page_name

@@ -46,7 +46,6 @@ def check(console: Console, command_line: CommandLine) -> None:
     certain. Exits with 1 if a finding is left that has at least the severity of --fail-on, or if --diff or --dry-run
     would fix something, and with 3 if a model does not load.
     """
-    console.guard_stdout()
     form = command_line.form(*REPORT_FORMATS, "sarif", "statistics", "diff", "scan", "json_lines")
     options = command_line.make(CheckReportOptions)
     if options.list_:

@@ -24,7 +24,6 @@ def completion(console: Console, command_line: CommandLine) -> None:
     from mjrun.cli.completion import SHELLS
     from mjrun.cli.main import COMPLETE, group
 
-    console.guard_stdout()
     shell = command_line.argument("shell")
     if shell not in SHELLS:
         raise UnknownNameError("shell", shell, SHELLS)

@@ -48,7 +48,6 @@ def dataset(console: Console, command_line: CommandLine) -> None:
     model, simulation and parameters the images are made; KEY=VALUE changes a value in it. Repeating a command continues
     its dataset. Exits with 8 if points failed.
     """
-    console.guard_stdout()
     import_mujoco()
     job, located = _dataset(console, command_line)
     with located, reported_failures(console, _report):

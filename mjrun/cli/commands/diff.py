@@ -52,7 +52,6 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     differ, and with 7 if the golden table does not exist.
     """
     form = command_line.form(*REPORT_FORMATS)
-    console.guard_stdout()
     import_mujoco()
     from mjrun.cli.diff_report import diff_report
     from mjrun.outputs.trace import Trace, TraceResult
@@ -93,7 +92,6 @@ def diff(console: Console, command_line: CommandLine) -> None:
     if A and B differ. --golden compares a simulation with a golden table: see mjrun diff --golden --help.
     """
     form = command_line.form(*REPORT_FORMATS)
-    console.guard_stdout()
     import_mujoco()
     from mjrun.cli.diff_report import diff_report, verdict
     from mjrun.outputs.result_comparison import Diff

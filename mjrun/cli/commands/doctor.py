@@ -23,7 +23,6 @@ def doctor(console: Console, command_line: CommandLine) -> None:
     Tests every OpenGL backend, Filament and every encoder. Exits with 2 if a required package has a wrong version, and
     with 5 if no renderer works or the one requested by $MUJOCO_GL and $MUJOCO_EGL_DEVICE_ID does not.
     """
-    console.guard_stdout()
     with suppress(WrongVersionError):  # which the report shows
         import_mujoco()
     from mjrun.doctor import examine

@@ -61,7 +61,6 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
 
     EVALUATION.yaml is an evaluation document; KEY=VALUE changes a value in it, and options override it.
     """
-    console.guard_stdout()
     import_mujoco()
     options = command_line.make(EvaluationCommandOptions)
     form = command_line.form("csv", "markdown")

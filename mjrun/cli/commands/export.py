@@ -64,7 +64,6 @@ def export(console: Console, command_line: CommandLine) -> None:
     A dataset of episodes is a folder: repeating the command continues it. Exits with 8 if episodes failed.
     """
     payload_on_stdout(command_line)
-    console.guard_stdout()
     import_mujoco()
     from mjrun.outputs.export import Export
     from mjrun.outputs.exports import format_named

@@ -51,7 +51,6 @@ def fit(console: Console, command_line: CommandLine) -> None:
     The last fifth of the measurements is held out. Exits with 1 if the fitted model does not predict it better than
     MODEL, or if the measurements do not determine the parameters.
     """
-    console.guard_stdout()
     import_mujoco()
     from mjrun.fitting.excitation import excite
 

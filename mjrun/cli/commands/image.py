@@ -39,7 +39,6 @@ def image(console: Console, command_line: CommandLine) -> None:
     mjrun image scene.xml --view rgb --view depth --view seg --layout row -o views.png
     """
     payload_on_stdout(command_line)
-    console.guard_stdout()
     import_mujoco()
     from mjrun.outputs.image import Image
 

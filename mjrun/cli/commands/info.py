@@ -60,7 +60,6 @@ def info(console: Console, command_line: CommandLine) -> None:
     equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets. Sections of a task: task,
     observations, actions, commands, rewards, terminations, reset.
     """
-    console.guard_stdout()
     import_mujoco()
     sections, options = command_line.arguments("sections"), command_line.make(InfoOptions)
     if options.xml:

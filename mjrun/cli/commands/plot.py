@@ -66,7 +66,6 @@ def plot(console: Console, command_line: CommandLine) -> None:
 
     Tables may have any number of rows: for each pixel, the lowest and the highest value are drawn.
     """
-    console.guard_stdout()
     import_mujoco()
     from mjrun.model.sources import names_model
 

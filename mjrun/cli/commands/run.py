@@ -42,7 +42,6 @@ def run(console: Console, command_line: CommandLine) -> None:
     mjrun run study.yaml --dry-run
     """
     form = command_line.form(*REPORT_FORMATS)
-    console.guard_stdout()
     import_mujoco()
     from mjrun.document.run import read_run
     from mjrun.outputs.perform import perform, preview

@@ -34,7 +34,6 @@ def schema(console: Console, command_line: CommandLine) -> None:
     \b
     mjrun schema camera > camera.schema.json
     """
-    console.guard_stdout()
     kind = command_line.argument("kind")
     if kind == OPTIONS:
         from mjrun.cli.options_reference import options_reference

@@ -14,5 +14,4 @@ def skill(console: Console, command_line: CommandLine) -> None:
     \b
     mkdir -p skills/mjrun && mjrun skill > skills/mjrun/SKILL.md
     """
-    console.guard_stdout()
     console.result((Path(__file__).parents[2] / "SKILL.md").read_text("utf-8").rstrip())

@@ -93,7 +93,6 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     mjrun sweep plan.jsonl --task 1/16
     mjrun sweep plan.jsonl --collect
     """
-    console.guard_stdout()
     options = command_line.make(StudyCommandOptions)
     _start_early(command_line)
     import_mujoco()

@@ -52,7 +52,6 @@ def trace(console: Console, command_line: CommandLine) -> None:
     mjrun trace scene.xml -o run.parquet --probe 'qpos,energy,xpos[hand]'
     mjrun trace scene.xml -o run.csv --rate 100 --assert 'max(abs(energy/drift)) < 1e-3'
     """
-    console.guard_stdout()
     import_mujoco()
     options = command_line.make(TraceCommandLineOptions)
     if options.list_:

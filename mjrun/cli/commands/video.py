@@ -35,7 +35,6 @@ def video(console: Console, command_line: CommandLine) -> None:
     mjrun video scene.xml --key spinning --duration 7 --camera closeup -o top.webm
     """
     payload_on_stdout(command_line)
-    console.guard_stdout()
     import_mujoco()
     from mjrun.outputs.video import Video
 

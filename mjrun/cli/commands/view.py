@@ -35,7 +35,6 @@ def view(console: Console, command_line: CommandLine) -> None:
     Pause, step, reset, and pull bodies with the mouse. Without interaction, the simulation is identical, bit for bit,
     to that of the other commands. It ends when the window is closed, with Ctrl-C, or after --duration or --steps.
     """
-    console.guard_stdout()
     import_mujoco()
     from mjrun.viewer.viewer import Viewer
 
