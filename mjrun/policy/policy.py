@@ -130,7 +130,7 @@ class Policy(ABC):
             answer = cast("object", actor(observation))
             if answer is None:  # NumPy would convert it to NaN
                 raise TypeError("it returned None")
-            action = np.asarray(answer, np.float64).reshape(-1)
+            action = np.array(answer, np.float64).reshape(-1)  # a copy, as the policy may write into its array again
         except MjrunError:
             raise
         except (TypeError, ValueError) as error:

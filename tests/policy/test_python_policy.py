@@ -93,6 +93,17 @@ def test_whatever_acts_is_a_policy_and_forgets_between_episodes(
     assert capsys.readouterr().out == ""  # what it prints is not payload
 
 
+def test_an_action_stays_as_it_is_when_the_policy_reuses_its_array() -> None:
+    array = np.zeros(1)
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        array[0] += 1
+        return array
+
+    actor = load_policy(act).episode(0, ONE)
+    assert [float(action[0]) for action in [actor(np.zeros(1)) for _ in range(3)]] == [1, 2, 3]
+
+
 @pytest.mark.parametrize("name", ["shared", "kept"])
 def test_episodes_side_by_side_do_not_share_memory(code: str, name: str) -> None:
     policy = load_policy(f"{code}:{name}")
