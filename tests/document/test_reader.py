@@ -196,7 +196,7 @@ def test_no_bytes_do_either(data: bytes) -> None:
 
 
 @given(st.lists(pieces, max_size=20).map("".join))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_every_place_that_is_reported_is_in_the_text(text: str) -> None:
     found = outcome(lambda: read(put(text), Anything))
     lines = re.split("\r\n|\r|\n", text)

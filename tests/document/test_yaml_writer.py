@@ -31,7 +31,7 @@ values = st.recursive(
 
 @given(values)
 @example(["a" * 150, "b c " * 60, {"d" * 200: ["e  f " * 60]}])
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 def test_yaml_text_is_read_as_what_was_written(value: Any) -> None:
     Path("d.yaml").write_text(yaml_text({"a": value}), encoding="utf-8")
     assert read("d.yaml", Anything).a == value

@@ -62,21 +62,13 @@ def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Pat
 
     times, angles = simulate(1.0)
     data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
-    fit = Fit(near, data=data, free=THREE[:2], starts=1, holdout=0, output=str(tmp_path / "fitted.xml"))
+    fit = Fit(near, data=data, free=THREE[:2], starts=2, holdout=0, output=str(tmp_path / "fitted.xml"))
     before = fit.run()
     written = (tmp_path / "fitted.xml").read_bytes()
     edited = fit.run(Editor())
     assert FileSource(Path(str(near.model))).load().dof_damping[0] == 3.0
-    assert edited.parameters == before.parameters
+    assert edited.parameters == before.parameters  # from random starts, too: the seed is the same
     assert (tmp_path / "fitted.xml").read_bytes() == written
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_fit(tmp_path: Path, near: Simulation) -> None:
-    times, angles = simulate(1.0)
-    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
-    one, other = (Fit(near, data=data, free=THREE[:2], starts=2, holdout=0).run() for _ in range(2))
-    assert one.parameters == other.parameters
 
 
 def test_a_whole_log_is_held_out_where_asked(tmp_path: Path, near: Simulation) -> None:

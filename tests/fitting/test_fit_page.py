@@ -62,33 +62,21 @@ def page(folder: Path) -> str:
     return path.read_text("utf-8")
 
 
-def test_all_that_was_found_is_on_the_page(tmp_path: Path) -> None:
-    read = Reader(page(tmp_path))
-    for text in ("Fit of arm.xml", "0.2 … 0.3", "90 % interval", "at its high bound", "delay:ctrl/<b>", "1.39 … 1.42"):
-        assert text in read.texts
-    for text in (
-        "1.23 %",
-        "−0.97",
-        "a.xml:3: damping = 0.25",
-        "3 samples are missing",
-        "1,200 rows in 2 segments",
-        "1.562",
-    ):
-        assert text in read.texts
-
-
-def test_every_log_has_a_figure_with_its_signals(tmp_path: Path) -> None:
+def test_all_that_was_found_is_on_a_page_that_is_complete_in_itself_and_the_same_every_time(tmp_path: Path) -> None:
     text = page(tmp_path)
     read = Reader(text)
-    assert read.tags.count("svg") == 2
+    for part in ("Fit of arm.xml", "0.2 … 0.3", "90 % interval", "at its high bound", "delay:ctrl/<b>", "1.39 … 1.42"):
+        assert part in read.texts
+    for part in ("1.23 %", "−0.97", "a.xml:3: damping = 0.25", "3 samples are missing", "1.562"):
+        assert part in read.texts
+    assert "1,200 rows in 2 segments" in read.texts
+
+    assert read.tags.count("svg") == 2  # for each log, with its signals
     assert "<two>.csv: measured, predicted by the original model, and predicted by the fitted model" in read.texts
     for legend in ("measured", "before", "fitted", "held out"):
         assert read.texts.count(legend) >= 2
     assert "comparison.npz" not in text
 
-
-def test_it_is_complete_in_itself_and_the_same_every_time(tmp_path: Path) -> None:
-    text = page(tmp_path)
-    assert "script" not in Reader(text).tags
+    assert "script" not in read.tags
     assert not re.findall(r'(?:src|href)="(?!#|data:)', text)
     assert page(tmp_path) == text

@@ -66,7 +66,7 @@ def source_content(path: str) -> bytes:
     ),
     st.sampled_from(["", "<contact><pair geom1='tip' geom2='toe'/></contact>"]),
 )
-@settings(max_examples=75, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_a_variant_is_the_compiled_model(
     tmp_path_factory: pytest.TempPathFactory, overrides: list[tuple[str, str]], extra: str
 ) -> None:
@@ -209,7 +209,7 @@ NUMBERS = [
     st.sets(st.sampled_from(NUMBERS), min_size=1, max_size=3),
     st.lists(st.lists(st.floats(0.001, 1.5), min_size=3, max_size=3), min_size=4, max_size=5),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_numbers_that_vary_give_the_compiled_model(
     tmp_path_factory: pytest.TempPathFactory, paths: set[str], points: list[list[float]]
 ) -> None:

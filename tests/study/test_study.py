@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import sys
-import time
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -262,27 +260,6 @@ def test_an_engine_that_is_not_there_leaves_no_folder(
     with pytest.raises(UsageError):
         study(simulation, tmp_path / "study", engine=engine, vary={"seed": "1"}).run()
     assert not (tmp_path / "study").exists()
-
-
-@pytest.mark.slow
-def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simulation, tmp_path: Path) -> None:
-    options = {"vary": {"perturb": "uniform(0,2)"}, "samples": 12, "metric": {"low": "min(qpos/ball/z)"}}
-    undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
-    study(simulation, undisturbed, **options).run()
-
-    code = "from mjrun.study import executors; executors.INTERVAL = 0\n"  # a part for each point
-    code += "import sys; from mjrun.cli.main import run; run(sys.argv[1:])"
-    command = [sys.executable, "-c", code, "sweep", str(simulation.model), "--steps", "100", "--jobs", "2"]
-    command += ["--vary", "perturb=uniform(0,2)", "--samples", "12", "--chunk", "1", "--metric", "low=min(qpos/ball/z)"]
-    with subprocess.Popen([*command, "-o", killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        while not [*killed.glob("parts/*.parquet")] and process.poll() is None:
-            time.sleep(0.002)
-        process.kill()
-    result = study(simulation, killed, **options).run()
-    assert 0 < result.simulated < 12  # the others are known
-    assert not [*killed.rglob(".*")]
-    assert table(killed) == table(undisturbed)
-    assert np.isfinite(pd.read_parquet(killed / "results.parquet")["low"]).all()
 
 
 CODE = """
