@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mjrun.check import finding_pictures
 from mjrun.check.check import Check, CheckResult
 from mjrun.check.check_page import FindingCards, write_check_page
 from mjrun.check.finding_pictures import PicturedModel
@@ -17,6 +18,12 @@ from mjrun.errors import NoRendererError, UsageError
 from mjrun.reporter import WarningReporter
 from tests.check.models import hinged, keyed, mjcf, write
 from tests.check.rules.test_meshes import TRAY, TRAY_FACES, asset
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(finding_pictures, "SIZE", (140, 105))
+
 
 PAIR = mjcf(
     '<geom name="floor" type="plane" size="2 2 .1"/>\n<body name="left"><geom name="l" size=".1"/></body>\n'

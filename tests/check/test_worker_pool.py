@@ -68,14 +68,13 @@ def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
     assert severities == ["note", "error"]
 
 
-@pytest.mark.parametrize(("is_slow", "ends"), [(True, []), (False, ["time"])])
-def test_a_slow_fix_has_more_time_than_a_check(is_slow: bool, ends: list[str]) -> None:
-    process = CheckProcess()
-    messages = [{"stage": "decomposing mesh 'm'", "is_slow": is_slow}, {"exit": 0}]
-    killed = list[str]()
-    process._next_message = lambda: messages.pop(0)  # type: ignore[method-assign]
+def test_a_slow_fix_has_more_time_than_a_check() -> None:
+    process, killed = CheckProcess(), list[str]()
     process._process.kill = killed.append  # type: ignore[method-assign, assignment]
-    assert process.run(WorkerTask("a.xml", (), 0, -1, 1024)).exit.code == 0
-    assert killed == ends
+    for is_slow, ends in ((True, []), (False, ["time"])):
+        messages = iter([{"stage": "decomposing mesh 'm'", "is_slow": is_slow}, {"exit": 0}])
+        process._next_message = messages.__next__  # type: ignore[method-assign]
+        assert process.run(WorkerTask("a.xml", (), 0, -1, 1024)).exit.code == 0
+        assert killed == ends
     del process._process.kill
     process.end()

@@ -20,12 +20,22 @@ FREE = (("joint/hinge.damping", "log:1e-3..1"), ("joint/hinge.armature", "log:1e
 SECONDS, SPEED = 1.2, 3.0
 
 
+def pendulum_in(folder: Path) -> Fit:
+    (folder / "pendulum.xml").write_text(LIMITED.format(**TRUTH))
+    simulation = Simulation(str(folder / "pendulum.xml"), duration=SECONDS)
+    chirp = str(folder / "chirp.csv")
+    return Fit(simulation, free=FREE, excite=chirp, excite_noise=NOISE, velocity_limit=SPEED, starts=1)
+
+
 @pytest.fixture
 def pendulum(tmp_path: Path) -> Fit:
-    (tmp_path / "pendulum.xml").write_text(LIMITED.format(**TRUTH))
-    simulation = Simulation(str(tmp_path / "pendulum.xml"), duration=SECONDS)
-    excited = str(tmp_path / "chirp.csv")
-    return Fit(simulation, free=FREE, excite=excited, excite_noise=NOISE, velocity_limit=SPEED, starts=1)
+    return pendulum_in(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def excited(tmp_path_factory: pytest.TempPathFactory) -> ExcitationResult:
+    """The result of exciting the pendulum."""
+    return excite(pendulum_in(tmp_path_factory.mktemp("excited")))
 
 
 def played(path: str) -> np.ndarray:
@@ -40,9 +50,8 @@ def limits_of(result: ExcitationResult) -> dict[str, tuple[float | None, float |
     return {each.name: (each.least, each.most) for each in result.motion}
 
 
-def test_a_bare_loop_stays_within_limits_and_moves_as_told(pendulum: Fit) -> None:
-    result = excite(pendulum)
-    controls = played(result.files[0])
+def test_a_bare_loop_stays_within_limits_and_moves_as_told(excited: ExcitationResult) -> None:
+    result, controls = excited, played(excited.files[0])
     model = mujoco.MjModel.from_xml_string(LIMITED.format(**TRUTH))
     data = mujoco.MjData(model)
     states: list[tuple[float, float]] = []
@@ -61,8 +70,10 @@ def test_a_bare_loop_stays_within_limits_and_moves_as_told(pendulum: Fit) -> Non
 
 
 @pytest.mark.slow
-def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(tmp_path: Path, pendulum: Fit) -> None:
-    result = excite(pendulum)
+def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(
+    tmp_path: Path, pendulum: Fit, excited: ExcitationResult
+) -> None:
+    result = excited
     times, angles = simulate(SECONDS, start=0.0, controls=played(result.files[0]))
     angles = angles + np.random.default_rng(0).normal(0, NOISE, len(angles))
     columns = {"time": times, "qpos/hinge": angles, "ctrl/motor": played(result.files[0])[::5][: len(times)]}

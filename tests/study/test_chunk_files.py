@@ -160,12 +160,12 @@ def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
 
 def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: ChunkFiles, tmp_path: Path) -> None:
     with PartWriter(files, 0) as parts:
-        for point in range(150):
+        for point in range(100):
             parts.add([point], [f"{point:032x}"], RESULTS[:1], "host")
             parts.write_if_due()
             assert len([*(tmp_path / "parts").iterdir()]) <= 7 * 3
     tables = [pyarrow.parquet.read_table(path) for path in (tmp_path / "parts").iterdir()]
-    assert sorted(point for table in tables for point in table["point"].to_pylist()) == [*range(150)]
+    assert sorted(point for table in tables for point in table["point"].to_pylist()) == [*range(100)]
 
 
 @pytest.mark.parametrize(

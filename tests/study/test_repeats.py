@@ -25,7 +25,7 @@ def test_each_row_has_mean_and_students_interval_of_points_that_differ_in_their_
     ball: Simulation, tmp_path: Path
 ) -> None:
     folder, page = tmp_path / "study", tmp_path / "study.html"
-    base = replace(ball, steps=60, perturb=0.1)
+    base = replace(ball, steps=30, perturb=0.1)
     options = {"metric": {"low [mm]": "1000*min(qpos/ball/z)"}, "confidence": 0.9, "jobs": 1}
     vary = {"qpos/ball/z": "0.2,0.3", "opt.integrator": "euler,rk4"}
     study = Study(base, str(folder), vary=vary, repeats=3, html=str(page), **options)  # type: ignore[arg-type]

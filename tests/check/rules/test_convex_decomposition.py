@@ -1,6 +1,5 @@
 """A tray that is fixed becomes convex parts of the same shape, in which a ball comes to rest."""
 
-import importlib.util
 import subprocess
 import sys
 from importlib.machinery import ModuleSpec
@@ -36,8 +35,9 @@ def tray(workplace: Path) -> None:
     mujoco.mj_clearCache(mujoco.mj_getCache())  # of meshes, which it identifies by relative paths
 
 
-def installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replaces CoACD by what is right for the tray."""
+@pytest.fixture
+def coacd(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replaces CoACD, which the example of the explanation is fixed with, by what is right for the tray."""
     library = ModuleType("coacd")
     library.__spec__ = ModuleSpec("coacd", None)
     functions: dict[str, Any] = {
@@ -48,11 +48,6 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, function in functions.items():
         setattr(library, name, function)
     monkeypatch.setitem(sys.modules, "coacd", library)
-
-
-@pytest.fixture
-def coacd(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed(monkeypatch)
 
 
 def loaded(path: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -73,12 +68,8 @@ def corners(path: str, collide: bool) -> np.ndarray:
     return np.concatenate(points)
 
 
-@pytest.mark.parametrize("library", ["exact", "real"])
-def test_a_ball_comes_to_rest_on_the_bottom_of_a_tray(library: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if library == "exact":
-        installed(monkeypatch)
-    elif importlib.util.find_spec("coacd") is None:
-        pytest.skip("CoACD is not installed")
+@pytest.mark.usefixtures("coacd")
+def test_a_ball_comes_to_rest_on_the_bottom_of_a_tray() -> None:
     model = write("model.xml", mjcf(TRAY_GEOM + IN_TRAY, before=ASSET))
     assert set(fix(model, unsafe=True)) == {model, *map(str, Path().glob("meshes/tray_part*.obj"))}
     assert fix(model, unsafe=True) == {}
