@@ -3,6 +3,7 @@
 import io
 import math
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -207,18 +208,17 @@ def put_integers(path: Path, values: list[int]) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize("one", INTEGER_FORMATS)
-@pytest.mark.parametrize("other", INTEGER_FORMATS)
-def test_integers_are_compared_as_integers_in_every_format(tmp_path: Path, one: str, other: str) -> None:
-    a = put_integers(tmp_path / f"a.{one}", BIG)
-    same = put_integers(tmp_path / f"same.{other}", BIG)
-    next_to = put_integers(tmp_path / f"next.{other}", [BIG[0] + 1, BIG[1] + 1, BIG[2] - 1])
-    assert compare(a, same, TableDiffOptions()).shared_agree
-    for column in compare(a, next_to, TableDiffOptions()).columns:
-        assert (column.differing, column.maximum, column.rms, column.last) == (3, 1.0, 1.0, -1.0)
-        assert column.first == CellDifference(0, 0, None, str(BIG[0]), str(BIG[0] + 1))
-    assert compare(a, next_to, TableDiffOptions(atol=1.0)).shared_agree
-    assert not compare(a, next_to, TableDiffOptions(atol=0.5)).shared_agree
+def test_integers_are_compared_as_integers_in_every_format(tmp_path: Path) -> None:
+    same = {each: put_integers(tmp_path / f"same.{each}", BIG) for each in INTEGER_FORMATS}
+    others = [BIG[0] + 1, BIG[1] + 1, BIG[2] - 1]
+    next_to = {each: put_integers(tmp_path / f"next.{each}", others) for each in INTEGER_FORMATS}
+    for one, other in product(INTEGER_FORMATS, repeat=2):
+        assert compare(same[one], same[other], TableDiffOptions()).shared_agree, (one, other)
+        for column in compare(same[one], next_to[other], TableDiffOptions()).columns:
+            assert (column.differing, column.maximum, column.rms, column.last) == (3, 1.0, 1.0, -1.0), (one, other)
+            assert column.first == CellDifference(0, 0, None, str(BIG[0]), str(BIG[0] + 1)), (one, other)
+        assert compare(same[one], next_to[other], TableDiffOptions(atol=1.0)).shared_agree, (one, other)
+        assert not compare(same[one], next_to[other], TableDiffOptions(atol=0.5)).shared_agree, (one, other)
 
 
 @pytest.mark.parametrize("begin", ["1" + "0" * 30, "-18446744073709551"])

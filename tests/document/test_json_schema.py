@@ -1,5 +1,6 @@
 """The JSON Schema takes what documents may say and refuses what they may not, as a checker of our own reads it."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,13 @@ from mjrun.errors import UnknownNameError
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema_validation import InvalidValueError, MisfitError
 from tests.document.schema_oracle import fits, rules
+
+schema_of = cache(json_schema)
+
+
+def is_valid(value: object, kind: str) -> bool:
+    """Returns whether a value is a document of a kind."""
+    return fits(value, schema_of(kind), schema_of(kind))
 
 
 @pytest.mark.parametrize(
@@ -30,7 +38,7 @@ from tests.document.schema_oracle import fits, rules
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     value_forms.CAMERA.read(value, ReadingContext())
-    assert fits(value, json_schema("camera"), json_schema("camera"))
+    assert is_valid(value, "camera")
 
 
 @pytest.mark.parametrize(
@@ -49,7 +57,7 @@ def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     with pytest.raises((MisfitError, InvalidValueError)):
         value_forms.CAMERA.read(value, ReadingContext())
-    assert not fits(value, json_schema("camera"), json_schema("camera"))
+    assert not is_valid(value, "camera")
 
 
 @pytest.mark.parametrize("kind", DOCUMENTS)
@@ -108,7 +116,7 @@ HEAD = "model: m.xml\nvideos:\n- output: a.mp4\n  "
     ],
 )
 def test_run_documents_fit_the_schema(text: str) -> None:
-    assert fits(yaml.safe_load(text), json_schema("run"), json_schema("run"))
+    assert is_valid(yaml.safe_load(text), "run")
 
 
 @pytest.mark.parametrize(
@@ -125,7 +133,7 @@ def test_run_documents_fit_the_schema(text: str) -> None:
     ],
 )  # fmt: skip
 def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
-    assert not fits(yaml.safe_load(text), json_schema("run"), json_schema("run"))
+    assert not is_valid(yaml.safe_load(text), "run")
 
 
 def test_a_kind_that_there_is_not_is_reported() -> None:
@@ -141,4 +149,4 @@ def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
     example = (value_forms.__doc__ or "").split("```yaml")[1].split("```")[0]
     (tmp_path / "c.yaml").write_text(example)
     assert len(value_forms.read_camera(tmp_path / "c.yaml").shots) == 2
-    assert fits(yaml.safe_load(example), json_schema("camera"), json_schema("camera"))
+    assert is_valid(yaml.safe_load(example), "camera")

@@ -29,28 +29,27 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("lines", "expected", "suppressed"),
-    [
-        ([body("a"), body("b")], ["MJ302:4", "MJ302:8"], 0),
-        ([body("a", IGNORE), body("b")], ["MJ302:8"], 1),
-        ([IGNORE, body("a"), body("b")], ["MJ302:9"], 1),
-        ([body("a"), IGNORE, body("b")], ["MJ302:4"], 1),
-        ([body("a", "<!-- mjrun: ignore mj1,MJ3 -->"), body("b")], ["MJ302:8"], 1),
-        ([body("a", "<!-- mjrun: ignore-file MJ302 -->"), body("b")], [], 2),
-        ([body("a", "<!-- another comment -->"), body("b")], ["MJ302:4", "MJ302:8"], 0),
-        ([body("a", IGNORE.replace("302", "503")), body("b")], ["MJ302:4", "MJ302:8", "MJ006:4"], 0),
-        ([body("a", "<!-- mjrun: ignore -->"), body("b", IGNORE)], ["MJ302:4", "MJ006:4"], 1),
-        ([body("a", "<!-- mjrun: ignore MJ999 -->"), body("b", IGNORE)], ["MJ302:4", "MJ006:4"], 1),
-        ([body("a"), body("b"), IGNORE], ["MJ302:4", "MJ302:8", "MJ006:11"], 0),
-    ],
-)
-def test_a_comment_suppresses_the_findings_that_it_concerns(
-    lines: list[str], expected: list[str], suppressed: int
-) -> None:
-    (result,) = checked(write("model.xml", model(*lines)), steps=0, ignore="MJ1").models
-    assert [f"{finding.code}:{finding.line}" for finding in result.findings] == expected
-    assert result.suppressed == suppressed
+CASES = [
+    ([body("a"), body("b")], ["MJ302:4", "MJ302:8"], 0),
+    ([body("a", IGNORE), body("b")], ["MJ302:8"], 1),
+    ([IGNORE, body("a"), body("b")], ["MJ302:9"], 1),
+    ([body("a"), IGNORE, body("b")], ["MJ302:4"], 1),
+    ([body("a", "<!-- mjrun: ignore mj1,MJ3 -->"), body("b")], ["MJ302:8"], 1),
+    ([body("a", "<!-- mjrun: ignore-file MJ302 -->"), body("b")], [], 2),
+    ([body("a", "<!-- another comment -->"), body("b")], ["MJ302:4", "MJ302:8"], 0),
+    ([body("a", IGNORE.replace("302", "503")), body("b")], ["MJ302:4", "MJ302:8", "MJ006:4"], 0),
+    ([body("a", "<!-- mjrun: ignore -->"), body("b", IGNORE)], ["MJ302:4", "MJ006:4"], 1),
+    ([body("a", "<!-- mjrun: ignore MJ999 -->"), body("b", IGNORE)], ["MJ302:4", "MJ006:4"], 1),
+    ([body("a"), body("b"), IGNORE], ["MJ302:4", "MJ302:8", "MJ006:11"], 0),
+]
+
+
+def test_a_comment_suppresses_the_findings_that_it_concerns() -> None:
+    models = [write(f"{index}.xml", model(*lines)) for index, (lines, _, _) in enumerate(CASES)]
+    results = checked(*models, steps=0, ignore="MJ1").models
+    for result, (lines, expected, suppressed) in zip(results, CASES, strict=True):
+        assert [f"{finding.code}:{finding.line}" for finding in result.findings] == expected, lines
+        assert result.suppressed == suppressed, lines
 
 
 def test_a_comment_is_not_called_unused_by_a_check_that_omits_its_rules() -> None:
