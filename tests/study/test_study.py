@@ -18,7 +18,6 @@ import pyarrow.parquet
 import pytest
 
 from mjrun.cli.simulation_command import load_controller
-from mjrun.document.study import portable_document, read_folder
 from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
 from mjrun.options.sweep import EXTRAS
 from mjrun.outputs.trace import Trace
@@ -28,9 +27,7 @@ from mjrun.study import isolation
 from mjrun.study.executors import open_executor
 from mjrun.study.job_plan import plan, run_task
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.status import study_status
 from mjrun.study.study import Study, StudyResult
-from mjrun.study.unused_files import remove_unused
 from tests.reporters import RecordingReporter
 from tests.study import factories
 from tests.study.models import BALL
@@ -511,27 +508,6 @@ def test_a_parameter_that_does_not_exist_at_a_point_is_an_empty_cell(simulation:
     alone = study(replace(simulation, integrator="euler"), tmp_path / "alone", vary={"seed": "0"}).run()
     np.testing.assert_array_equal(alone.table.columns["low"], read["low"][3:])
     assert study(simulation, tmp_path / "when", vary={"opt.integrator": "euler"}).run().simulated == 0
-
-
-def test_a_folder_in_a_store_has_the_same_table_and_is_continued(simulation: Simulation, tmp_path: Path) -> None:
-    url, vary = f"memory://bucket/{tmp_path.name}", {"qpos/ball/z": "0.2..1:7"}
-    study(simulation, tmp_path / "study", vary=vary).run()
-    made = Study(simulation, url, metric=METRICS, jobs=1, vary=vary).run()
-    assert made.files == [f"{url}/{name}" for name in ("results.parquet", "results.csv", "study.json")]
-    store = fsspec.filesystem("memory")
-    assert b"".join(map(store.cat_file, made.files[:2])) == table(tmp_path / "study")
-    assert made.table.names == study(simulation, tmp_path / "study", vary=vary).run().table.names
-    assert not [path for path in store.find(url) if path.endswith(".lease")]
-
-    repeated = Study(simulation, url, metric=METRICS, jobs=1, vary=vary, repeats=2)
-    more = replace(repeated, document=portable_document(repeated, url)).run()
-    assert (more.points, more.simulated) == (14, 7)
-    again = read_folder(url).run()
-    assert (again.simulated, study_status(url).is_finished) == (0, True)
-    fewer = Study(simulation, url, metric=METRICS, jobs=1, vary=vary).run()  # without the means of repeats
-    assert (fewer.simulated, store.exists(f"{url}/repeats.csv")) == (0, False)
-    assert remove_unused(url).missing == 0
-    assert b"".join(map(store.cat_file, made.files[:2])) == table(tmp_path / "study")
 
 
 def test_what_needs_a_local_folder_is_refused_before_the_first_point(simulation: Simulation, tmp_path: Path) -> None:
