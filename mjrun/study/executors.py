@@ -23,7 +23,7 @@ from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
 from mjrun.study.clusters import is_cluster, open_cluster
 from mjrun.study.isolation import run_chunk
-from mjrun.study.slurm import SlurmExecutor, most_jobs
+from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "ray", "ray://HOST:PORT", "slurm", "module:factory")
@@ -168,7 +168,7 @@ def completed(
 
     Yields an empty list as soon as the first chunks are submitted, and whenever nothing has arrived for `INTERVAL`.
     A machine without copies of the study's files receives them. Refused results are simulated again; the points of a
-    chunk that is refused `REFUSALS` times have failed.
+    chunk that is refused `REFUSALS` times have failed, as have those of a job of Slurm that is lost twice.
 
     Args:
       chunks: None where the next chunk has to wait for other processes.
@@ -208,7 +208,16 @@ def completed(
         arrived = list[tuple[PointChunk, ChunkResult]]()
         for future in wait(running, INTERVAL, FIRST_COMPLETED).done:
             chunk = running.pop(future)
-            result = _result(future, chunk)
+            try:
+                result = future.result()
+            except MjrunError:
+                raise
+            except Exception as error:
+                again.extend(parts := _tried_again(chunk, error))
+                if parts:
+                    continue
+                name = "" if isinstance(error, LostJobError) else f"{type(error).__name__}: "
+                result = chunk.failed(f"the engine lost it: {name}{error}")
             if result.lacks_files and chunk.contents is None:
                 again.append(replace(chunk, contents=chunk.study.snapshot.contents()))
             elif not (reason := fault(result)):
@@ -220,14 +229,18 @@ def completed(
         yield arrived
 
 
-def _result(future: Future[ChunkResult], chunk: PointChunk) -> ChunkResult:
-    """Returns the results of a chunk; each point of a chunk that the engine lost has failed."""
-    try:
-        return future.result()
-    except MjrunError:
-        raise
-    except Exception as error:
-        return chunk.failed(f"the engine lost it: {type(error).__name__}: {error}")
+def _tried_again(chunk: PointChunk, error: Exception) -> Sequence[PointChunk]:
+    """Returns what to simulate in place of a chunk that the engine has lost; nothing if its points have failed.
+
+    Dask and Ray have tried it again by themselves. A job of Slurm that is lost is tried once more; one that reached its
+    time limit is divided as long as it has several points.
+    """
+    if not isinstance(error, LostJobError):
+        return []
+    if not error.is_over_time:
+        return [] if chunk.losses else [replace(chunk, losses=1)]
+    middle = len(chunk.points) // 2
+    return [replace(chunk, points=part) for part in (chunk.points[:middle], chunk.points[middle:])] if middle else []
 
 
 def _factory(engine: str) -> tuple[str, str]:

@@ -26,7 +26,28 @@ EVERY = 5.0  # [s] between two arrays: calls that arrive in the meantime become 
 BUSY = 30.0  # [s] until a queue that is full is asked again
 SOON = 0.3  # [s] for the jobs to be cancelled by their thread, if a command is not just running in it
 PATIENCE = 20.0  # [s] until the result of a finished job is visible on this machine
+REQUEUE = 180.0  # [s] for Slurm to start a preempted job again: submitit asks for states once a minute
+PREEMPTED, TIMEOUT = "PREEMPTED", "TIMEOUT"  # states of jobs
+STOPPED = "not requeued because: timed-out"  # error of submitit, which Slurm warns before the time limit
+ADVICE = {
+    TIMEOUT: "raise the time of jobs, or limit that of points",
+    "OUT_OF_MEMORY": "raise the memory of jobs",
+}
 FOLDER = "slurm"  # in the folder of the study, with the logs of failed jobs
+
+
+class LostJobError(Exception):
+    """A job that Slurm ended before it had a result.
+
+    Args:
+      state: state of the job: `NODE_FAIL`.
+      log: path of its log.
+    """
+
+    def __init__(self, state: str, log: Path) -> None:
+        self.is_over_time = state == TIMEOUT
+        advice = f"; {ADVICE[state]}" if state in ADVICE else ""
+        super().__init__(f"its job ended as {state} without a result: see {log}{advice}")
 
 
 class SlurmExecutor(Executor):
@@ -127,22 +148,25 @@ class SlurmExecutor(Executor):
 
     def _look(self, future: "Future[Any]", job: Any) -> None:
         """Marks a job that has begun as running, and passes on the result of one that has ended."""
-        if not job.done():
+        is_preempted = not job.done() and job.state == PREEMPTED
+        if not job.done() and not is_preempted:
+            self._ended.pop(future, None)
             if not future.running() and job.paths.stdout.exists():
                 future.set_running_or_notify_cancel()
             return
         has_result, now = job.paths.result_pickle.exists(), time.monotonic()
-        if not has_result and now < self._ended.setdefault(future, now) + PATIENCE:
+        patience = REQUEUE if is_preempted else PATIENCE
+        if not has_result and now < self._ended.setdefault(future, now) + patience:
             return
         try:
             if not has_result:
-                raise RuntimeError(f"job {job.job_id} ended without a result; see {job.paths.stderr}")
+                raise LostJobError((job.state.split() or ["UNKNOWN"])[0], job.paths.stderr)
             _settle(future, job.result())
             for path in (job.paths.submitted_pickle, job.paths.result_pickle, job.paths.stdout, job.paths.stderr):
                 path.unlink(missing_ok=True)
         except Exception as error:  # of whatever kind: the waiting thread raises it
             self._has_failures = True
-            _settle(future, error=error)
+            _settle(future, error=LostJobError(TIMEOUT, job.paths.stderr) if STOPPED in str(error) else error)
         self._ended.pop(future, None)
         self._jobs.pop(future, None)
 

@@ -384,6 +384,7 @@ class PointChunk:
       time_limit: wall time of a point [s].
       contents: contents of the study's files, for a machine without copies of them.
       refusals: number of times that its results were refused.
+      losses: number of times that the engine has lost it.
     """
 
     study: ShippedStudy
@@ -391,6 +392,7 @@ class PointChunk:
     time_limit: float = math.inf
     contents: Mapping[str, bytes] | None = None
     refusals: int = 0
+    losses: int = 0
 
     def failed(self, message: str) -> "ChunkResult":
         """Returns results of points that failed with this message outside of their process."""

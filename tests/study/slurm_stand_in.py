@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 COMMANDS = ("sbatch", "srun", "scancel", "sacct")
-ENDED = ("COMPLETED", "FAILED", "CANCELLED")
+ENDED = ("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT", "NODE_FAIL")
 
 
 def install(folder: Path) -> None:

@@ -2,8 +2,12 @@
 
 import operator
 import os
+import re
+import signal
 import time
+from concurrent.futures import Executor, Future
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +16,7 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import slurm
 from mjrun.study.executors import completed, process_count
-from mjrun.study.slurm import SlurmExecutor, most_jobs
+from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
 from tests.processes import PATIENCE, wait_until
 from tests.study.slurm_stand_in import install, states
@@ -92,6 +96,49 @@ def _fail_when_released(chunk: PointChunk) -> ChunkResult:
     while not os.path.exists(chunk.contents["release"]):  # noqa: PTH110
         time.sleep(0.01)
     return chunk.failed("no reason")
+
+
+def test_lost_jobs_are_tried_again_once_and_those_over_time_in_parts(
+    tmp_path: Path, cluster: Path, ball: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("EVERY", "PATIENCE", "REQUEUE"):
+        monkeypatch.setattr(slurm, name, 0)
+    monkeypatch.setattr("mjrun.study.executors.run_chunk", _end)
+    study, points = ShippedStudy.of(StudySpec(ball, ("seed",), ())), [StudyPoint(i, (str(i),)) for i in range(2)]
+    chunk = PointChunk(study, tuple(points), contents={"cluster": str(cluster).encode()})
+    with SlurmExecutor(tmp_path, (), 4, print) as executor:
+        arrived = [each for some in completed(executor, iter([chunk]), 4, lambda _: "") for each in some]
+    messages = {point.index: result.results[0].message for part, result in arrived for point in part.points}
+    assert messages[0] == "simulated"
+    assert re.fullmatch(r"the engine lost it: its job ended as PREEMPTED without a result: see .*\.err", messages[1])
+    assert sorted(states(cluster).values()) == ["COMPLETED", "NODE_FAIL", "PREEMPTED", "TIMEOUT"]
+
+
+def _end(chunk: PointChunk) -> ChunkResult:
+    """Simulates point 0 alone; Slurm ends the job of the pair, and both jobs of point 1."""
+    if len(chunk.points) == 1 and chunk.points[0].index == 0:
+        return chunk.failed("simulated")
+    assert chunk.contents
+    job = "_".join(os.environ[name] for name in ("SLURM_ARRAY_JOB_ID", "SLURM_ARRAY_TASK_ID") if name in os.environ)
+    state = "TIMEOUT" if len(chunk.points) == 2 else ("NODE_FAIL", "PREEMPTED")[chunk.losses]
+    path = Path(os.fsdecode(chunk.contents["cluster"])) / f"{job or os.environ['SLURM_JOB_ID']}.state"
+    path.write_text(state)
+    os.killpg(0, signal.SIGKILL)
+    raise AssertionError
+
+
+def test_a_point_that_reaches_the_time_limit_alone_has_failed(ball: Simulation) -> None:
+    class OverTime(Executor):
+        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":
+            future = Future[Any]()
+            future.set_exception(LostJobError("TIMEOUT", Path("log")))
+            return future
+
+    study = ShippedStudy.of(StudySpec(ball, ("seed",), ()))
+    chunk = PointChunk(study, tuple(StudyPoint(i, (str(i),)) for i in range(3)))
+    arrived = [each for some in completed(OverTime(), iter([chunk]), 4, lambda _: "") for each in some]
+    assert sorted(len(part.points) for part, _ in arrived) == [1, 1, 1]
+    assert all("; raise the time of jobs, or limit" in result.results[0].message for _, result in arrived)
 
 
 def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, cluster: Path) -> None:
