@@ -237,4 +237,4 @@ def test_an_engine_of_its_own_has_no_known_number_of_processes(timed: Study) -> 
     assert (preview.processes, preview.wall) == (None, None)
     assert preview.point_wall is not None
     with pytest.raises(UsageError, match="engines: local"):
-        replace(timed, engine="ray").preview()
+        replace(timed, engine="rya").preview()

@@ -156,7 +156,7 @@ def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> No
             "cannot be made",
         ),
         (("-o", "study", "--require", "max(seed) <", "--vary", "seed=1"), 2, "--require, character"),
-        (("-o", "study", "--engine", "ray", "--vary", "seed=1"), 2, "engines: local, "),
+        (("-o", "study", "--engine", "rya", "--vary", "seed=1"), 2, "engines: local, "),
     ],
 )
 def test_mistakes_are_reported_and_nothing_is_simulated(
