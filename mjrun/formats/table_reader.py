@@ -136,7 +136,7 @@ def open_table(
     that are not selected may hold anything. Rows are read on demand, and faults in them are reported then.
 
     Args:
-      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz, .mat or .h5 file; the URL of one of the first five; or `-`
+      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz, .mat or .h5 file, or its URL; or `-`
         for CSV or JSON Lines on standard input, which are distinguished by their first character.
       columns: name of one or of several columns, or a function that accepts or rejects a name; all by default.
       missing: meaning of an empty cell, a null, and a missing key in JSON: an error, or NaN.

@@ -146,10 +146,13 @@ def test_urls_are_distinguished_from_paths_and_unknown_ones_refused() -> None:
 
 def test_tables_are_read_by_url() -> None:
     folder = f"memory://bucket{next(NUMBERS)}"
-    for name in ("t.parquet", "t.feather", "t.csv", "t.jsonl"):
+    for name in ("t.parquet", "t.feather", "t.csv", "t.jsonl", "t.npz", "t.mat", "t.h5"):
         with TableWriter(f"{folder}/{name}", output_format(name).name, [Column("x", "m")]) as table:
             table.write(np.array([[0.1], [2.0]]))
             table.publish()
         assert read_table(f"{folder}/{name}")["x"].tolist() == [0.1, 2.0]
     with pytest.raises(FileError, match=r"memory://bucket\d+/u.csv: cannot be read"):
         read_table(f"{folder}/u.csv")
+    folder_at(folder).create_file("damaged.npz", b"")
+    with pytest.raises(FileError, match=r"^memory://bucket\d+/damaged.npz: "):
+        read_table(f"{folder}/damaged.npz")

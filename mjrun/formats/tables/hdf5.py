@@ -102,7 +102,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     with decoding(path):
         units = {column: _text(dataset, "unit") for column, (dataset, _) in columns.items()}
     rows = max(((dataset.shape or (0,))[0] for dataset, _ in columns.values()), default=0)
-    tables.require_plausible_size(path, rows, len(columns))
+    tables.require_plausible_size(path, rows, len(columns), file)
 
     def opened(name: str, dataset: h5py.Dataset) -> tables.FileArray:
         content = content_name(dataset.dtype)
@@ -110,7 +110,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
         if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.CellKinds.ANY):
             raise tables.not_numbers(path, name, "text" if text else content)
         tables.require_vector(path, name, dataset.shape or ())
-        require_own_content(path, f"column {tables.shown(name)}", dataset)
+        require_own_content(path, f"column {tables.shown(name)}", dataset, file)
         return _TextReader(file, dataset) if text and text.length is None else _DatasetReader(dataset)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)

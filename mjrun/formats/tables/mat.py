@@ -102,7 +102,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     columns = tables.select_parts(path, arrays, wanted)
     with decoding(path):
         shapes = [mat.header(index).shape for index in {index: None for index, _ in columns.values()}]
-        require_expandable(path, 8 * sum(map(math.prod, shapes)))
+        require_expandable(path, 8 * sum(map(math.prod, shapes)), file)
 
     def opened(name: str, index: int) -> tables.FileArray:
         return _MatrixReader(path, name, mat, index, cells)

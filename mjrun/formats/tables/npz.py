@@ -59,7 +59,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
         units, manifest = _units(archive), parse_manifest(_text(archive, MANIFEST))
 
     def opened(name: str, info: zipfile.ZipInfo) -> tables.FileArray:
-        return _MemberReader(path, name, archive.open(info), cells)
+        return _MemberReader(path, name, archive.open(info), cells, file)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)
 
@@ -74,20 +74,20 @@ def _shape(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[int, ...]:
 class _MemberReader:
     """The array in a member of the archive; one of objects, which would have to be unpickled, is refused."""
 
-    def __init__(self, path: Path, name: str, file: IO[bytes], cells: tables.CellKinds) -> None:
-        shape, by_column, self._kind = read_header(file)
+    def __init__(self, path: Path, name: str, member: IO[bytes], cells: tables.CellKinds, archive: BinaryIO) -> None:
+        shape, by_column, self._kind = read_header(member)
         if self._kind.kind not in NUMERIC + ("U" if cells is tables.CellKinds.ANY else ""):
             raise tables.not_numbers(path, name, content_name(self._kind))
         tables.require_vector(path, name, shape)
         if min(shape) < 0:
             raise ValueError("an array has a negative number of rows")
-        self._file = file
+        self._file = member
         self._columns = shape[1] if len(shape) == 2 else 1
         self._whole: np.ndarray | None = None
         self.rows = shape[0]
         self.width = self._columns * max(1, self._kind.itemsize // 8)
         if by_column and self._columns > 1:  # rows are complete only once all of it is read
-            require_expandable(path, self.rows * self._columns * self._kind.itemsize)
+            require_expandable(path, self.rows * self._columns * self._kind.itemsize, archive)
             self._whole = self._rows(self._columns, self.rows).T
         if not self.rows:
             self._require_end()
