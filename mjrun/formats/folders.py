@@ -8,7 +8,7 @@ import errno
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -100,8 +100,11 @@ class Folder(ABC):
         """Returns the destination of a file that is written whole."""
 
 
-def folder_at(path: "str | Path | Folder") -> Folder:
+def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> Folder:
     """Returns the folder of a path or a URL.
+
+    Args:
+      delays: pauses before new tries of what fails in a store [s]; empty where an answer is wanted soon.
 
     Raises:
       UsageError: no library reads such URLs, or this process is confined.
@@ -111,7 +114,7 @@ def folder_at(path: "str | Path | Folder") -> Folder:
     if isinstance(path, str) and (match := URL.fullmatch(path)):
         if match[1].lower() == "file":
             return LocalFolder(Path(path.partition("://")[2]))
-        return StoredFolder(path.rstrip("/"))
+        return StoredFolder(path.rstrip("/"), delays)
     return LocalFolder(Path(path))
 
 
@@ -228,17 +231,18 @@ class StoredFolder(Folder):
 
     Args:
       url: its URL, without a slash at the end.
+      delays: pauses before each new try [s].
 
     Raises:
       UsageError: no library reads such URLs, or this process is confined.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, delays: Sequence[float]) -> None:
         require_unconfined(f"{clean(url)} is not a folder of this machine")
         require(clean(url), EXTRA, "fsspec")
         import fsspec
 
-        self._url, (scheme, _, _) = url, url.partition("://")
+        self._url, self._delays, (scheme, _, _) = url, delays, url.partition("://")
         try:
             # Other processes change the folder: what it contained earlier does not count.
             self._store, self._key = fsspec.url_to_fs(url, use_listings_cache=False)
@@ -251,7 +255,7 @@ class StoredFolder(Folder):
         return f"{self._url}/{name}" if name else self._url
 
     def __truediv__(self, name: str) -> "StoredFolder":
-        return StoredFolder(self.path(name))
+        return StoredFolder(self.path(name), self._delays)
 
     def create(self, *, is_cleaned: bool = True) -> None:
         # Some file systems need it, object stores do not; buckets are not made.
@@ -334,7 +338,7 @@ class StoredFolder(Folder):
         Raises:
           OSError: it fails still.
         """
-        for delay in (*DELAYS, None):
+        for delay in (*self._delays, None):
             try:
                 return function()
             except OSError as error:

@@ -100,7 +100,7 @@ def study_status(folder: str | Path) -> StudyStatus:
     Raises:
       FileError: the folder is not that of a study, or cannot be read.
     """
-    place = folder_at(folder)
+    place = folder_at(folder, delays=())
     points, metrics, study = study_facts(place)
     files, known = ChunkFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
     leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease

@@ -127,6 +127,12 @@ def test_errors_that_stay_are_raised_and_nothing_is_published(unsteady: Folder) 
     assert unsteady.names("") == []
 
 
+def test_errors_are_raised_at_once_where_an_answer_is_wanted_soon(unsteady: Folder) -> None:
+    Unsteady.faults = [TimeoutError("no answer")]
+    with pytest.raises(FileError, match=r"/parts/a: cannot be written: no answer$"):
+        (folder_at(unsteady.path(), delays=()) / "parts").create_file("a", b"")
+
+
 def test_an_error_that_cannot_pass_is_raised_at_once(unsteady: Folder) -> None:
     Unsteady.faults = [PermissionError("Access Denied")]
     with pytest.raises(FileError, match=r"/a: cannot be written: Access Denied$"):
