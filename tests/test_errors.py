@@ -7,7 +7,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun import errors
@@ -145,7 +145,6 @@ def test_letters_accents_and_emoji_stay_as_they_are(text: str) -> None:
 
 
 @given(st.text(st.characters()))
-@settings(max_examples=100, deadline=None)
 def test_cleaned_text_is_one_line_that_any_terminal_takes_and_cleaning_again_changes_nothing(text: str) -> None:
     cleaned = clean(text)
     assert len(cleaned.splitlines()) <= 1

@@ -418,7 +418,7 @@ def test_nothing_in_a_recording_runs(tmp_path: Path, name: str) -> None:
     st.floats(0.5, 1),
 )
 @example([], 0.9999)
-@settings(hypothesis, max_examples=100)
+@settings(hypothesis, max_examples=40)
 def test_however_the_bytes_of_a_recording_are_changed_it_reads_as_finite_states_or_is_refused(
     tmp_path: Path, changes: list[tuple[float, int]], kept: float
 ) -> None:

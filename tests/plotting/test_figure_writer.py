@@ -24,7 +24,7 @@ DRAWING = Drawing("Title & more", "time [s]", False, [DrawnPanel(f"p{i} [m]", CU
 TAGS = {"title": "a title", "comment": "mjrun 1", "description": "{}"}
 
 
-@pytest.mark.parametrize("name", ["png", "svg", "pdf", "webp"])
+@pytest.mark.parametrize("name", ["png", "svg", "pdf"])  # a webp has the pixels of a png
 @pytest.mark.slow
 def test_the_same_drawing_is_the_same_bytes(name: str) -> None:
     first = encoded(DRAWING, GRID, "light", name, TAGS)

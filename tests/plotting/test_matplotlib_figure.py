@@ -17,7 +17,7 @@ LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
 CANVAS = FigureLayout(GRID, LIGHT)
 
 
-@pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 300, "一" * 40])
+@pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 100, "一" * 40])
 @pytest.mark.parametrize("room", [30, 100, 250])
 def test_a_fitted_text_has_no_more_than_its_room(text: str, room: float) -> None:
     shown = CANVAS.fitted(text, room, 12)
