@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests import prepared_interpreters
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -18,7 +20,9 @@ IMAGE = "image swing.xml -o - --size 32x32"
 
 def redirected(folder: Path, line: str) -> subprocess.CompletedProcess[bytes]:
     """`mjrun` with the arguments and redirections in `line`, by a shell."""
-    command = f"exec '{sys.executable}' -m mjrun {line}"
+    # Only a new interpreter finds a stream closed.
+    program = f"'{sys.executable}' -m mjrun" if ">&-" in line else prepared_interpreters.program()
+    command = f"exec {program} {line}"
     return subprocess.run(["/bin/sh", "-c", command], capture_output=True, cwd=folder)
 
 
