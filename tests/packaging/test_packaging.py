@@ -12,6 +12,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from tests import prepared_interpreters
 from tests.documentation import ROOT
 
 sys.path.append(str(ROOT))
@@ -70,7 +71,7 @@ def runner(tmp_path: Path) -> dict[str, str]:
     """The variables of a runner, with `mjrun` and `gh` on the path; `gh` writes down its arguments."""
     programs = tmp_path / "bin"
     programs.mkdir()
-    (programs / "mjrun").write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    (programs / "mjrun").write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec {prepared_interpreters.program()} "$@"\n')
     (programs / "gh").write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > "{tmp_path}/gh"\n')
     for program in programs.iterdir():
         program.chmod(0o755)

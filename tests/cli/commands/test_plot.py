@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ import pytest
 from PIL import Image
 
 from mjrun.cli.commands.schema import schema_of
+from tests import prepared_interpreters
 from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[3]
 PENDULUM = ROOT / "scenes/pendulum.xml"
-MJRUN = f"'{sys.executable}' -m mjrun"
 TABLE = "time,qpos/a,qpos/b,energy/total\n" + "".join(f"{i / 10},{i},{-i},{i * i}\n" for i in range(20))
 
 
 def test_a_trace_is_piped_into_a_plot_and_the_plot_into_a_pipe(tmp_path: Path) -> None:
-    trace = f"{MJRUN} trace '{PENDULUM}' --csv --duration 0.5"
-    command = f"{trace} | {MJRUN} plot - -o - --size 600x900 > {tmp_path}/a.png"
+    mjrun = prepared_interpreters.program()
+    trace = f"{mjrun} trace '{PENDULUM}' --csv --duration 0.5"
+    command = f"{trace} | {mjrun} plot - -o - --size 600x900 > {tmp_path}/a.png"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     with Image.open(tmp_path / "a.png") as image:
