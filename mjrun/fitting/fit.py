@@ -235,10 +235,8 @@ class _Run:
         if not self._held.segments:
             return {}
         parts = self._shooting.cut(self._held.segments, HORIZON)
-        return {
-            ("held", which): self._shooting.follow(parts, coordinates, fitted.noise)
-            for which, coordinates in (("nominal", None), ("fitted", fitted.coordinates))
-        }
+        nominal, after = self._shooting.compared(parts, fitted.coordinates, fitted.noise)
+        return {("held", "nominal"): nominal, ("held", "fitted"): after}
 
     def _require_better(self, comparisons: Solutions, hints: list[str]) -> None:
         """Refuses a fit that does not improve predictions by more than chance."""

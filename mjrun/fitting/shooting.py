@@ -111,6 +111,20 @@ class Shooting:
         solution = self._run(self._grown(parts, coordinates, noise, fixed=True))
         return self._smoothed(solution, coordinates, noise, fixed=True)
 
+    def compared(self, parts: Sequence[Chunk], coordinates: Floats, noise: Floats) -> list[Solution]:
+        """Follows `parts` with the original model and with other parameters.
+
+        Each continues from the states of the other where contacts have stopped it, so that both have equal chances.
+        """
+        places = (None, coordinates)
+        ends = [self.follow(parts, place, noise) for place in places]
+        for i in range(2):
+            if self._is_stopped(ends[i]):
+                problem = self._problem(parts, places[i], ends[1 - i].states, noise, fixed=True)
+                again = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))
+                ends[i] = min([ends[i], again], key=lambda each: each.cost)
+        return ends
+
     def weighted(self, solution: Solution) -> Solution:
         """Minimizes again from `solution`, with signals weighted by its residuals."""
         noise = solution.noise_scale

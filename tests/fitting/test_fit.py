@@ -273,3 +273,24 @@ def test_what_the_model_lacks_is_reported_and_so_is_what_explodes(tmp_path: Path
 def test_time_is_that_of_the_log(tmp_path: Path, pendulum: Simulation) -> None:
     with pytest.raises(UsageError, match=r"opt\.timestep: the log determines it"):
         Fit(pendulum, data=log(tmp_path), free=(("opt.timestep", "0.001..0.01"),)).run()
+
+
+def test_a_parameter_that_shows_only_at_an_end_of_its_range_is_found(tmp_path: Path) -> None:
+    """The friction of a box on a slope of 20°, by a bare loop, from a model in which the box sticks."""
+    mjcf = """<mujoco><option gravity="3.355 0 -9.218" cone="elliptic" impratio="1000"/><worldbody>
+    <geom type="plane" size="9 9 .1" friction=".01"/>
+    <body pos="0 0 .1"><joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+    <geom name="box" type="box" size=".1 .1 .1" mass="1" friction="{}"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(mjcf.format(0.2))
+    data, generator = mujoco.MjData(model), np.random.default_rng(0)
+    rows = np.empty((60, 3))
+    for row in rows:
+        row[:] = data.time, *(data.qpos + generator.normal(0, 5e-3, 2))
+        mujoco.mj_step(model, data, 5)
+    path = tmp_path / "box.xml"
+    path.write_text(mjcf.format(0.9))
+    log = write_log(tmp_path / "log.csv", {"time": rows[:, 0], "qpos/x": rows[:, 1], "qpos/z": rows[:, 2]})
+    free = (("geom/box.friction[0]", "0.1..1"),)
+    (friction,) = Fit(Simulation(str(path)), data=[str(log)], free=free, starts=1, holdout=0).run().parameters
+    assert friction.low < 0.2 < friction.high
+    assert friction.high - friction.low < 0.15
