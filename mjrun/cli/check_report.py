@@ -47,10 +47,13 @@ def lines(result: CheckResult) -> Iterator[str]:
         yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
         if finding.remedy:
             yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
-    fixed, created = ("fixed", "created") if result.written else ("would fix", "would be created")
+    created, fixed, changed = "created", "fixed", "changed with it"
+    if not result.written:
+        created, fixed, changed = "would be created", "would fix", "would be changed with it"
     for file in result.fixed:
         counts = ", ".join(f"{count} {code}" for code, count in file.fixes.items())
-        yield f"{clean(file.file)}: {created if file.is_new else f'{fixed} {counts}'}"
+        effect = f"{fixed} {counts}" if counts else created if file.is_new else changed
+        yield f"{clean(file.file)}: {effect}"
 
 
 def summary(result: CheckResult) -> str:

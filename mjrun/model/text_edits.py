@@ -171,7 +171,7 @@ class ElementEditor:
     def _indent(self, element: Element) -> str:
         text = self._texts[element.file]
         before = text[text.rfind(b"\n", 0, element.offset) + 1 : element.offset]
-        return before.decode() if not before.strip() and before.isascii() else ""
+        return before[: len(before) - len(before.lstrip(b" \t"))].decode()
 
     def _end(self, element: Element) -> int:
         tag = self._tag(element)

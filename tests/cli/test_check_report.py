@@ -75,16 +75,21 @@ def test_the_summary_counts_in_plain_english(checked: CheckResult, text: str) ->
 @pytest.mark.parametrize(
     ("written", "total", "each"),
     [
-        (True, "1 fixed in 1 file; 1 file created", ["a.xml: fixed 1 MJ506", "b.obj: created"]),
+        (
+            True,
+            "1 fixed in 2 files; 1 file created",
+            ["a.xml: fixed 1 MJ506", "c.xml: changed with it", "b.obj: created"],
+        ),
         (
             False,
-            "1 would be fixed in 1 file; 1 file would be created",
-            ["a.xml: would fix 1 MJ506", "b.obj: would be created"],
+            "1 would be fixed in 2 files; 1 file would be created",
+            ["a.xml: would fix 1 MJ506", "c.xml: would be changed with it", "b.obj: would be created"],
         ),
     ],
 )
 def test_files_that_fixes_create_are_listed_and_counted(written: bool, total: str, each: list[str]) -> None:
-    files = (FixedFile("a.xml", {"MJ506": 1}, ""), FixedFile("b.obj", {}, "", is_new=True))
+    others = (FixedFile("c.xml", {}, ""), FixedFile("b.obj", {}, "", is_new=True))
+    files = (FixedFile("a.xml", {"MJ506": 1}, ""), *others)
     checked = CheckResult((ModelResult("a.xml", True, ()),), 0, 0, fixed=files, written=written)
     assert check_report.summary(checked) == f"1 model: nothing found; {total}"
     assert list(check_report.lines(checked)) == each

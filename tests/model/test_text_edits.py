@@ -94,3 +94,10 @@ def test_groups_of_edits_are_made_whole_and_once() -> None:
     assert edited(b"0123", [insertion, c, a]) == b"xyx"
     new, other = (TextEdit("new", 0, 0, text) for text in "xy")
     assert list(disjoint([(a, new), (b, other), (c, new)])) == [(a, new), (c, new)]  # a file is created once
+
+
+def test_an_element_after_another_on_the_line_is_indented_like_the_line(tmp_path: Path) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text("<mujoco>\n  <a/><b/>\n</mujoco>")
+    edit = ElementEditor({path: path.read_bytes()}).followed_by(element(tmp_path, "b"), ["<x/>"])
+    assert edited(path.read_bytes(), [edit]).decode() == "<mujoco>\n  <a/><b/>\n  <x/>\n</mujoco>"
