@@ -327,10 +327,7 @@ class Simulation(SimulationOptions):
         """
         assert self.replay is not None
         path = self._stored(self.replay)
-        if self.replay == STDIN:
-            raise UsageError(
-                f"{option('replay')}: a replay is read more than once, which standard input does not allow"
-            )
+        require_file_of("replay", self.replay)
         if not is_recording(path):
             try:
                 return self.motion(path, model)
@@ -468,6 +465,7 @@ class Simulation(SimulationOptions):
         from mjrun.simulation.mapped_table import read_controls
 
         path, linear = str(self.ctrl_from), self.ctrl_interpolation == "linear"
+        require_file_of("ctrl_from", path)
         held = {n: [i for part in control_slices(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
         return read_controls(self._stored(path), model, path, held, linear=linear)
 
@@ -477,6 +475,12 @@ def require_simulation(value: object) -> None:
     if not isinstance(value, Simulation):
         example = f"mjrun.Simulation({value!r})" if isinstance(value, str) else "mjrun.Simulation(…)"
         raise UsageError(f"simulation: {quoted(str(value))} is not a simulation; write {clean(example)}")
+
+
+def require_file_of(name: str, path: str) -> None:
+    """Raises UsageError if the value `path` of the option `name` is standard input, which can be read only once."""
+    if path == STDIN:
+        raise UsageError(f"{option(name)}: this file is read more than once, which standard input does not allow")
 
 
 def require_whole(simulation: Simulation, product: str) -> None:

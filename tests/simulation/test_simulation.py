@@ -300,3 +300,11 @@ def test_other_values_are_those_of_replace(path: Path, values: dict[str, Any]) -
 
     for base in (Simulation(str(path)), Simulation(str(path), ctrl={"motor": 1}, steps=7)):
         assert outcome(lambda base=base: base.with_values(values)) == outcome(lambda base=base: replace(base, **values))
+
+
+@pytest.mark.parametrize("name", ["ctrl_from", "replay"])
+def test_standard_input_is_no_table_that_is_read_more_than_once(name: str) -> None:
+    values: dict[str, Any] = {name: "-"}
+    simulation = Simulation("scene:pendulum", duration=0.1, **values)
+    with pytest.raises(UsageError, match=f"^{name}: this file is read more than once"):
+        simulation.stepper(simulation.load())
