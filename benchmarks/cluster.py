@@ -3,20 +3,23 @@
 Discrete events drive the code of studies: the ranges of plan tasks, leases, sizes of chunks, parts, their merging and
 reading. The clock is simulated, the files are real, and a folder counts what is done with them. Assumptions:
 
-- A node has one process with one core, and executes one task of a plan of as many tasks as there are nodes.
+- A node has one process with one core, and executes one task of a plan of as many tasks as there are nodes; with
+  `--shared`, it runs `mjrun sweep` in the folder that all share, which needs the results of all points.
 - A simulation is replaced by its duration, which is log-normally distributed around `--seconds`.
 - Nodes fail at random times, `--failures` of them while the study runs, which is 1 % an hour for a study of one hour.
   Nothing of a failed process is written or released; a scheduler starts its task again `RESTART` seconds after
   the chunk that is lost would have ended.
 - File operations take no simulated time, and everything that is written can be read at once.
 
-For each size, a row has the file operations of a task, the names in each list of a folder, the bytes that all tasks
-write and read per point, the memory of the arrays of a task and of the process that collects all results, the points
-that were simulated twice, the opens and the CPU time of reading all results, and the files at the end. With as many
-points for each task, nothing of a task should grow with the number of nodes; names in a list do.
+For each size, a row has the file operations of a task, the names in each list of a folder, of whatever kind, the bytes
+that all tasks write and read per point, the memory of the arrays of a task and of the process that collects all
+results, the points that were simulated twice, the opens and the CPU time of reading all results, and the files at the
+end. With as many points for each task, nothing of a task should grow with the number of nodes. 1e7 points of 1000 nodes
+take some ten minutes of CPU time with `--seconds 0.002`: shorter chunks would take more, since each is a part.
 
     python benchmarks/cluster.py
     python benchmarks/cluster.py --points 1e4 --nodes 10 100
+    python benchmarks/cluster.py --points 1e4 --nodes 4 16 --shared
 """
 
 import argparse
@@ -147,9 +150,12 @@ class ClusterRun:
 
 
 class _Cluster:
-    """A study of `points` points in as many tasks as nodes, of which a share fails."""
+    """A study of `points` points in as many tasks as nodes, of which a share fails; or in processes that share it."""
 
-    def __init__(self, folder: Path, points: int, nodes: int, seconds: float, failures: float, seed: int) -> None:
+    def __init__(
+        self, folder: Path, points: int, nodes: int, seconds: float, failures: float, seed: int, *, is_shared: bool
+    ) -> None:
+        self._is_shared = is_shared
         self.clock, self.counts, self.points, self.nodes = Clock(), Counter[str](), points, nodes
         self.folder = CountingFolder(folder, self.counts)
         self._random, self._seconds = np.random.default_rng(seed), seconds
@@ -182,11 +188,13 @@ class _Cluster:
 
     def _task(self, node: int) -> Iterator[float]:
         """Executes a task, and yields after each step how long it takes [s]."""
-        points = task_points([(0, self.points)], node + 1, self.nodes)
+        points = np.arange(self.points)
+        files = ChunkFiles(self.folder, [METRIC], STUDY, self.points)
+        if not self._is_shared:
+            points = task_points([(0, self.points)], node + 1, self.nodes)
+            files.bounds = task_blocks(points)
         if not len(points):
             return
-        files = ChunkFiles(self.folder, [METRIC], STUDY, self.points)
-        files.bounds = task_blocks(points)
         files.create()
         known = files.read(points, _keys)
         missing = known.points[known.is_missing]
@@ -199,18 +207,18 @@ class _Cluster:
 
         while leased.left:
             part = leased.take(lambda places: sizes.next(steps[places[: executors.MOST]], leased.left)).tolist()
-            if not part:
+            if part:
+                durations = self._seconds * self._random.lognormal(-0.125, 0.5, len(part))
+                self.simulated += len(part)
+                yield float(durations.sum())
+                self.first = min(self.first, self.clock.now)
+                walls = durations.tolist()
+                results = [PointResult(i, "ok", (float(i),), 1, wall=wall) for i, wall in zip(part, walls, strict=True)]
+                parts.add(part, _keys(part), results, f"node{node}")
+                sizes.add(len(part), len(part), sum(walls))
+            else:
                 yield POLL
-                continue
-            durations = self._seconds * self._random.lognormal(-0.125, 0.5, len(part))
-            self.simulated += len(part)
-            yield float(durations.sum())
-            self.first = min(self.first, self.clock.now)
-            walls = durations.tolist()
-            results = [PointResult(i, "ok", (float(i),), 1, wall=wall) for i, wall in zip(part, walls, strict=True)]
-            parts.add(part, _keys(part), results, f"node{node}")
             parts.write_if_due()
-            sizes.add(len(part), len(part), sum(walls))
             if self.clock.now - beat >= BEAT:
                 beat = self.clock.now
                 leases.renew()
@@ -219,7 +227,14 @@ class _Cluster:
 
 
 def simulated(
-    points: int, nodes: int, seconds: float = 0.02, failures: float = 0.01, seed: int = 0, folder: str | None = None
+    points: int,
+    nodes: int,
+    seconds: float = 0.02,
+    failures: float = 0.01,
+    seed: int = 0,
+    folder: str | None = None,
+    *,
+    is_shared: bool = False,
 ) -> ClusterRun:
     """Returns the figures of a study.
 
@@ -227,9 +242,10 @@ def simulated(
       seconds: mean wall time of a point [s].
       failures: share of the nodes that fail while the study runs.
       folder: folder of the files, which are removed; by default that of temporary files.
+      is_shared: whether each node runs `mjrun sweep` for all points, instead of a task of a plan.
     """
     with tempfile.TemporaryDirectory(dir=folder) as root:
-        cluster = _Cluster(Path(root), points, nodes, seconds, failures, seed)
+        cluster = _Cluster(Path(root), points, nodes, seconds, failures, seed, is_shared=is_shared)
         with patch("mjrun.study.leases.time", cluster.clock), patch("mjrun.study.chunk_files.time", cluster.clock):
             end = cluster.run()
         counts, start = cluster.counts.copy(), time.process_time()
@@ -268,6 +284,7 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, nargs="+", default=[10, 100, 1000])
     parser.add_argument("--seconds", type=float, default=0.02, help="mean wall time of a point [s]")
     parser.add_argument("--failures", type=float, default=0.01, help="share of the nodes that fail")
+    parser.add_argument("--shared", action="store_true", help="processes that share all points instead of tasks")
     parser.add_argument("--folder", help="folder of the files, which are removed")
     arguments = parser.parse_args()
     heads = ("points", "nodes", "time [s]", "first [s]", "opens/task", "lists/task", "names/list", "written", "read")
@@ -276,7 +293,14 @@ def main() -> None:
     for points in map(int, arguments.points):
         for nodes in arguments.nodes:
             start = time.process_time()
-            run = simulated(points, nodes, arguments.seconds, arguments.failures, folder=arguments.folder)
+            run = simulated(
+                points,
+                nodes,
+                arguments.seconds,
+                arguments.failures,
+                folder=arguments.folder,
+                is_shared=arguments.shared,
+            )
             assert run.is_complete
             count = run.counts
             cells = (
