@@ -82,6 +82,7 @@ LIBRARIES = {
         "experiment.statistics",
         "physics.random_distribution",
         "experiment.sample_designs",
+        "experiment.sobol_sequence",
         "experiment.correlated_samples",
         "plotting.study.statistics",
         "fitting",

@@ -129,12 +129,14 @@ def draw_text(text: str, generator: "np.random.Generator") -> str:
 
 
 def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
+    if name == "uniform":  # without the import of scipy.stats, which takes a second and 60 MB
+        low, high = numbers
+        return lambda fractions: fractions * (high - low) + low
+
     from scipy import stats as scipy_stats  # pyright: ignore[reportMissingTypeStubs]
 
     stats = cast("Any", scipy_stats)
     match name, numbers:
-        case "uniform", (low, high):
-            return stats.uniform(low, high - low).ppf
         case "loguniform", (low, high):
             return stats.loguniform(low, high).ppf
         case "normal", (mean, std):
