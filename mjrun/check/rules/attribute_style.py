@@ -46,7 +46,8 @@ def _modern(context: LintContext, element: Element, attribute: str) -> Fix:
     }
     if attribute != "directional" or element.attributes[attribute] != "true":
         fields = chain.from_iterable(deprecated.values())
-        return Fix((context.editor.without(element, attribute, deprecated),), tuple(fields))
+        removed = () if element.tag == "light" else deprecated  # a light without attributes is one
+        return Fix((context.editor.without(element, attribute, removed),), tuple(fields))
     renamed = context.editor.renamed(element, attribute, "type")
     return Fix((renamed, context.editor.with_value(element, attribute, attribute)))
 

@@ -31,14 +31,14 @@ def test_the_numbers_of_a_reversed_range_are_swapped(text: str, wrong: str, righ
         ('<option mpr_iterations="7"/>', '<option ccd_iterations="7"/>'),
         ('<option mpr_tolerance="1e-3"/>', '<option ccd_tolerance="1e-3"/>'),
         ('<option apirate="3" timestep="0.001"/>', '<option timestep="0.001"/>'),
-        ('<option collision="all"/>', "<option/>"),
+        ('<option collision="all"/>', ""),
         ('<option><flag passive="disable"/></option>', '<option><flag spring="disable" damper="disable"/></option>'),
-        ('<option><flag sensornoise="enable"/></option>', "<option><flag/></option>"),
-        ('<compiler convexhull="false"/>', "<compiler/>"),
-        ('<compiler exactmeshinertia="false"/>', "<compiler/>"),
+        ('<option><flag sensornoise="enable"/></option>', "<option></option>"),
+        ('<compiler convexhull="false"/>', ""),
+        ('<compiler exactmeshinertia="false"/>', ""),
         (
             '<compiler exactmeshinertia="true"/><asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0"/></asset>',
-            '<compiler/><asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0" inertia="exact"/></asset>',
+            '<asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0" inertia="exact"/></asset>',
         ),
         (
             '<default><camera orthographic="true"/></default>',
@@ -47,7 +47,8 @@ def test_the_numbers_of_a_reversed_range_are_swapped(text: str, wrong: str, righ
     ],
 )
 def test_removed_attributes_are_written_as_mujoco_reads_them_now(before: str, after: str) -> None:
-    assert fixed(mjcf(before=before)) == mjcf(before=after)
+    expected = mjcf(before=after) if after else mjcf().replace("\n", "", 1)  # an empty element loses its line, too
+    assert fixed(mjcf(before=before)) == expected
 
 
 def test_every_rewritten_attribute_is_one_that_was_removed_and_its_replacement_exists() -> None:
