@@ -119,7 +119,7 @@ def _write(folder: Path, files: Mapping[str, str]) -> None:
     for name in ("params", "metrics", "tags"):
         (folder / name).mkdir(parents=True)
     for name, text in files.items():
-        (folder / name).write_text(text, "utf-8")
+        (folder / name).write_text(text, "utf-8", newline="\n")
 
 
 def _hash(text: str) -> str:

@@ -43,6 +43,7 @@ def chunks(ball: Simulation) -> list[PointChunk]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("point_processes")
 @pytest.mark.parametrize("engine", ["local", "dask", "ray", "slurm", "tests.study.factories:threads"])
 def test_every_engine_gives_the_same_results(
     tmp_path: Path, chunks: list[PointChunk], engine: str, monkeypatch: pytest.MonkeyPatch

@@ -19,6 +19,8 @@ from mjrun.study.point_server import PointSimulationServer, new_worker, start_ea
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import PointChunk, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
 
+pytestmark = pytest.mark.usefixtures("point_processes")
+
 METRICS = (("low", "min(qpos/ball/z)"),)
 
 
