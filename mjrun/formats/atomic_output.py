@@ -122,27 +122,16 @@ def written_file(path: Path | str, content: bytes) -> OutputWriter:
     return output
 
 
-def publish_together(
-    writers: Sequence[OutputWriter], last: Callable[[Sequence[Path]], OutputWriter] | None = None
-) -> list[Path]:
-    """Publishes outputs together, and returns their files.
-
-    All are finished before the first is moved to its place. If one cannot be moved, those that were moved are
-    restored.
-
-    Args:
-      last: writes a file about these files, once they are in their places, and returns its writer, which is published
-        with them. Its own file is not among those returned.
+def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
+    """Finishes outputs, moves them to their places, and returns their files.
 
     Raises:
-      PartlyDoneError: an output cannot be moved, and another could not be restored.
-      MjrunError: as `OutputWriter.finish`, or an output cannot be moved.
+      MjrunError: as `OutputWriter.finish` and `move_together`.
     """
-    writers = [part for writer in writers for part in writer.together]
-    for writer in writers:
-        writer.finish()
+    for part in (part for writer in writers for part in writer.together):
+        part.finish()
     with publishing(writers):
-        return _move([writer.destination for writer in writers], last)
+        return move_together(writers)
 
 
 @contextlib.contextmanager
@@ -159,8 +148,20 @@ def publishing(writers: Sequence[OutputWriter]) -> Iterator[None]:
             yield
 
 
-def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], OutputWriter] | None") -> list[Path]:
-    """Moves finished outputs to their places, all of them or none."""
+def move_together(
+    writers: Sequence[OutputWriter], last: Callable[[Sequence[Path]], OutputWriter] | None = None
+) -> list[Path]:
+    """Moves finished outputs to their places, all of them or none, and returns their files; used in `publishing`.
+
+    Args:
+      last: writes a file about these files, once they are in their places, and returns its writer, which is published
+        with them. Its own file is not among those returned.
+
+    Raises:
+      PartlyDoneError: an output cannot be moved, and another could not be restored.
+      MjrunError: an output cannot be moved.
+    """
+    destinations = [part.destination for writer in writers for part in writer.together]
     files: list[Path] = []
     published: list[Destination] = []
     failed = destinations[0].shown if destinations else Path()

@@ -124,9 +124,9 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
         preview = output.Preview("export", self.output, count, "frames", (), about)
         detector = self._detector(context)
-        opened = partial(ExportOutput, self, scene, images, table, steps, detector)
+        open_export = partial(ExportOutput, self, scene, images, table, steps, detector)
         flags = (table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0)
-        return output.Plan(preview, context.timeline.steps, opened, flags, scene.conditions)
+        return output.Plan(preview, context.timeline.steps, open_export, flags, scene.conditions)
 
     @property
     def renderer_request(self) -> output.RendererRequest | None:

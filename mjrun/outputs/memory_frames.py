@@ -31,8 +31,8 @@ class VideoInMemory(Video):
         """Resolves every name in the model and schedules the frames unless events decide."""
         drawn = plan_frames(self, context, self.plot, self.plot_side)
         preview = output.Preview("video", self.output, None, "frames", self.size)
-        opened = partial(MemoryOutput, self, drawn)
-        return output.Plan(preview, context.timeline.steps, opened, drawn.enable_flags, drawn.scene.conditions)
+        open_frames = partial(MemoryOutput, self, drawn)
+        return output.Plan(preview, context.timeline.steps, open_frames, drawn.enable_flags, drawn.scene.conditions)
 
 
 class MemoryOutput(output.Output[output.OutputResult]):

@@ -203,7 +203,7 @@ class Output(ABC, Generic[R_co]):
         """
 
     def simulate(self, stepper: Stepper, until: int) -> None:
-        """Runs the simulation up to step `until` for this output alone."""
+        """Runs the simulation up to step `until` for this output alone; overridden where blocks of steps are read."""
         observe(stepper, self.taps({}), until)
 
     def draw(self) -> None:

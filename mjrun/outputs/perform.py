@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 from mjrun import errors
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import OutputWriter, publish_together, publishing
+from mjrun.formats.atomic_output import OutputWriter, move_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.end_condition import final_timeline
@@ -165,10 +165,13 @@ class Pass(Generic[R]):
         """Completes the outputs that can be completed."""
         for index, output in self._completed():
             with self._failing(index):
-                self._writers[index] = output.finish()
+                writers = output.finish()
+                for part in (part for writer in writers for part in writer.together):
+                    part.finish()
+                self._writers[index] = writers
 
     def publish(self, warnings: Sequence[str], published: Published | None) -> None:
-        """Publishes the outputs that are complete, each only together with its manifest; signals wait."""
+        """Moves the outputs that are complete to their places, each only together with its manifest; signals wait."""
         with publishing([writer for writers in self._writers.values() for writer in writers]):
             for index, writers in self._writers.items():
                 with self._failing(index):
@@ -278,7 +281,7 @@ class Pass(Generic[R]):
             self.failures[index] = self._plans[index].preview.path, error
 
     def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, Mapping[str, object]]:
-        """Publishes an output together with its manifest; returns its files, its result and its facts."""
+        """Moves an output and its manifest to their places; returns its files, its result and its facts."""
         manifest = self._manifests[index]
         summary = PassSummary(time.perf_counter() - self._start, self._simulation_wall, warnings)
 
@@ -287,7 +290,7 @@ class Pass(Generic[R]):
             manifest.write(facts, files)
             return manifest
 
-        files = publish_together(self._writers[index], partial(written, manifest) if manifest else None)
+        files = move_together(self._writers[index], partial(written, manifest) if manifest else None)
         return files, *self._described(index, files, summary)
 
     def _described(self, index: int, files: Sequence[Path], summary: PassSummary) -> tuple[R, Mapping[str, object]]:

@@ -64,8 +64,8 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
 
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
         preview = output.Preview("plot", self.output, len(steps), "samples", figure.grid.size, about)
-        opened = partial(PlotOutput, self, context, table, steps, figure)
-        return output.Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
+        open_plot = partial(PlotOutput, self, context, table, steps, figure)
+        return output.Plan(preview, context.timeline.steps, open_plot, table.model.opt.enableflags)
 
     def probe_sampler(self, context: output.Context) -> ProbeSampler:
         """Returns the sampler of the columns of all panels, so that each instant is computed once."""

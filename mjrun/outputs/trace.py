@@ -116,8 +116,8 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
         count, path = len(table.columns), self.output if self.written else self.golden or "memory"
         about = f"{output_format(self.target, self.format).name}, {count} columns"
         preview = output.Preview("trace", path, len(steps), "rows", [count], about)
-        opened = partial(TraceOutput, self, context, table, steps, assertions)
-        return output.Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
+        open_trace = partial(TraceOutput, self, context, table, steps, assertions)
+        return output.Plan(preview, context.timeline.steps, open_trace, table.model.opt.enableflags)
 
 
 @dataclass(frozen=True)

@@ -70,8 +70,8 @@ class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
         count = None if frames.scene.schedule is None else len(frames.scene.schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
         preview = output.Preview("video", self.output, count, "frames", frames.size_of(file), about)
-        opened = partial(VideoOutput, self, frames)
-        return output.Plan(preview, context.timeline.steps, opened, frames.enable_flags, frames.scene.conditions)
+        open_video = partial(VideoOutput, self, frames)
+        return output.Plan(preview, context.timeline.steps, open_video, frames.enable_flags, frames.scene.conditions)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class AutoRig(Rig):
 
 
 class BoundAutoRig:
-    """MuJoCo's free camera until `frame` has moved it.
+    """MuJoCo's free camera until `frame_subject` has moved it.
 
     Args:
       pose: the pose of MuJoCo's free camera.
