@@ -15,9 +15,9 @@ from mjrun.bench.results import BenchResult as BenchResult
 from mjrun.camera.script import CameraScript, Event
 from mjrun.check.check import CheckResult as CheckResult
 from mjrun.diff.result import DiffResult as DiffResult
-from mjrun.document.check import Check as _Check
+from mjrun.document.camera_and_ghost_forms import read_camera as read_camera
+from mjrun.document.model_and_task_check import Check as _Check
 from mjrun.document.task import read_task as read_task
-from mjrun.document.value_forms import read_camera as read_camera
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
 from mjrun.fitting.fit import Fit as _Fit
@@ -30,6 +30,7 @@ from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike
 from mjrun.model.sources import load as load
 from mjrun.options.disturbance import Push
+from mjrun.outputs.diff import Diff as _Diff
 from mjrun.outputs.export import Export as _Export
 from mjrun.outputs.export import ExportResult as ExportResult
 from mjrun.outputs.image import Image as _Image
@@ -41,7 +42,6 @@ from mjrun.outputs.plot import Plot as _Plot
 from mjrun.outputs.plot import PlotResult as PlotResult
 from mjrun.outputs.recording import Recording as _Recording
 from mjrun.outputs.recording import RecordingResult as RecordingResult
-from mjrun.outputs.result_comparison import Diff as _Diff
 from mjrun.outputs.trace import Trace as _Trace
 from mjrun.outputs.trace import TraceResult as TraceResult
 from mjrun.outputs.video import Video as _Video

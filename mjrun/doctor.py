@@ -16,12 +16,12 @@ from mjrun import errors
 from mjrun.confinement.confinement import CHECKS
 from mjrun.confinement.self_confinement import means
 from mjrun.dataclass import dataclass
-from mjrun.diff import pictures
+from mjrun.diff import images_and_videos
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
-from mjrun.options import check, dataset, episodes, evaluation, fit, sweep, task
+from mjrun.options import check, dataset, episode_dataset, evaluation, fit, sweep, task
 from mjrun.outputs.exports import export_formats
 from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
@@ -135,13 +135,13 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
         if table.extra:
             extras.setdefault(table.extra, ([table.library], []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = ([figure_writer.LIBRARY], ["plots"])
-    rooms = (check, sweep, dataset, episodes, fit, evaluation, task)
+    rooms = (check, sweep, dataset, episode_dataset, fit, evaluation, task)
     declared = {name: facts for room in rooms for name, facts in room.EXTRAS.items()}
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
         **{each.extra: (each.libraries, [*each.suffixes]) for each in export_formats().values() if each.extra},
-        pictures.EXTRA: ([pictures.LIBRARY], [errors.option("min_ssim")]),
+        images_and_videos.EXTRA: ([images_and_videos.LIBRARY], [errors.option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARIES, [f"{errors.option('engine')} warp"]),
     }
 

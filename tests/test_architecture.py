@@ -62,7 +62,7 @@ LIBRARIES = {
     "foxglove_schemas_protobuf": ("formats.mcap",),
     "matplotlib": ("plotting",),
     "contourpy": ("formats.datasets.mask_encodings",),
-    "coacd": ("check.rules.convex_decomposition",),
+    "coacd": ("check.rules.decomposition_fix",),
     "h5py": ("formats.tables.hdf5", "formats.episodes.minari", "hdf5"),
     "skimage": ("diff",),
     "orjson": ("formats.number_text", "formats.tables"),
@@ -256,12 +256,12 @@ def plant(folder: Path, module: str, source: str) -> Path:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("physics/observe.py", "from mjrun.camera.script_poses import CameraMotion"),
-        ("physics/observe.py", "import mjrun.formats.video_writer"),
-        ("physics/observe.py", "from mjrun import rendering"),
-        ("physics/observe.py", "from ..rendering import camera"),
+        ("physics/simulation_loop.py", "from mjrun.camera.script_poses import CameraMotion"),
+        ("physics/simulation_loop.py", "import mjrun.formats.video_writer"),
+        ("physics/simulation_loop.py", "from mjrun import rendering"),
+        ("physics/simulation_loop.py", "from ..rendering import camera"),
         ("physics/__init__.py", "from ..rendering import camera"),
-        ("physics/observe.py", "from .. import outputs"),
+        ("physics/simulation_loop.py", "from .. import outputs"),
         ("model/load.py", "from mjrun.physics.initial_state import InitialState"),
         ("model/load.py", "from mjrun import Video"),
         ("model/load.py", "import mjrun"),
@@ -293,8 +293,11 @@ def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str)
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("physics/observe.py", "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable"),
-        ("physics/observe.py", "from mjrun.physics.stepper import Stepper\nfrom . import control"),
+        (
+            "physics/simulation_loop.py",
+            "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable",
+        ),
+        ("physics/simulation_loop.py", "from mjrun.physics.stepper import Stepper\nfrom . import control"),
         ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.outputs.video import Video\nimport click"),
         ("outputs/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
         ("formats/ffmpeg.py", "import imageio_ffmpeg"),

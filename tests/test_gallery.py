@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from mjrun.document.check import Check
+from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.document.json_schema import json_schema
+from mjrun.document.model_and_task_check import Check
 from mjrun.document.task import read_task
-from mjrun.document.value_forms import read_camera
 from mjrun.formats.table_reader import read_table
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace

@@ -9,7 +9,7 @@ from mjrun.child_process import ChildProcess
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import BadValueError, UsageError, clean, option
 from mjrun.model.archive_paths import main_text
-from mjrun.model.named_files import places_of_files
+from mjrun.model.referenced_files import places_of_files
 from mjrun.suffixes import is_yaml
 
 LARGEST = 2**30  # bytes of a list of files

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
-from mjrun.check.rules.extents import INFINITE
+from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.formats.image_encoding import ImageData, jpeg
 from mjrun.model.names import COUNTS
 from mjrun.model.sources import source_of

@@ -16,7 +16,7 @@ from mjrun.check.worker_pool import WorkerTask
 from mjrun.confinement.confinement import confinement
 from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
 from mjrun.model.archive_paths import main_text
-from mjrun.model.named_files import places_of_files
+from mjrun.model.referenced_files import places_of_files
 from mjrun.suffixes import ARCHIVES
 
 LIMITS = {"timeout", "memory"}  # of a task, which do not affect a result that is complete

@@ -134,7 +134,7 @@ def with_camera_scripts(command_line: CommandLine) -> CommandLine:
 def _camera(spec: str) -> object:
     if not is_yaml(spec):
         return spec
-    from mjrun.document.value_forms import read_camera
+    from mjrun.document.camera_and_ghost_forms import read_camera
 
     return read_camera(spec)
 

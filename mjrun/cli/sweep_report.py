@@ -199,7 +199,7 @@ def _extremes(result: "StudyResult") -> list[Column]:
 
 def _repeats(result: "StudyResult") -> list[Column]:
     """Returns the first means over repeats, with a row for each combination of the other parameters."""
-    from mjrun.study.repeats import SEED
+    from mjrun.study.repeat_means import SEED
 
     groups, level = result.repeats, f"{100 * result.confidence:g} %"
     columns = [

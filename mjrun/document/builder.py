@@ -6,10 +6,10 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Generic, TypeVar, cast
 
-from mjrun.document.output_folder import Folders
+from mjrun.document.camera_and_ghost_forms import DocumentContext
+from mjrun.document.paths import Folders
 from mjrun.document.reader import read
 from mjrun.document.tree import DeclaredAt, Fault, MappingNode, Place, document_error, option_fault
-from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.kinds import Text
 from mjrun.options.option import Options, document_key, document_options

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import cast
 
 from mjrun.document.builder import DocumentBuilder, Request, Values, located_errors, values_of
+from mjrun.document.camera_and_ghost_forms import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.task import read_task
 from mjrun.document.tree import Mapped, Place
-from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten

@@ -10,12 +10,12 @@ from types import UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from mjrun.diff.result import DiffResult
+from mjrun.document.camera_and_ghost_forms import CAMERA, DocumentContext
 from mjrun.document.evaluation import EVALUATION
 from mjrun.document.fit import FIT
 from mjrun.document.run import RUN
 from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
-from mjrun.document.value_forms import CAMERA, DocumentContext
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS
 from mjrun.errors import FailureReport, UnknownNameError
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription

@@ -27,7 +27,8 @@ from pkgutil import resolve_name
 from typing import cast
 
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
-from mjrun.document.output_folder import Folders, OutputFolder
+from mjrun.document.camera_and_ghost_forms import DocumentContext
+from mjrun.document.paths import Folders, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
     RENAMED,
@@ -40,7 +41,6 @@ from mjrun.document.tree import (
     path_text,
     written_path,
 )
-from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import FaultyJobsError, UsageError
 from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions

@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.camera.script import CameraScript, Event, InlineCamera
-from mjrun.document.output_folder import refusal
+from mjrun.document.paths import refusal
 from mjrun.document.run import OUTPUTS
 from mjrun.document.tree import Mapped, Plain
 from mjrun.document.yaml_parser import exact, meaning, number

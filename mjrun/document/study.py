@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from mjrun.document.builder import Request, SimulationDocument, Values
+from mjrun.document.camera_and_ghost_forms import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Node, document_error, misfit_faults, node_of
-from mjrun.document.value_forms import DocumentContext
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.folders import folder_at, opened_at

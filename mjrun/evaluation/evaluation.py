@@ -77,7 +77,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
         if self.html is not None:
-            from mjrun.experiment.results_page import check_page  # which imports matplotlib
+            from mjrun.experiment.results_page_parts import check_page  # which imports matplotlib
 
             check_page(self.html)
         prepared = PreparedEvaluation(self, self.task, self.rewritten)

@@ -8,7 +8,7 @@ from mjrun.errors import clean
 from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, doubts
 from mjrun.evaluation.table import FILES, LENGTH, RETURN
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_page import (
+from mjrun.experiment.results_page_parts import (
     interval,
     number,
     origin,

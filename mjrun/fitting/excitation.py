@@ -17,7 +17,7 @@ from mjrun.fitting.information import all_information, sensitivity
 from mjrun.fitting.limited_chirps import MotionLimits, chirps, control_room
 from mjrun.fitting.measurements import CONTROLS, Segment, commands
 from mjrun.fitting.prediction import Chunk, ChunkSimulation, Predictor
-from mjrun.fitting.shooting import Shooting
+from mjrun.fitting.shooting_fit import Shooting
 from mjrun.fitting.solution import Solution
 from mjrun.fitting.starting_states import StartingStates
 from mjrun.formats.table_writer import TableWriter

@@ -23,7 +23,7 @@ from mjrun.fitting.outputs import FitOutputs
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fitting.rotations_and_noise import first_noise, set_noise, shared, spread_of
-from mjrun.fitting.shooting import EXPLAINED, SHORTEST, SearchResult, Shooting
+from mjrun.fitting.shooting_fit import EXPLAINED, SHORTEST, SearchResult, Shooting
 from mjrun.fitting.solution import Solution, with_noise
 from mjrun.fitting.starting_states import StartingStates
 from mjrun.fitting.verdict import Misfit, all_at_bounds, improvement, misfit

@@ -8,7 +8,7 @@ import numpy as np
 from mjrun.errors import UsageError, clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
-from mjrun.model.rendered_image import RenderedView, SegmentedObject
+from mjrun.model.rendered_view import RenderedView, SegmentedObject
 
 SUFFIX = ".ply"
 TYPES = {"<f4": "float", "u1": "uchar", "<i4": "int"}

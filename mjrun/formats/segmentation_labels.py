@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
-from mjrun.model.rendered_image import SegmentedObject
+from mjrun.model.rendered_view import SegmentedObject
 
 INFO = {"description": "segmentation by mjrun", "contributor": "mjrun"}
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from mjrun.errors import MjrunError
 from mjrun.model.compilation import FAULTS, checked_arrays, invalid_number, lengthen_buffers
-from mjrun.model.copied_fields import STATISTICS
+from mjrun.model.compiler_copied_fields import STATISTICS
 from mjrun.model.fields import arrays
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import ELEMENTS, Override, apply, elements_at

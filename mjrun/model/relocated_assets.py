@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 
 from mjrun.dataclass import dataclass
-from mjrun.model.named_files import file_names, folder_names, with_file_names
+from mjrun.model.referenced_files import file_names, folder_names, with_file_names
 from mjrun.model.xml_source import is_regular, with_slashes
 
 # Packages with assets, which are not imported.

@@ -18,7 +18,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.model.copied_fields import (
+from mjrun.model.body_recompilation import BodyCompiler
+from mjrun.model.compiler_copied_fields import (
     CopiedFields,
     Rows,
     field_of,
@@ -27,10 +28,9 @@ from mjrun.model.copied_fields import (
     restore_array,
     write_array,
 )
-from mjrun.model.derived_numbers import DerivedNumbers
-from mjrun.model.element_numbers import ElementNumbers
+from mjrun.model.compiler_derived_fields import DerivedNumbers
+from mjrun.model.copied_element_values import ElementNumbers
 from mjrun.model.override import Override
-from mjrun.model.partial_compilation import BodyCompiler
 from mjrun.model.recompilation import Recompiler, may_be_recompiled
 from mjrun.model.source import Source
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.diff.pictures import WorstFrames
+from mjrun.diff.images_and_videos import WorstFrames
 from mjrun.diff.result import ColumnDifference, DiffResult
 from mjrun.diff.sentences import frame_facts
 from mjrun.errors import UsageError, clean, option
@@ -17,7 +17,7 @@ from mjrun.formats.image_encoding import ImageData, png
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
-from mjrun.outputs.worst_frame_image import shown_frames
+from mjrun.outputs.worst_difference_image import shown_frames
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, page_file
 from mjrun.plotting.page_writer import MAKER, PageWriter, origin

@@ -33,7 +33,7 @@ from mjrun.outputs.scene_frames import (
     check_scene,
     plan_scene,
 )
-from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.added_geoms import Decoration

@@ -9,8 +9,8 @@ import numpy as np
 
 from mjrun.errors import OptionPath, UsageError, concerning, quoted
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import RisingEdgeDetector, parse_condition

@@ -30,8 +30,8 @@ from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.scene_frames import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
-from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import RowFile
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import instants_of
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict

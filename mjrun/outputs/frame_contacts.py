@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.physics.observe import Tap
 from mjrun.physics.recorded_states import RowFile
-from mjrun.probe.recorded_contacts import CopiedContacts, RecordedContacts, copy_contacts
+from mjrun.physics.simulation_loop import Tap
+from mjrun.probe.copied_contacts import CopiedContacts, RecordedContacts, copy_contacts
 
 BLOCK = 64  # frames whose contacts are converted at once
 

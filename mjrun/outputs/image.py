@@ -16,7 +16,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
@@ -25,7 +25,7 @@ from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, 
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output_files import named_files
-from mjrun.physics.observe import AnyTap
+from mjrun.physics.simulation_loop import AnyTap
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.simulation.simulation import require_countable

@@ -16,7 +16,7 @@ from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions
 from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
-from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.timeline import nearest
 
 SUFFIX = ".xml"

@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import Region, regions
 from mjrun.model.names import matching, names
-from mjrun.model.rendered_image import CameraCalibration, RenderedView
+from mjrun.model.rendered_view import CameraCalibration, RenderedView
 from mjrun.model.stage import FLOOR, GROUND
 from mjrun.options.dataset import LabelOptions
 from mjrun.options.rendering import ViewOptions

@@ -15,7 +15,7 @@ from mjrun.outputs import output
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, plan_frames
 from mjrun.outputs.perform import Pass
 from mjrun.outputs.video import Video
-from mjrun.physics.observe import AnyTap
+from mjrun.physics.simulation_loop import AnyTap
 from mjrun.reporter import WarningReporter, pass_on
 
 

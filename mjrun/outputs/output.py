@@ -20,7 +20,7 @@ from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
-from mjrun.physics.observe import AnyTap, observe
+from mjrun.physics.simulation_loop import AnyTap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.reporter import Reporter

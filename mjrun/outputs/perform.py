@@ -18,7 +18,7 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.output import Context, Job, Output, OutputResult, PassRenderers, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
-from mjrun.physics.observe import AnyTap, Tap, observe
+from mjrun.physics.simulation_loop import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.shared_status import doing

@@ -19,7 +19,7 @@ from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer
-from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib

@@ -13,7 +13,7 @@ from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
 from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
-from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap
 
 
 @options

@@ -29,8 +29,8 @@ from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
 from mjrun.outputs.output import Context, EventSteps, Job, OutputResult
-from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import StateBuffer
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage
 from mjrun.rendering.visual import visual_of

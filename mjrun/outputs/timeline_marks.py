@@ -7,7 +7,7 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning, option
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, SampledRows
-from mjrun.physics.observe import Tap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.probe.assertion import parse
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition

@@ -25,7 +25,7 @@ from mjrun.outputs import output
 from mjrun.outputs.golden import GoldenTable, check_options, difference_message, golden_files, require_golden_table
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, SampledRows, rate_warning
-from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, select, selected_columns

@@ -18,9 +18,9 @@ from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.stepper import CHUNK, RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
+from mjrun.probe.copied_contacts import ContactProbe, CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields
-from mjrun.probe.recorded_contacts import ContactProbe, CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.select import select
 from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational, seconds

@@ -25,7 +25,7 @@ from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.physics.observe import AnyTap
+from mjrun.physics.simulation_loop import AnyTap
 
 
 @options

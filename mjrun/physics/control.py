@@ -16,7 +16,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names
-from mjrun.physics.controller_fields import access_of
+from mjrun.physics.controller_analysis import access_of
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import nearest, seconds
 

@@ -12,7 +12,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.table_column import Column
-from mjrun.probe.recorded_contacts import ContactProbe, RecordedContacts
+from mjrun.probe.copied_contacts import ContactProbe, RecordedContacts
 
 FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
 ACTION = "{} that geom1 exerts on geom2, {} frame"

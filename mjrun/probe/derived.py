@@ -12,8 +12,8 @@ import numpy as np
 
 from mjrun.model.names import enum_members, names
 from mjrun.model.table_column import Column
+from mjrun.probe.copied_contacts import ContactProbe, RecordedContacts
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
-from mjrun.probe.recorded_contacts import ContactProbe, RecordedContacts
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {

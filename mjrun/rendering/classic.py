@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.camera.pose import Pose, lens, metric_depth
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, OpenGLContext

@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.dataclass import dataclass
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import widened
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend

@@ -15,7 +15,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size

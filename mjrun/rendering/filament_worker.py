@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.camera.pose import Frustum, Pose, lens, pose_of
 from mjrun.errors import DrawError
 from mjrun.model.names import COUNTS, KINDS
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError
 from mjrun.model.names import KINDS, names
-from mjrun.model.rendered_image import SegmentedObject
+from mjrun.model.rendered_view import SegmentedObject
 
 NOTHING = -1
 BODY_OF = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid", "camera": "cam_bodyid"}

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.classic import ClassicRenderer, ExactFramebuffer
 from mjrun.rendering.filament import FilamentRenderer
 

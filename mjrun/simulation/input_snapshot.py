@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.model.named_files import with_absolute_paths
+from mjrun.model.referenced_files import with_absolute_paths
 from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML
 

@@ -32,7 +32,7 @@ from mjrun.formats.input_file import exists, is_folder
 from mjrun.model.demonstrations import errors_of_models, open_demonstrations
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
-from mjrun.options.episodes import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
+from mjrun.options.episode_dataset import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
 from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import ExecutionOptions

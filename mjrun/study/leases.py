@@ -26,8 +26,8 @@ from mjrun.errors import FileError, clean
 from mjrun.formats.folders import Folder
 from mjrun.platform import system
 from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.range_folders import NAME, PointRange, RangeFolders
-from mjrun.study.result_columns import ResultColumns
 
 SUFFIX = ".lease"
 BEAT = 5.0  # [s] between two renewals

@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean, listing, option
 from mjrun.formats.episodes import Episode, stored
-from mjrun.formats.mp4_samples import read_samples
+from mjrun.formats.mp4_joining import read_samples
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model import state
@@ -22,8 +22,8 @@ from mjrun.model.table_column import Column
 from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.episode_images import EpisodeImageRenderer
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.observe import Tap, observe
 from mjrun.physics.recorded_states import StateBuffer
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns

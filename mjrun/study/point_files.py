@@ -32,8 +32,8 @@ from mjrun.python_code import Sealed
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.columnar_results import STATUSES, ResultColumns
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.result_columns import STATUSES, ResultColumns
 from mjrun.study.results import with_flags
 from mjrun.study.spec import PointResult
 from mjrun.worker import Worker, WorkerEndedError
@@ -128,7 +128,7 @@ class PointKeeper:
         reporter: Reporter,
     ) -> list[str]:
         """Makes the contact sheet if it is requested, and returns its path."""
-        from mjrun.study.contact_sheet import MOST, VideoCell, write_contact_sheet
+        from mjrun.study.video_grid import MOST, VideoCell, write_contact_sheet
 
         path, options = self._options.contact_sheet, self._options
         if path is None:

@@ -13,7 +13,7 @@ from mjrun.formats.image_encoding import ImageData, png
 from mjrun.model.variants import VariantLoader
 from mjrun.options.dataset import CAMERA
 from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectView, labelled_objects
-from mjrun.physics.observe import Tap, observe
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.image_spec import ImageSpec, camera_argument, part_of, record_path
 

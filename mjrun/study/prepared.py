@@ -31,7 +31,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
 from mjrun.study.chunk_files import point_keys, points_digest, study_digest, study_identity
 from mjrun.study.episode_spec import EpisodeSpec
-from mjrun.study.own_values import own_values
+from mjrun.study.ineffective_values import own_values
 from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES

@@ -23,8 +23,8 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
 from mjrun.study.chunk_files import ChunkFiles, PartWriter
+from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import LeasedPoints, Leases
-from mjrun.study.result_columns import ResultColumns, ResultRows
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
     ChunkResult,

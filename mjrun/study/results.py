@@ -12,7 +12,7 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, ResultsTable
 from mjrun.model.table_column import Column
 from mjrun.reporter import Reporter
-from mjrun.study.result_columns import STATUSES, ResultColumns
+from mjrun.study.columnar_results import STATUSES, ResultColumns
 from mjrun.study.spec import PointResult
 
 FRAME = 8_000  # size of a table without rows [bytes]

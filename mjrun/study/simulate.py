@@ -16,7 +16,7 @@ import numpy as np
 from mjrun.errors import MjrunError, SimulationError, UsageError, option
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
-from mjrun.model.copied_fields import COPIED
+from mjrun.model.compiler_copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader
 from mjrun.outputs.end_condition import EndCondition

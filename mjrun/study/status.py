@@ -13,8 +13,8 @@ from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
-from mjrun.study.result_columns import ResultColumns
 
 REFRESH = 5  # [s] between two versions of a page
 HINT = "a study is a folder that mjrun sweep has written"

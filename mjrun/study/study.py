@@ -39,13 +39,13 @@ from mjrun.probe.verdict import Verdict
 from mjrun.python_code import shared_memory
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
-from mjrun.study import repeats
+from mjrun.study import repeat_means
+from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.point_files import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview, preview
-from mjrun.study.repeats import RepeatSummary
-from mjrun.study.result_columns import STATUSES
+from mjrun.study.repeat_means import RepeatSummary
 from mjrun.study.results import FailureGroup, point_failures, study_table, with_flags
 from mjrun.study.spec import StudySpec, versions, with_end
 from mjrun.version import __version__
@@ -98,7 +98,7 @@ class Study(StudyOptions, ExecutionOptions):
         reporter, start = reporter or WarningReporter(), time.perf_counter()
         with reported_warnings(reporter):
             if self.html is not None:
-                from mjrun.experiment.results_page import check_page  # which imports matplotlib
+                from mjrun.experiment.results_page_parts import check_page  # which imports matplotlib
 
                 check_page(self.html)
             prepared = PreparedStudy(self, self.spec)
@@ -196,10 +196,10 @@ class Study(StudyOptions, ExecutionOptions):
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
         values = {name: results.metrics[:, index] for index, name in enumerate(names)}
-        means = repeats.RepeatMeans(points, values, self.confidence)
+        means = repeat_means.RepeatMeans(points, values, self.confidence)
         tables: dict[tuple[str, ...], ResultsTable] = {FILES: table}
         if means.design.points:
-            tables[repeats.FILES] = means.table(prepared.units)
+            tables[repeat_means.FILES] = means.table(prepared.units)
         indices = list[MetricSensitivity]()
         if self.sampler in SAMPLES:
             seed = self.simulation.seed
@@ -214,7 +214,8 @@ class Study(StudyOptions, ExecutionOptions):
                 writers += each.open(stack, prepared.folder, facts, chosen)  # the same in all runs
                 files += chosen
             publish_together(writers)
-        for name in {*FILES, *repeats.FILES, *sensitivity.FILES}.difference(files):  # of an earlier run of other points
+        of_other_points = {*FILES, *repeat_means.FILES, *sensitivity.FILES}.difference(files)
+        for name in of_other_points:
             prepared.folder.remove(name)
 
         verdicts, kept = list[Verdict](), KeptFiles()
@@ -283,7 +284,7 @@ class StudyResult:
       names: parameters that vary.
       kept: files of single points.
       repeats: means over points that differ in their seed only, for the first 100 of the other parameters' values;
-        `repeats.csv` has all.
+        `repeat_means.csv` has all.
       sensitivities: sensitivity of each metric to each parameter, with the samplers `saltelli` and `morris`.
       confidence: confidence of all intervals.
       schema: name of this schema.

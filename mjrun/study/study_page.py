@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjrun.errors import clean
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_page import (
+from mjrun.experiment.results_page_parts import (
     interval,
     number,
     origin,
@@ -20,7 +20,7 @@ from mjrun.options.report import PageOptions
 from mjrun.options.sweep import MANIFEST
 from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER
-from mjrun.study.repeats import SEED
+from mjrun.study.repeat_means import SEED
 
 if TYPE_CHECKING:
     from mjrun.study.study import StudyResult

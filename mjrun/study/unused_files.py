@@ -12,9 +12,9 @@ from mjrun.formats.folders import LocalFolder, folder_at
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.platform import system
 from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
 from mjrun.study.range_folders import RangeFolders
-from mjrun.study.result_columns import ResultColumns
 from mjrun.study.slurm import FOLDER as SLURM
 from mjrun.study.status import study_facts
 

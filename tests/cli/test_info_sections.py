@@ -9,7 +9,7 @@ import pytest
 from mjrun.cli.commands.info import info
 from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.cli.table_cells import Column
-from mjrun.cli.task_page import TABLES
+from mjrun.cli.task_sections import TABLES
 from mjrun.model.description.model_description import SECTIONS as DESCRIBED
 from mjrun.model.description.model_description import ModelDescription
 

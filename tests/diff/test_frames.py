@@ -7,7 +7,7 @@ import pytest
 from skimage.color import rgb2gray
 from skimage.metrics import mean_squared_error, peak_signal_noise_ratio, structural_similarity
 
-from mjrun.diff.pictures import EQUAL, compare_frames, decibels
+from mjrun.diff.images_and_videos import EQUAL, compare_frames, decibels
 from mjrun.diff.tolerances import Tolerance
 
 RNG = np.random.default_rng(6)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjrun.diff.pictures import require_library
+from mjrun.diff.images_and_videos import require_library
 from mjrun.diff.result import FrameDifference, PictureDifference
 from mjrun.diff.sentences import percent, picture_sentences
 from mjrun.errors import MissingExtraError, UsageError

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.document.builder import DocumentBuilder
-from mjrun.document.output_folder import Folders, OutputFolder
+from mjrun.document.paths import Folders, OutputFolder
 from mjrun.document.tree import MappingNode, Mark, option_fault
 from mjrun.document.yaml_parser import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError

@@ -14,7 +14,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import RIGS, CameraScript, Event, FramedObject, Shot
-from mjrun.document.value_forms import read_camera
+from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import DocumentError
 
 

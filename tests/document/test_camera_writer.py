@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 
 from mjrun.camera.script import CameraScript, Event
+from mjrun.document.camera_and_ghost_forms import CameraForm
 from mjrun.document.run_writer import plain_value
-from mjrun.document.value_forms import CameraForm
 from mjrun.document.yaml_writer import yaml_text
 from mjrun.options.kinds import Camera, ReadingContext
 from mjrun.options.number_kinds import Instant

@@ -8,7 +8,7 @@ import yaml
 
 from mjrun.camera.easing_and_shake import BLENDS, EASINGS
 from mjrun.camera.script import RIGS, ShotForm
-from mjrun.document import value_forms
+from mjrun.document import camera_and_ghost_forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
@@ -37,7 +37,7 @@ def is_valid(value: object, kind: str) -> bool:
 )
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    value_forms.CAMERA.read(value, ReadingContext())
+    camera_and_ghost_forms.CAMERA.read(value, ReadingContext())
     assert is_valid(value, "camera")
 
 
@@ -56,7 +56,7 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     with pytest.raises((MisfitError, InvalidValueError)):
-        value_forms.CAMERA.read(value, ReadingContext())
+        camera_and_ghost_forms.CAMERA.read(value, ReadingContext())
     assert not is_valid(value, "camera")
 
 
@@ -146,7 +146,7 @@ def test_a_kind_that_there_is_not_is_reported() -> None:
 
 
 def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
-    example = (value_forms.__doc__ or "").split("```yaml")[1].split("```")[0]
+    example = (camera_and_ghost_forms.__doc__ or "").split("```yaml")[1].split("```")[0]
     (tmp_path / "c.yaml").write_text(example)
-    assert len(value_forms.read_camera(tmp_path / "c.yaml").shots) == 2
+    assert len(camera_and_ghost_forms.read_camera(tmp_path / "c.yaml").shots) == 2
     assert is_valid(yaml.safe_load(example), "camera")

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.document.camera_and_ghost_forms import CAMERA, read_camera
 from mjrun.document.evaluation import EVALUATION, read_evaluation
 from mjrun.document.fit import FIT, read_fit
 from mjrun.document.reader import KINDS, kind_of_file
 from mjrun.document.run import RUN, read_run
 from mjrun.document.study import STUDY, read_study
 from mjrun.document.task import TASK, read_task
-from mjrun.document.value_forms import CAMERA, read_camera
 from mjrun.errors import DocumentError
 
 RECORDS = {record.name: record for record in (RUN, STUDY.record, FIT.record, TASK, EVALUATION, CAMERA)}

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjrun.document.camera_and_ghost_forms import DocumentContext
 from mjrun.document.json_schema import printed
-from mjrun.document.output_folder import OutputFolder
+from mjrun.document.paths import OutputFolder
 from mjrun.document.run import OUTPUTS
 from mjrun.document.run_writer import plain_value
-from mjrun.document.value_forms import DocumentContext
 from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.disturbance import PushKind

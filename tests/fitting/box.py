@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.fitting.free_parameter import FreeParameter
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.rotations_and_noise import first_noise
-from mjrun.fitting.shooting import Shooting
+from mjrun.fitting.shooting_fit import Shooting
 from tests.fitting.problems import shooting_of
 
 FRICTION, NOISE = 0.33, 1e-3  # [m, rad]

@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.fitting.free_parameter import FreeParameter
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.prediction import Predictor
-from mjrun.fitting.shooting import Shooting
+from mjrun.fitting.shooting_fit import Shooting
 from mjrun.fitting.starting_states import StartingStates
 from tests.fitting.problems import shooting_of
 

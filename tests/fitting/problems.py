@@ -12,7 +12,7 @@ from mjrun.fitting.free_parameter import FreeParameter, free_parameters
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.rotations_and_noise import first_noise
-from mjrun.fitting.shooting import Shooting
+from mjrun.fitting.shooting_fit import Shooting
 from mjrun.fitting.solution import Solution, with_noise
 from mjrun.fitting.starting_states import StartingStates
 from mjrun.model import state

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mjrun.fitting.ensemble_gauss_newton import Scatter
-from mjrun.fitting.shooting import SHOTS
+from mjrun.fitting.shooting_fit import SHOTS
 from mjrun.fitting.shooting_problem import together
 from tests.fitting.box import FRICTION, box_shooting
 from tests.fitting.problems import predictor_of

@@ -15,7 +15,7 @@ from mjrun.fitting.information import (
     projected,
     sensitivity,
 )
-from mjrun.fitting.shooting import SHORTEST
+from mjrun.fitting.shooting_fit import SHORTEST
 from mjrun.fitting.shooting_problem import STATE_SCALE
 from mjrun.fitting.solution import Solution
 from tests.fitting.logs import NOISE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.fitting.measurements import Segment
-from mjrun.fitting.shooting import SHORTEST
+from mjrun.fitting.shooting_fit import SHORTEST
 from tests.fitting.logs import NOISE, NOMINAL, simulate
 from tests.fitting.problems import THREE, segments, shooting
 

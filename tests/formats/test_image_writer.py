@@ -20,7 +20,7 @@ from PIL import Image, JpegImagePlugin
 from mjrun.errors import BadValueError, FileError, UsageError
 from mjrun.formats.image_format import FORMATS, image_format
 from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_image import SegmentedObject
+from mjrun.model.rendered_view import SegmentedObject
 from tests.formats.outputs import names
 
 ROOT = Path(__file__).parents[2]
@@ -373,7 +373,7 @@ import sys
 import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
 from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_image import SegmentedObject
+from mjrun.model.rendered_view import SegmentedObject
 view, form, side = sys.argv[1], sys.argv[2], int(sys.argv[3])
 noise = np.random.default_rng(1).integers(0, 3, (side, side, 3))
 flat = noise[..., 0]

@@ -10,7 +10,7 @@ import pytest
 from mjrun.camera.pose import lens, pose_of
 from mjrun.errors import UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_image import CameraCalibration, RenderedView, SegmentedObject
+from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
 
 KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 

@@ -22,7 +22,7 @@ from mjrun.formats.recording import RecordingWriter
 from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
-from mjrun.model.rendered_image import CameraCalibration, RenderedView, SegmentedObject
+from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
 from tests.formats.table_files import COLUMNS, names
 
 DISK = 2**16  # bytes that a file may have

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.model.copied_fields import CopiedFields
-from mjrun.model.derived_numbers import DerivedNumbers
-from mjrun.model.element_numbers import ElementNumbers
+from mjrun.model.body_recompilation import BodyCompiler
+from mjrun.model.compiler_copied_fields import CopiedFields
+from mjrun.model.compiler_derived_fields import DerivedNumbers
+from mjrun.model.copied_element_values import ElementNumbers
 from mjrun.model.override import Override, apply
-from mjrun.model.partial_compilation import BodyCompiler
 from mjrun.model.recompilation import Recompiler
 from mjrun.model.sources import parse_source
 from tests.model.model_files import content

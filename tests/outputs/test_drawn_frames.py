@@ -15,7 +15,7 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, check_drawing, check_view, plan_frames
 from mjrun.outputs.output import Context, PassRenderers
 from mjrun.outputs.video import Video
-from mjrun.physics.observe import observe
+from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.graph import graph_size

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from mjrun.errors import UsageError
-from mjrun.outputs.result_comparison import common_kind, kind_of
+from mjrun.outputs.diff import common_kind, kind_of
 
 
 @pytest.mark.parametrize(

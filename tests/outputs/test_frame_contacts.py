@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.outputs.frame_contacts import BLOCK, ContactRecorder
-from mjrun.physics.observe import observe
+from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 
 MODEL = """

@@ -21,7 +21,7 @@ from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.image import Image, ImageResult
 from mjrun.outputs.perform import perform
 from mjrun.outputs.video import Video, VideoResult
-from mjrun.physics.observe import observe
+from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline

@@ -13,7 +13,7 @@ from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
 from mjrun.outputs.output import Context
 from mjrun.outputs.scene_frames import RecordedFrames, camera_motions, check_scene, plan_scene
-from mjrun.physics.observe import observe
+from mjrun.physics.simulation_loop import observe
 from mjrun.reporter import WarningReporter
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.outputs.timeline_marks import MarkDetector
-from mjrun.physics.observe import observe
+from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 

@@ -11,8 +11,8 @@ from mjrun.errors import ContactMemoryError, FailedStepError, UnstableError
 from mjrun.outputs.event_detection import EventDetector
 from mjrun.outputs.overlay_probes import overlay_probes
 from mjrun.outputs.trace_rows import ProbeSampler, blocks
-from mjrun.physics.observe import observe
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
+from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 

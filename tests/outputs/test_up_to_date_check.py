@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mjrun import packages
-from mjrun.document.value_forms import read_camera
+from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import UsageError
 from mjrun.formats.user_cache import VARIABLE
 from mjrun.options.output import RerunOptions

@@ -17,8 +17,8 @@ from mjrun.errors import FailedStepError, UsageError
 from mjrun.formats.recording import RecordingReader, RecordingWriter
 from mjrun.model import state
 from mjrun.physics.control import Controller, ControlSources, PeriodicController
-from mjrun.physics.observe import Tap, observe
 from mjrun.physics.recorded_states import ReplayStepper, require_model, states_at
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import rational
 from tests.physics.tumbler import Kept

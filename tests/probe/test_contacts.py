@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.contacts import contact_columns, contact_rows, pair
+from mjrun.probe.copied_contacts import RecordedContacts, copy_contacts
 from mjrun.probe.derived import contact_force
-from mjrun.probe.recorded_contacts import RecordedContacts, copy_contacts
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
 PILE = """

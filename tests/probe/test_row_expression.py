@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.observe import Tap, observe
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.probe.assertion import parse
 from mjrun.probe.parser import LONGEST

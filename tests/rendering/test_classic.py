@@ -12,7 +12,7 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Pose
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size

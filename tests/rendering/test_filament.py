@@ -19,7 +19,7 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Pose
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_image import RenderedView
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import save
 from mjrun.rendering import filament
 from mjrun.rendering.added_geoms import Ghost

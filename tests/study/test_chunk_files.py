@@ -14,7 +14,7 @@ import pytest
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_files import ChunkFiles, PartWriter, point_keys, study_identity
-from mjrun.study.result_columns import ResultRows
+from mjrun.study.columnar_results import ResultRows
 from mjrun.study.spec import PointResult, StudySpec
 from tests.study.models import BALL
 

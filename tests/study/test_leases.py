@@ -20,9 +20,9 @@ from mjrun.platform import system
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import BEAT, EXPIRY, POLL, LeasedPoints, Leases
 from mjrun.study.range_folders import SIZES
-from mjrun.study.result_columns import ResultColumns, ResultRows
 from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
 

@@ -10,8 +10,8 @@ import pytest
 from mjrun.errors import FileError
 from mjrun.formats.temporary_output import TemporaryOutput
 from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import EXPIRY, Leases
-from mjrun.study.result_columns import ResultRows
 from mjrun.study.spec import PointResult
 from mjrun.study.unused_files import remove_unused
 

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.physics.observe import Tap, observe
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import ControlInstants, Ending, EpisodeOver, ReplayedEpisode
 from mjrun.task.single_world import SingleWorld

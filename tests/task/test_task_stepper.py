@@ -12,7 +12,7 @@ from mjrun.errors import InvalidActionError, UnstableError
 from mjrun.model import state
 from mjrun.options.disturbance import Push
 from mjrun.outputs.trace_rows import blocks
-from mjrun.physics.observe import Tap, observe
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.task.episode import Ending
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task import TIMED_OUT, Action, Command, Observation, Reset, Task, Termination

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
-from mjrun.check.rules.extents import INFINITE
+from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import option
 
 RAYS = (48, 36)  # across and down

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Violation, rule
-from mjrun.check.rules.extents import INFINITE, corners
+from mjrun.check.rules.body_sizes import INFINITE, corners
 from mjrun.check.rules.fused_links import fused_links, loses_its_shape
 from mjrun.check.rules.meshes import geom_mass
 from mjrun.check.rules.physical_fixes import inferred_inertia

@@ -12,7 +12,7 @@ from functools import cache, partial
 import mujoco
 
 from mjrun.check.rule import SAFE, Finding, Fix, Place, Rule
-from mjrun.check.rules import deprecated
+from mjrun.check.rules import removed_from_mjcf
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
 from mjrun.model.class_defaults import holder
@@ -123,15 +123,15 @@ def violations(source: XmlSource) -> Iterator[Finding]:
 
 def _attributes(source: XmlSource, element: Element, node: Node) -> Iterator[Finding]:
     for name, value in element.attributes.items():
-        removed = deprecated.REMOVED_VALUES.get((element.tag, name, value))
-        if name == "plugin" and value in deprecated.REMOVED_PLUGINS:
-            removed = deprecated.REMOVED_PLUGINS[value]
+        removed = removed_from_mjcf.REMOVED_VALUES.get((element.tag, name, value))
+        if name == "plugin" and value in removed_from_mjcf.REMOVED_PLUGINS:
+            removed = removed_from_mjcf.REMOVED_PLUGINS[value]
         if removed:
             message = f"{name}={quoted(value)} of <{element.tag}> was removed {removed[0]}"
             yield REMOVED.in_element(element, message, removed[1])
         if name in node.attributes:
             continue
-        if removed := deprecated.REMOVED_ATTRIBUTES.get((element.tag, name)):
+        if removed := removed_from_mjcf.REMOVED_ATTRIBUTES.get((element.tag, name)):
             message = f"the attribute {quoted(name)} of <{element.tag}> was removed {removed[0]}"
             yield REMOVED.in_element(element, message, removed[1], partial(_rewritten, source, element, name))
             continue
@@ -146,12 +146,14 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
         meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
         exact = [editor.with_value(e, "inertia", "exact") for e in meshes if not holder(e, "inertia")]
         return Fix((editor.without(element, name, {name}), *exact), ("body_*", "mesh_*"))
-    new = deprecated.rewritten(element.tag, name, value)
+    new = removed_from_mjcf.rewritten(element.tag, name, value)
     if new is None:
         return None
     if not new:
         removed = [
-            each for each, value in element.attributes.items() if deprecated.rewritten(element.tag, each, value) == {}
+            each
+            for each, value in element.attributes.items()
+            if removed_from_mjcf.rewritten(element.tag, each, value) == {}
         ]
         return Fix((editor.without(element, name, removed),))
     missing = [other for other in new if other not in element.attributes]
@@ -160,7 +162,7 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
         edits += [editor.with_value(element, name, new[missing[0]])] if new[missing[0]] != value else []
     else:
         edits = [editor.without(element, name), *(editor.with_value(element, other, new[other]) for other in missing)]
-    return Fix(tuple(edits), deprecated.REWRITTEN_FIELDS.get(element.tag, ()))
+    return Fix(tuple(edits), removed_from_mjcf.REWRITTEN_FIELDS.get(element.tag, ()))
 
 
 def _attribute_remedy(element: Element, name: str, node: Node) -> str:
@@ -191,19 +193,19 @@ def _unknown(element: Element, node: Node) -> Finding:
     tag, parent = element.tag, element.parent
     assert parent is not None
     for name in (tag, f"{parent.tag}/{tag}"):
-        if name not in deprecated.REMOVED_ELEMENTS:
+        if name not in removed_from_mjcf.REMOVED_ELEMENTS:
             continue
-        since, remedy = deprecated.REMOVED_ELEMENTS[name]
+        since, remedy = removed_from_mjcf.REMOVED_ELEMENTS[name]
         return REMOVED.in_element(element, f"<{tag}> was removed {since}", remedy)
     if value := _as_attribute(element, node):
         return value
     parents = [tag for tag, _ in valid_parents().get(tag, [])]
-    if parents and tag not in deprecated.FOREIGN_ELEMENTS:
+    if parents and tag not in removed_from_mjcf.FOREIGN_ELEMENTS:
         homes = " or ".join(f"<{home}>" for home in parents[:3])
         message = f"<{tag}> is inside <{clean(parent.tag)}>, but must be directly inside {homes}"
         return MISPLACED_ELEMENT.in_element(element, message, _move(tag, parent, parents[0]))
     message = f"<{clean(parent.tag)}> has no element <{clean(tag)}>{suggestion(tag, node.children)}"
-    remedy = deprecated.FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
+    remedy = removed_from_mjcf.FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
     return UNKNOWN_ELEMENT.in_element(element, message, remedy)
 
 

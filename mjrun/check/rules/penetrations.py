@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rules.extents import INFINITE
+from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
 
 

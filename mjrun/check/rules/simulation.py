@@ -7,8 +7,8 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding, Rule
-from mjrun.check.rules.initial_constraints import deep_penetrations
 from mjrun.check.rules.limits import joints_beyond_range
+from mjrun.check.rules.start_forces import deep_penetrations
 from mjrun.errors import SimulationError, UnstableError
 from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
-from mjrun.check.rules.extents import INFINITE
+from mjrun.check.rules.body_sizes import INFINITE
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 INNER = 0.75  # part of a box that is well inside; links may touch beside the hinge

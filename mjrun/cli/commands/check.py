@@ -58,7 +58,7 @@ def check(console: Console, command_line: CommandLine) -> None:
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
     from mjrun.cli.check_config import configured
     from mjrun.cli.check_report import check_report, model_line
-    from mjrun.document.check import Check
+    from mjrun.document.model_and_task_check import Check
 
     command_line = command_line.with_defaults(**configured(options.config))
     if options.diff:

@@ -94,7 +94,7 @@ def diff(console: Console, command_line: CommandLine) -> None:
     form = command_line.form(*REPORT_FORMATS)
     import_mujoco()
     from mjrun.cli.diff_report import diff_report, verdict
-    from mjrun.outputs.result_comparison import Diff
+    from mjrun.outputs.diff import Diff
 
     result = command_line.make(
         Diff, a=command_line.argument("a"), b=command_line.argument("b"), command=console.command

@@ -90,7 +90,7 @@ def info(console: Console, command_line: CommandLine) -> None:
 
 def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[str]") -> None:
     """Prints a task, or sections of it."""
-    from mjrun.cli.task_page import task_page
+    from mjrun.cli.task_sections import task_page
     from mjrun.model.sources.gym import GymSource
     from mjrun.task.description import describe_environment, describe_task
     from mjrun.task.task import Task
@@ -121,7 +121,7 @@ def _print_xml(console: Console, model: "Source") -> None:
 
 def _show_demonstrations(console: Console, file: str) -> None:
     """Lists the demonstrations in a file."""
-    from mjrun.cli.demonstrations_page import demonstrations_page
+    from mjrun.cli.demonstrations_sections import demonstrations_page
     from mjrun.model.demonstrations import list_demonstrations
 
     listed = list_demonstrations(Path(file))

@@ -24,7 +24,7 @@ from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.episodes import CameraVideos, Episode, EpisodeLayout
 from mjrun.formats.episodes.statistics import MOST, NumberStatistics, RowStatistics, color_statistics
-from mjrun.formats.mp4_samples import Mp4Samples, join, read_samples
+from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

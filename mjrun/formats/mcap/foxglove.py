@@ -21,7 +21,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mjrun.dataclass import dataclass
 from mjrun.formats.calibration_writer import centered_matrix
 from mjrun.formats.mcap.writer import Schema
-from mjrun.model.rendered_image import CameraCalibration
+from mjrun.model.rendered_view import CameraCalibration
 from mjrun.scene_graph.soft_shapes import Segments, TriangleSurface
 
 TRANSFORMS, JOINTS, SCENE = Schema.of(FrameTransforms), Schema.of(JointStates), Schema.of(SceneUpdate)

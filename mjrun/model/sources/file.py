@@ -18,8 +18,8 @@ from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundE
 from mjrun.model import archive_paths
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.mujoco_globals import without_log
-from mjrun.model.named_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.parser_hazards import require_finite_nesting
+from mjrun.model.referenced_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.source import CollectionSource, Source
 from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml

@@ -12,8 +12,8 @@ from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
-from mjrun.model.named_files import existing_files, require_regular_files
 from mjrun.model.parser_hazards import require_finite_nesting
+from mjrun.model.referenced_files import existing_files, require_regular_files
 from mjrun.model.source import Source
 from mjrun.model.sources.file import FileSource
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mjrun.formats.mcap import foxglove
 from mjrun.formats.mcap.writer import Schema
-from mjrun.model.rendered_image import CameraCalibration
+from mjrun.model.rendered_view import CameraCalibration
 from mjrun.scene_graph.soft_shapes import Segments, TriangleSurface
 from tests.formats.mcap.files import decoded
 

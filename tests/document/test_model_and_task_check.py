@@ -7,7 +7,7 @@ import pytest
 
 import mjrun
 from mjrun.check.check import Check as ModelCheck
-from mjrun.document.check import Check
+from mjrun.document.model_and_task_check import Check
 from mjrun.errors import UsageError
 from tests.check.tasks import HEAD, SLIDER
 from tests.processes import PATIENCE

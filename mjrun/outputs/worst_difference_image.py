@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.diff.pictures import WorstFrames, is_colour
+from mjrun.diff.images_and_videos import WorstFrames, is_colour
 from mjrun.diff.result import FrameDifference
 from mjrun.diff.sentences import percent
 from mjrun.formats.image_format import image_format

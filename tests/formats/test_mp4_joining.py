@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats.codecs import encoding
-from mjrun.formats.mp4_samples import join, read_samples
+from mjrun.formats.mp4_joining import join, read_samples
 from mjrun.formats.video_writer import VideoWriter
 
 SIZE = (64, 48)

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from mjrun.model.copied_fields import STATISTICS
+from mjrun.model.compiler_copied_fields import STATISTICS
 
 NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)

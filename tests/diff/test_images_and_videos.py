@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from skimage.metrics import peak_signal_noise_ratio
 
-from mjrun.diff.pictures import compare_images, compare_videos
+from mjrun.diff.images_and_videos import compare_images, compare_videos
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
 from mjrun.formats.video_reader import read_video

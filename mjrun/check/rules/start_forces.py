@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Fix, Violation, rule
-from mjrun.check.rules.convex_decomposition import decomposed, obstacle
+from mjrun.check.rules.decomposition_fix import decomposed, obstacle
 from mjrun.check.rules.limits import joints_beyond_range
 from mjrun.check.rules.penetrations import deep_penetrations, filled_mesh
 from mjrun.check.rules.physical_fixes import without_contacts

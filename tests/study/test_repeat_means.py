@@ -16,7 +16,7 @@ from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import RankPanel
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.repeats import FILES, SUMMARIZED, RepeatMeans
+from mjrun.study.repeat_means import FILES, SUMMARIZED, RepeatMeans
 from mjrun.study.study import Study
 from tests.page_cells import PageCells
 

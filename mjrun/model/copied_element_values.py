@@ -14,7 +14,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.model.copied_fields import Rows, field_name, field_of, new_values, numbers_of
+from mjrun.model.compiler_copied_fields import Rows, field_name, field_of, new_values, numbers_of
 from mjrun.model.override import Override, elements_at
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)

@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.errors import BadValueError, FileError
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_page import check_page, number, parameters_table, study_figures
+from mjrun.experiment.results_page_parts import check_page, number, parameters_table, study_figures
 
 
 @pytest.mark.parametrize(

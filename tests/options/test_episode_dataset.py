@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from mjrun.options.episodes import EXTRAS
+from mjrun.options.episode_dataset import EXTRAS
 
 
 def test_every_format_has_its_extra_and_the_functions_of_a_format() -> None:

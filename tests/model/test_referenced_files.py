@@ -7,8 +7,8 @@ from pathlib import Path, PurePath, PurePosixPath, PureWindowsPath
 import pytest
 
 from mjrun.errors import BrokenModelError
-from mjrun.model import named_files
-from mjrun.model.named_files import require_regular_files, with_absolute_paths
+from mjrun.model import referenced_files
+from mjrun.model.referenced_files import require_regular_files, with_absolute_paths
 from mjrun.model.sources import load
 
 MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
@@ -129,5 +129,5 @@ def test_an_image_larger_than_any_texture_is_refused_by_its_first_bytes(tmp_path
 def test_absolute_paths_are_replaced(
     monkeypatch: pytest.MonkeyPatch, system: type[PurePath], text: str, expected: str
 ) -> None:
-    monkeypatch.setattr(named_files, "PurePath", system)
+    monkeypatch.setattr(referenced_files, "PurePath", system)
     assert with_absolute_paths(text.encode(), lambda name: f"[{name}]") == expected.encode()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from mjrun.cli.demonstrations_page import demonstrations_page
+from mjrun.cli.demonstrations_sections import demonstrations_page
 from mjrun.hdf5.demonstration_summary import DemonstrationList, DemonstrationOrigin, DemonstrationSummary
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 

@@ -28,7 +28,7 @@ from mjrun.plotting.page_writer import check_page_name
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 
 if TYPE_CHECKING:
-    from mjrun.diff.pictures import WorstFrames
+    from mjrun.diff.images_and_videos import WorstFrames
 
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
 
@@ -119,9 +119,9 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
 
 
 def _pictures(kind: str, diff: Diff, a: str, b: str) -> Compared:
-    from mjrun.diff.pictures import compare_images, compare_videos, require_library
+    from mjrun.diff.images_and_videos import compare_images, compare_videos, require_library
     from mjrun.diff.sentences import picture_sentences
-    from mjrun.outputs.worst_frame_image import write_worst_frame
+    from mjrun.outputs.worst_difference_image import write_worst_frame
 
     for path in (a, b):
         if not is_folder(Path(path)):

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnstableError
-from mjrun.physics.observe import Tap, observe
+from mjrun.physics.simulation_loop import Tap, observe
 from mjrun.physics.stepper import CHUNK, PhysicsStepper, Stepper
 
 UNTIL = 150

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.formats.video_reader import read_video
 from mjrun.formats.video_writer import write_video
-from mjrun.study.contact_sheet import GAP, LARGEST, VideoCell, sheet_layout, write_contact_sheet
+from mjrun.study.video_grid import GAP, LARGEST, VideoCell, sheet_layout, write_contact_sheet
 
 COLOURS = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]
 SIZE = (120, 160, 3)

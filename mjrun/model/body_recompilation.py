@@ -15,7 +15,7 @@ import numpy as np
 
 from mjrun.errors import MjrunError
 from mjrun.model.compilation import FAULTS
-from mjrun.model.copied_fields import Rows
+from mjrun.model.compiler_copied_fields import Rows
 from mjrun.model.fields import arrays
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import ALTERNATIVES, ELEMENTS, ORIENTATIONS, Override, apply, elements_at

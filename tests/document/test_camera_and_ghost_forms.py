@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.document.value_forms import CameraForm, InlineGhost, ghost_text
+from mjrun.document.camera_and_ghost_forms import CameraForm, InlineGhost, ghost_text
 from mjrun.errors import DocumentError
 from mjrun.options.kinds import ReadingContext
 from mjrun.simulation.simulation import Simulation

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import mujoco
 import pytest
 
-from mjrun.physics.controller_fields import access_of
+from mjrun.physics.controller_analysis import access_of
 from mjrun.python_code import RedirectedFunction
 
 

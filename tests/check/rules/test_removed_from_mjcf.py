@@ -5,7 +5,9 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.rules.deprecated import (
+from mjrun.check.rules.keywords import SEVERAL, SINGLE, invalid_keywords
+from mjrun.check.rules.mjcf_schema import valid_parents, violations
+from mjrun.check.rules.removed_from_mjcf import (
     FOREIGN_ELEMENTS,
     REMOVED_ATTRIBUTES,
     REMOVED_ELEMENTS,
@@ -13,8 +15,6 @@ from mjrun.check.rules.deprecated import (
     REMOVED_VALUES,
     SYNONYMS,
 )
-from mjrun.check.rules.keywords import SEVERAL, SINGLE, invalid_keywords
-from mjrun.check.rules.mjcf_schema import valid_parents, violations
 from mjrun.model.xml_source import read_xml
 from tests.check.models import mjcf, write
 

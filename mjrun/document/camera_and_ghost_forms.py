@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import cast
 
 from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEvent
-from mjrun.document.output_folder import Folders
+from mjrun.document.paths import Folders
 from mjrun.document.reader import read
 from mjrun.document.yaml_parser import number
 from mjrun.errors import DocumentError, UsageError, quoted
