@@ -16,7 +16,7 @@ import mujoco
 from mjrun.bench import grid_timing, output_timing
 from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.block_timing import Clock
-from mjrun.bench.reference_workload import WorkloadInfo
+from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
@@ -267,7 +267,7 @@ class Bench(BenchOptions):
             engine=EngineInfo.of(warp, machine),
             model=ModelInfo.of(model, facts["model"]["path"], facts["model"]["sha256"], source.main_file),
             options=options,
-            reference_workload=None if warp else WorkloadInfo(),
+            reference_workload=None if warp else ReferenceWorkloadInfo(),
             load=load,
         )
 

@@ -44,7 +44,7 @@ MJCF = """
 
 
 @dataclass(frozen=True)
-class WorkloadInfo:
+class ReferenceWorkloadInfo:
     """The workload that represents the speed of the machine.
 
     Attributes:

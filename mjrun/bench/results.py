@@ -15,7 +15,7 @@ import mujoco
 from mjrun.bench.baseline import SCHEMA, BaselineComparison
 from mjrun.bench.block_timing import Phase
 from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
-from mjrun.bench.reference_workload import WorkloadInfo
+from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_timing import ThreadScaling
 from mjrun.bench.warp_timing import WARP, C, WarpOptions
@@ -273,7 +273,7 @@ class BenchResult:
     engine: EngineInfo
     model: ModelInfo
     options: BenchSettings
-    reference_workload: WorkloadInfo | None
+    reference_workload: ReferenceWorkloadInfo | None
     load: LoadTiming | None
     rows: Sequence[GridPointResult] = ()
     frames: Sequence[FrameTiming] = ()

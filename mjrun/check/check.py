@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from mjrun.check.codes import codes, matching_codes
-from mjrun.check.model_result import CheckedCopy, Copy, FixedFile, ModelResult
+from mjrun.check.model_result import Copy, FixedFile, FixOutcome, ModelResult
 from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
@@ -191,7 +191,7 @@ class Check(PolicyOptions, CheckOptions):
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
 
-            def checked(each: CheckedCopy) -> ModelResult:
+            def checked(each: FixOutcome) -> ModelResult:
                 reporter.progress("models", next(count), len(paths))
                 return each.result if fixing else reported(each.result)
 
@@ -233,7 +233,7 @@ class Check(PolicyOptions, CheckOptions):
             return None
         from mjrun.check.fixing import Fixing  # which imports MuJoCo
 
-        def check(copies: Sequence[Copy]) -> Sequence[CheckedCopy]:
+        def check(copies: Sequence[Copy]) -> Sequence[FixOutcome]:
             tasks = [
                 replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
                 for copy in copies
@@ -248,7 +248,7 @@ class Check(PolicyOptions, CheckOptions):
         workers: CheckProcesses,
         cache: "ResultCache | None",
         spelling: Spelling,
-        finished: Callable[[CheckedCopy], T],
+        finished: Callable[[FixOutcome], T],
     ) -> list[T]:
         """Returns `finished` of each result, in the order of `tasks`; it is called as soon as the result is known.
 
@@ -274,7 +274,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def _check(
         self, task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None", spelling: Spelling
-    ) -> CheckedCopy:
+    ) -> FixOutcome:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
         if task.unsafe and not is_done:
@@ -299,7 +299,7 @@ class Check(PolicyOptions, CheckOptions):
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
         result = _in_spelling(ModelResult(task.model, loads, tuple(reported), suppressed), spelling)
         changes = next((message["changes"] for message in output.messages if "changes" in message), None)
-        return CheckedCopy(result, changes)
+        return FixOutcome(result, changes)
 
     @staticmethod
     def _output(task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None") -> WorkerOutput:
@@ -379,7 +379,7 @@ def _is_known_not_to_load(result: ModelResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
-def _without_unsafe(checked: CheckedCopy, failure: Finding, spelling: Spelling) -> CheckedCopy:
+def _without_unsafe(checked: FixOutcome, failure: Finding, spelling: Spelling) -> FixOutcome:
     """Returns a model that was checked without unsafe fixes, with their failure as the reason if that succeeded."""
     message = f"{option('unsafe_fixes')} is left out: {failure.message}"
     reason = NOT_FIXED.in_model(Path(failure.file), message, failure.remedy)
@@ -440,7 +440,7 @@ def _path(model: str | Path) -> str:
     """Returns the path of a model or a task; a name in a collection, such as `scene:dominos`, represents its file."""
     if ":" not in str(model) and str(model) != "-":
         return str(model)
-    from mjrun.model.source import CollectionSource  # slow to import, like MuJoCo
+    from mjrun.model.source import CollectionModelSource  # slow to import, like MuJoCo
     from mjrun.model.sources import demonstration_in, source_of
     from mjrun.model.sources.bundled_scene import bundled_task
 
@@ -451,7 +451,7 @@ def _path(model: str | Path) -> str:
         shown = clean(shlex.quote(source.text))
         advice = f"\n`mjrun info {shown} --xml > model.xml` writes one" if demonstration_in(source) else ""
         raise UsageError(f"{clean(str(model))}: a check needs a model file{advice}")
-    return str(source.main_file if isinstance(source, CollectionSource) else model)
+    return str(source.main_file if isinstance(source, CollectionModelSource) else model)
 
 
 def _below(folder: Path) -> Iterator[Path]:

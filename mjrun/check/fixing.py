@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from mjrun.check.model_result import CheckedCopy, Copy, FixedFile, ModelResult
+from mjrun.check.model_result import Copy, FixedFile, FixOutcome, ModelResult
 from mjrun.check.rule import Finding, Fix, short_path
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import NOT_FIXED
@@ -95,7 +95,7 @@ class Fixing:
         self,
         given: Sequence[str | Path],
         models: Sequence[str],
-        check: Callable[[Sequence[Copy]], Sequence[CheckedCopy]],
+        check: Callable[[Sequence[Copy]], Sequence[FixOutcome]],
         before: BeforeFix | None = None,
     ) -> None:
         self._check, self._before = check, before
@@ -159,7 +159,7 @@ class Fixing:
 
     def _attempt(self, group: _Group, results: Sequence[ModelResult], codes: Collection[str] | None) -> _Attempt:
         """Fixes violations of some rules, or of all, in copies, until none is left."""
-        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [CheckedCopy(result) for result in results]
+        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [FixOutcome(result) for result in results]
         with ExitStack() as stack:
             mirror, original = stack.enter_context(_Mirror(group)), None
             for _ in range(MAX_ROUNDS):
@@ -179,7 +179,7 @@ class Fixing:
         return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
 
     def _proposed(
-        self, checked: Sequence[CheckedCopy], codes: Collection[str] | None
+        self, checked: Sequence[FixOutcome], codes: Collection[str] | None
     ) -> Iterator[tuple[tuple[TextEdit, ...], tuple[str, Fix]]]:
         """Yields the edits of each fix that may be made, with the code of its rule."""
         for finding in (finding for each in checked for finding in each.result.findings):
@@ -289,7 +289,7 @@ def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...
     return {file: edited(texts.get(file, b""), [edit for edit in edits if edit.file == file]) for file in files}
 
 
-def _problem(before: Sequence[ModelResult], after: Sequence[CheckedCopy], fixes: Sequence[tuple[str, Fix]]) -> str:
+def _problem(before: Sequence[ModelResult], after: Sequence[FixOutcome], fixes: Sequence[tuple[str, Fix]]) -> str:
     """Returns the reason why fixes must not be made; empty without one."""
     allowed = [pattern for _, fix in fixes for pattern in fix.fields]
     if not fixes:

@@ -62,7 +62,7 @@ class FixedFile:
     is_new: bool = False
 
 
-class CheckedCopy(NamedTuple):
+class FixOutcome(NamedTuple):
     """A model that was checked.
 
     Attributes:

@@ -39,7 +39,7 @@ class NotFinite:
 
 
 @dataclass
-class TaskEpisodes:
+class TaskEpisodeFaults:
     """The observed faults of episodes.
 
     Attributes:
@@ -61,7 +61,7 @@ class TaskEpisodes:
     constant: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
 
 
-def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodes:
+def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodeFaults:
     """Plays an episode of each world under `policy`, whose answers must be finite, and returns the faults."""
     return _Watch(worlds, policy).run()
 
@@ -71,10 +71,10 @@ class _Watch:
         self._worlds, self._policy = worlds, policy
         self._dt = float(worlds.task.control_dt)
         acting = "random actions" if policy.name == "random" else policy.name
-        self._seen = TaskEpisodes(worlds.count, acting)
+        self._seen = TaskEpisodeFaults(worlds.count, acting)
         self._known: set[tuple[str, str]] = set()
 
-    def run(self) -> TaskEpisodes:
+    def run(self) -> TaskEpisodeFaults:
         worlds, seen = self._worlds, self._seen
         observations = worlds.reset(range(worlds.count))
         for seed, ending in enumerate(worlds.ended_at_start):

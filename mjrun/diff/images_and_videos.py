@@ -25,7 +25,7 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of red, green and blue: IT
 
 
 @dataclass(frozen=True)
-class FrameComparison:
+class FramePairComparison:
     """The comparison of two frames of one size.
 
     Attributes:
@@ -46,7 +46,7 @@ class FrameComparison:
         return decibels(self.mean_square)
 
 
-EQUAL = FrameComparison(0.0, 0.0, 0.0, 1.0)
+EQUAL = FramePairComparison(0.0, 0.0, 0.0, 1.0)
 
 
 def decibels(mean_square: float) -> float:
@@ -59,7 +59,7 @@ def is_colour(frame: np.ndarray) -> bool:
     return frame.ndim == 3
 
 
-def compare_frames(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FrameComparison:
+def compare_frames(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FramePairComparison:
     """Compares two frames of one size, both colours or both numbers."""
     if a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes():
         return EQUAL
@@ -69,17 +69,17 @@ def compare_frames(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FrameC
     size = np.abs(one.astype(np.int16) - other)
     beyond = size > (tolerance.atol + tolerance.rtol * other if tolerance.rtol else tolerance.atol)
     square = float(np.mean(np.square(size, dtype=np.float32), dtype=np.float64))
-    return FrameComparison(float(beyond.any(axis=2).mean()), float(size.max()), square, _similarity(one, other))
+    return FramePairComparison(float(beyond.any(axis=2).mean()), float(size.max()), square, _similarity(one, other))
 
 
-def _compare_numbers(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FrameComparison:
+def _compare_numbers(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FramePairComparison:
     one, other = a.astype(np.float64), b.astype(np.float64)
     same = (one == other) | (np.isnan(one) & np.isnan(other))
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.where(same, 0.0, np.abs(one - other))
         size[np.isnan(size)] = math.inf
         square = float(np.mean(size**2))
-    return FrameComparison(float((~(same | tolerance.agree(one, other))).mean()), float(size.max()), square, None)
+    return FramePairComparison(float((~(same | tolerance.agree(one, other))).mean()), float(size.max()), square, None)
 
 
 def _same_channels(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -219,7 +219,7 @@ class PictureSummary:
         self._counts[0] += in_a
         self._counts[1] += in_b
 
-    def add(self, a: np.ndarray, b: np.ndarray, comparison: FrameComparison) -> None:
+    def add(self, a: np.ndarray, b: np.ndarray, comparison: FramePairComparison) -> None:
         """Adds the next pair of frames."""
         difference = self._difference(comparison, is_colour(a))
         if comparison.mean_square > self._worst_square:
@@ -260,7 +260,7 @@ class PictureSummary:
             most_changed=self._most_changed,
         )
 
-    def _difference(self, comparison: FrameComparison, colours: bool) -> FrameDifference:
+    def _difference(self, comparison: FramePairComparison, colours: bool) -> FrameDifference:
         return FrameDifference(
             frame=self._frames,
             time=self._frames / self._fps if self._fps else None,

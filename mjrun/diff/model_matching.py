@@ -233,7 +233,7 @@ class ObjectMatching:
 
 
 @dataclass(frozen=True)
-class MatchedRows:
+class MatchedModelRows:
     """The rows along one dimension that both models have.
 
     Attributes:
@@ -246,14 +246,14 @@ class MatchedRows:
     labels: Sequence[str]
 
 
-class RowMatching:
+class ModelRowMatching:
     """The rows of two models along each dimension."""
 
     def __init__(self, objects: ObjectMatching) -> None:
         self.objects = objects
-        self._rows: dict[str, MatchedRows | None] = {}
+        self._rows: dict[str, MatchedModelRows | None] = {}
 
-    def rows(self, dimension: str) -> MatchedRows | None:
+    def rows(self, dimension: str) -> MatchedModelRows | None:
         """Returns the rows along `dimension`, MuJoCo's name of a count; None if they belong to no objects."""
         if dimension not in self._rows:
             self._rows[dimension] = self._find(dimension)
@@ -264,14 +264,14 @@ class RowMatching:
         first, second = self.objects.a.label(kind, a), self.objects.b.label(kind, b)
         return first if first == second else f"{first} → {second}"
 
-    def _find(self, dimension: str) -> MatchedRows | None:
+    def _find(self, dimension: str) -> MatchedModelRows | None:
         if kind := KIND_OF_COUNT.get(dimension):
             match = self.objects.matches[kind]
             labels = [self.label(kind, *pair) for pair in zip(match.a.tolist(), match.b.tolist(), strict=True)]
-            return MatchedRows(match.a, match.b, labels)
+            return MatchedModelRows(match.a, match.b, labels)
         return self._parts(dimension) if dimension in PARTS else None
 
-    def _parts(self, dimension: str) -> MatchedRows:
+    def _parts(self, dimension: str) -> MatchedModelRows:
         """Returns the rows of a dimension along which an object may have several, such as degrees of freedom."""
         kind = PARTS[dimension]
         a, b, labels = list[int](), list[int](), list[str]()
@@ -284,7 +284,7 @@ class RowMatching:
                 b += range(start_b, start_b + len(names_b))
                 label = self.label(kind, index_a, index_b)
                 labels += [f"{label}/{name}" if name else label for name in names_a]
-        return MatchedRows(np.array(a, int), np.array(b, int), labels)
+        return MatchedModelRows(np.array(a, int), np.array(b, int), labels)
 
 
 # The kind of object to which the rows of a dimension belong.

@@ -15,7 +15,7 @@ from mjrun.diff.model_differences import (
     UnmatchedObject,
     Value,
 )
-from mjrun.diff.model_matching import PARENTS, ModelObjects, ObjectMatching, RowMatching
+from mjrun.diff.model_matching import PARENTS, ModelObjects, ModelRowMatching, ObjectMatching
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.diff.xml_changes import xml_changes
 from mjrun.model.description.non_default_settings import (
@@ -61,7 +61,7 @@ class FieldComparer:
     """A comparison of fields of two models whose objects are matched."""
 
     def __init__(self, objects: ObjectMatching, tolerances: Tolerances) -> None:
-        self._objects, self._rows = objects, RowMatching(objects)
+        self._objects, self._rows = objects, ModelRowMatching(objects)
         self._models = objects.a.model, objects.b.model
         self._tolerances = tolerances
 

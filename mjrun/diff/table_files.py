@@ -32,7 +32,7 @@ COLUMNS = {
 
 
 @dataclass(frozen=True)
-class ResultTable:
+class ResultTableKind:
     """A table of results.
 
     Attributes:
@@ -44,7 +44,7 @@ class ResultTable:
     keys: Sequence[str]
 
     @classmethod
-    def of(cls, names: Sequence[str]) -> "ResultTable | None":
+    def of(cls, names: Sequence[str]) -> "ResultTableKind | None":
         """Returns the table with columns of these names; None if it is another kind of table."""
         if names[:1] == [POINT] and {*COLUMNS[STUDY]} <= {*names}:
             return cls(STUDY, names[: names.index(STATUS)])
@@ -53,7 +53,7 @@ class ResultTable:
         return None
 
     def common_key(
-        self, other: "ResultTable", manifests: Sequence[Mapping[str, Any] | None]
+        self, other: "ResultTableKind", manifests: Sequence[Mapping[str, Any] | None]
     ) -> tuple[Sequence[str], Sequence[str]]:
         """Returns the columns that identify a row in both tables, and those with row numbers, which are ignored."""
         both = [name for name in self.keys if name in other.keys]
@@ -150,7 +150,7 @@ def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> l
     first, second = (b, a) if b == STDIN else (a, b)  # standard input can be opened once only
     second_names, first_names = _names(second), list[str]()
     others = set(second_names)
-    own = ResultTable.of(second_names)
+    own = ResultTableKind.of(second_names)
     keys = {TIME, *_named_keys(options), *(own.keys if own else ())}
 
     def is_common(name: str) -> bool:
@@ -208,7 +208,7 @@ def _key(
         return None, ()
     if TIME in both:
         return TIME, ()
-    results = [ResultTable.of(names) for names in (names_a, names_b)]
+    results = [ResultTableKind.of(names) for names in (names_a, names_b)]
     one, other = results
     if one and other and one.kind == other.kind:
         return one.common_key(other, manifests)

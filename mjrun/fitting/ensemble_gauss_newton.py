@@ -29,7 +29,7 @@ NEAREST = 1e-3  # least distance of such states from the best one, in standard e
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class StandardErrors:
     """Standard errors of the unknowns: matrices that turn independent normal numbers into deviations.
 
     Attributes:
@@ -63,12 +63,12 @@ class EnsembleSearch:
       scatter: standard errors of the start; None for those of finite differences, which suit short stretches only.
     """
 
-    def __init__(self, problem: ShootingProblem, seed: int, scatter: Scatter | None = None) -> None:
+    def __init__(self, problem: ShootingProblem, seed: int, scatter: StandardErrors | None = None) -> None:
         self._problem, self._scatter = problem, scatter
         self._generator = np.random.default_rng(seed)
         self._rounds: list[tuple[list[Point], list[list[Floats]]]] = []
 
-    def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, Scatter]]:
+    def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, StandardErrors]]:
         """Searches from the start of the problem; returns a solution and standard errors.
 
         Args:
@@ -95,13 +95,13 @@ class EnsembleSearch:
         pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
         return replace(problem.solution(best, residuals, list(pairs)), variances=variances), scatter
 
-    def _first_scatter(self, point: Point) -> Simulating[Scatter]:
+    def _first_scatter(self, point: Point) -> Simulating[StandardErrors]:
         (residuals,) = yield from self._problem.residuals([point])
         slopes = Slopes(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
         weights = [np.ones_like(each) for each in residuals]
         return _scatter(normal_equations(self._problem, point, residuals, slopes, weights))
 
-    def _simulate(self, middle: Point, scatter: Scatter) -> Simulating[None]:
+    def _simulate(self, middle: Point, scatter: StandardErrors) -> Simulating[None]:
         """Adds points around the centre, in opposite directions that are orthogonal in standard errors."""
         size = self._problem.free + self._problem.size
         turned, _ = np.linalg.qr(self._generator.normal(size=(size, size)))
@@ -135,7 +135,7 @@ class EnsembleSearch:
             of_states.append(of_unknowns[..., free:])
         return at_middle, Slopes(of_coordinates, of_states), variances
 
-    def _nearest(self, middle: Point, scatter: Scatter, batches: int) -> Simulating[tuple[Point, list[Floats]]]:
+    def _nearest(self, middle: Point, scatter: StandardErrors, batches: int) -> Simulating[tuple[Point, list[Floats]]]:
         """Searches states near a point for the simulation nearest to the log, with constant coordinates."""
         size, best = self._problem.size, middle
         (residuals,) = yield from self._problem.residuals([middle])
@@ -156,9 +156,9 @@ def _moved(point: Point, turn: Floats, moves: Floats) -> Point:
     return Point(coordinates, point.deviations + moves)
 
 
-def _scatter(normal: NormalEquations) -> Scatter:
+def _scatter(normal: NormalEquations) -> StandardErrors:
     states = np.stack([_inverse_root(each) for each in normal.of_states])
-    return Scatter(_inverse_root(normal.matrix), states, -normal.state_slopes)
+    return StandardErrors(_inverse_root(normal.matrix), states, -normal.state_slopes)
 
 
 def _inverse_root(matrix: Floats) -> Floats:

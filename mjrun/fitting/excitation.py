@@ -19,7 +19,7 @@ from mjrun.fitting.measurements import CONTROLS, Segment, commands
 from mjrun.fitting.prediction import Chunk, ChunkSimulation, Predictor
 from mjrun.fitting.shooting_fit import Shooting
 from mjrun.fitting.solution import Solution
-from mjrun.fitting.starting_states import StartingStates
+from mjrun.fitting.starting_states import StateGuesses
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model import state
@@ -160,7 +160,7 @@ class _Excitation:
         self._coordinates = np.array([each.first_coordinate for each in self._parameters])
         self._judge = Predictor(simulation, [column.name for column in self._limits.columns], self._parameters)
         predictor = Predictor(simulation, signals, self._parameters)
-        self._shooting = Shooting(predictor, self._parameters, StartingStates(model, signals, self._start))
+        self._shooting = Shooting(predictor, self._parameters, StateGuesses(model, signals, self._start))
         self._signals = signals
 
     def best(self) -> ExcitationResult:

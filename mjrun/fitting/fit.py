@@ -25,7 +25,7 @@ from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitte
 from mjrun.fitting.rotations_and_noise import first_noise, set_noise, shared, spread_of
 from mjrun.fitting.shooting_fit import EXPLAINED, SHORTEST, SearchResult, Shooting
 from mjrun.fitting.solution import Solution, with_noise
-from mjrun.fitting.starting_states import StartingStates
+from mjrun.fitting.starting_states import StateGuesses
 from mjrun.fitting.verdict import Misfit, all_at_bounds, improvement, misfit
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
@@ -119,7 +119,7 @@ class _Run:
         self._noise = first_noise([each.values for each in self._fitted.segments], self._measurements.rotations)
         for place, deviation in set_noise(fit.noise, self._measurements.signals).items():
             self._noise[place] = deviation
-        starting = StartingStates(model, self._measurements.signals, state.save(model, data), self._noise)
+        starting = StateGuesses(model, self._measurements.signals, state.save(model, data), self._noise)
         self._shooting = Shooting(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
         self._outputs = FitOutputs(fit, simulation, self._predictor, self._parameters)
         self._latest: Solution | None = None

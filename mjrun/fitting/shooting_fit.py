@@ -27,7 +27,7 @@ from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunk
 from mjrun.fitting.rotations_and_noise import LEAST_NOISE, shared
 from mjrun.fitting.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
 from mjrun.fitting.solution import Floats, Solution, with_noise
-from mjrun.fitting.starting_states import StartingStates, simulated_starts
+from mjrun.fitting.starting_states import StateGuesses, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
@@ -67,7 +67,7 @@ class Shooting:
         self,
         predictor: Predictor,
         parameters: Sequence[FreeParameter],
-        starting: StartingStates,
+        starting: StateGuesses,
         loss: str = "linear",
         seed: int = 0,
     ) -> None:

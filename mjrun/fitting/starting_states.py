@@ -17,7 +17,7 @@ LONGER = (72, 36, 18)  # numbers of rows that are preferred if a parabola fits t
 FITTING = 1.35  # largest residuals of such a parabola, in standard deviations of the noise
 
 
-class StartingStates:
+class StateGuesses:
     """Guesses of states from measured columns of `qpos` and `qvel`; everything else is taken from a given state.
 
     Args:
@@ -146,7 +146,7 @@ def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float, noise: 
 
 
 def simulated_starts(
-    predictor: Predictor, starting: StartingStates, parts: Sequence[Chunk], values: tuple[float, ...] | None
+    predictor: Predictor, starting: StateGuesses, parts: Sequence[Chunk], values: tuple[float, ...] | None
 ) -> np.ndarray:
     """Simulates states at the beginning of each chunk, `(chunks, nstate)`.
 
@@ -169,7 +169,7 @@ def simulated_starts(
 
 def _simulated(
     predictor: Predictor,
-    starting: StartingStates,
+    starting: StateGuesses,
     segment: Segment,
     values: tuple[float, ...] | None,
     wanted: Sequence[int],

@@ -64,7 +64,7 @@ def lines(path: Path, file: BinaryIO, before: int = 0) -> Iterator[bytes]:
         yield line
 
 
-class LinePieces:
+class WholeLinePieces:
     """Pieces of a file that end with a line, each with the number of lines before it.
 
     Args:
@@ -99,7 +99,7 @@ class LinePieces:
         self._before += int(np.count_nonzero(np.frombuffer(piece, np.uint8) == NEWLINE))  # faster than bytes count
         return before, piece
 
-    def skip_equal(self, other: "LinePieces") -> int:
+    def skip_equal(self, other: "WholeLinePieces") -> int:
         """Skips lines that have the same bytes in both files, without parsing them, and returns their number.
 
         Skips only lines with the right number of cells, none of them in quotes. Where files differ everywhere, most
@@ -115,7 +115,7 @@ class LinePieces:
         self._wait = 0 if skipped else min(2 * self._wait + 1, PATIENCE)
         return skipped
 
-    def _skip_piece(self, other: "LinePieces") -> int:
+    def _skip_piece(self, other: "WholeLinePieces") -> int:
         files = self._file, other._file
         if not all(file.seekable() for file in files):
             return 0

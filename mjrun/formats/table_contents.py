@@ -18,7 +18,7 @@ from mjrun.errors import FileError, quoted
 from mjrun.formats.input_file import cut, decoded, decoding
 
 if TYPE_CHECKING:
-    from mjrun.formats.number_text import LinePieces
+    from mjrun.formats.number_text import WholeLinePieces
 
 ColumnFilter = Callable[[str], bool]
 Stored = TypeVar("Stored")  # an array as its format stores it
@@ -45,7 +45,7 @@ class CellKinds(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class TableContents:
+class OpenTable:
     """An open table.
 
     The function `read` of a format makes it from the path, for messages; the open file, which stays open until the last
@@ -64,10 +64,10 @@ class TableContents:
     blocks: Iterator[np.ndarray]
     units: Mapping[str, str] = field(default_factory=dict)
     manifest: dict[str, Any] | None = None
-    lines: "LinePieces | None" = None
+    lines: "WholeLinePieces | None" = None
 
 
-class FileArray(Protocol):
+class ArrayInFile(Protocol):
     """An array of a file, open for reading.
 
     Attributes:
@@ -87,10 +87,10 @@ def array_contents(
     path: Path,
     columns: Mapping[str, tuple[Stored, int]],
     cells: CellKinds,
-    opened: Callable[[str, Stored], FileArray],
+    opened: Callable[[str, Stored], ArrayInFile],
     units: Mapping[str, str],
     manifest: dict[str, Any] | None,
-) -> TableContents:
+) -> OpenTable:
     """Returns the table of columns that are parts of arrays.
 
     Args:
@@ -100,7 +100,7 @@ def array_contents(
     Raises:
       FileError: an array holds something other than numbers, or arrays differ in length.
     """
-    parts: list[tuple[FileArray, list[int]]] = []
+    parts: list[tuple[ArrayInFile, list[int]]] = []
     lengths: dict[str, int] = {}
     for array, group in groupby(columns.items(), key=lambda column: column[1][0]):
         selected = list(group)
@@ -119,7 +119,7 @@ def array_contents(
 
     width = sum(reader.width for reader, _ in parts)
     blocks = row_blocks(next(iter(lengths.values()), 0), width, read_rows)
-    return TableContents(list(columns), decoded(path, blocks), units, manifest)
+    return OpenTable(list(columns), decoded(path, blocks), units, manifest)
 
 
 def select(path: Path, names: Sequence[str], wanted: ColumnFilter) -> dict[str, int]:

@@ -6,7 +6,7 @@ from mjrun.dataclass import dataclass
 
 
 @dataclass(frozen=True)
-class DemonstrationOrigin:
+class DemonstrationFileOrigin:
     """The origin of demonstrations, according to their file; empty or None where it states nothing.
 
     Attributes:
@@ -62,7 +62,7 @@ class DemonstrationList:
     """
 
     path: str
-    origin: DemonstrationOrigin
+    origin: DemonstrationFileOrigin
     cameras: Sequence[str]
     subsets: Mapping[str, int]
     demonstrations: Sequence[DemonstrationSummary]

@@ -22,7 +22,7 @@ import numpy as np
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, MjrunError, clean, quoted, suggestion
 from mjrun.hdf5.datasets import require_own_content
-from mjrun.hdf5.demonstration_summary import DemonstrationOrigin, DemonstrationSummary
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationSummary
 from mjrun.hdf5.strings import text_attributes
 
 LISTED = 8  # episodes in a message
@@ -89,7 +89,7 @@ class DemonstrationFile:
         hint = suggestion(name, self.names)
         raise FileError(self.path, f"has no demonstration {quoted(name)}{hint}\n{shown}{more}")
 
-    def origin(self, name: str = "") -> DemonstrationOrigin:
+    def origin(self, name: str = "") -> DemonstrationFileOrigin:
         """Returns the origin of an episode, or of all, according to the file."""
         with self._decoding():
             attributes = text_attributes(self._file, self._data)
@@ -220,7 +220,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(len(part) if index % 2 else -1, part) for index, part in enumerate(parts)]
 
 
-def _origin(attributes: Mapping[str, str], own: Mapping[str, str]) -> DemonstrationOrigin:
+def _origin(attributes: Mapping[str, str], own: Mapping[str, str]) -> DemonstrationFileOrigin:
     """Returns the facts in the attributes of all episodes, and in those of one, whichever program wrote them."""
     environment = {**_parsed(attributes, "env_info"), **_parsed(attributes, "env_args")}
     settings = {**environment, **_mapping(environment.get("env_kwargs"))}
@@ -229,7 +229,7 @@ def _origin(attributes: Mapping[str, str], own: Mapping[str, str]) -> Demonstrat
     rate, robots = settings.get("control_freq"), settings.get("robots", [])
     robots = cast("list[object]", [robots] if isinstance(robots, str) else robots if isinstance(robots, list) else [])
     robosuite = next(filter(None, [*versions, str(environment.get("env_version", ""))]), "")
-    return DemonstrationOrigin(
+    return DemonstrationFileOrigin(
         task=next(filter(None, names), ""),
         instruction=_instruction(own) or _instruction(attributes),
         mujoco=attributes.get("mujoco_version", ""),

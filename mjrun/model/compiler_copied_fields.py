@@ -32,7 +32,7 @@ class _Place:
     rows: list[int]
 
 
-class CopiedFields:
+class CompilerCopiedFields:
     """The copied fields of a model, and their values in its specification."""
 
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:

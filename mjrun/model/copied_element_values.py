@@ -82,7 +82,7 @@ FIELDS = {
 }
 
 
-class ElementNumbers:
+class CopiedElementNumbers:
     """The numbers of the elements of a model that are only copied.
 
     Args:
@@ -230,22 +230,22 @@ class ElementNumbers:
         return values if getattr(self.model, array).ndim > 1 else values[:, 0]
 
 
-def _always(numbers: ElementNumbers, element: Any) -> bool:
+def _always(numbers: CopiedElementNumbers, element: Any) -> bool:
     return True
 
 
-def _has_no_spring_damper(numbers: ElementNumbers, joint: Any) -> bool:
+def _has_no_spring_damper(numbers: CopiedElementNumbers, joint: Any) -> bool:
     return not np.any(joint.springdamper)
 
 
-def _has_inertia(numbers: ElementNumbers, body: Any) -> bool:
+def _has_inertia(numbers: CopiedElementNumbers, body: Any) -> bool:
     """Returns whether the inertial frame of a body is independent of its position."""
     return bool(body.id) and numbers.model.body_mass[body.id] > 0
 
 
-_CONDITIONS: dict[str, Callable[[ElementNumbers, Any], bool]] = {
+_CONDITIONS: dict[str, Callable[[CopiedElementNumbers, Any], bool]] = {
     "body": _has_inertia,
-    "geom": ElementNumbers.is_separate,
+    "geom": CopiedElementNumbers.is_separate,
     "joint": _has_no_spring_damper,
 }
 

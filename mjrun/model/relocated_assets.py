@@ -26,7 +26,7 @@ SHORTEST = 2  # parts of the end of a path that is looked up in packages
 
 
 @dataclass(frozen=True)
-class PlacedModel:
+class AbsolutePathModel:
     """The text of a model in which every file is named by its place on this machine.
 
     Attributes:
@@ -40,7 +40,7 @@ class PlacedModel:
     missing: Sequence[str] = field(default=())
 
 
-def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> PlacedModel:
+def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> AbsolutePathModel:
     """Looks up the files that a model names.
 
     Each is searched in the `given` folders, then at its own path, relative to `folder`, and then in installed packages.
@@ -57,7 +57,7 @@ def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> PlacedModel
         return str(path.absolute()) if (path := places.get(name)) else name
 
     files = [path for path in places.values() if path]
-    return PlacedModel(with_file_names(text, here), files, [name for name, path in places.items() if not path])
+    return AbsolutePathModel(with_file_names(text, here), files, [name for name, path in places.items() if not path])
 
 
 def packages_in(path: str) -> list[str]:

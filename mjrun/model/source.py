@@ -100,7 +100,7 @@ class CollectionEntry:
 
 
 @dataclass(frozen=True)
-class CollectionSource(Source):
+class CollectionModelSource(Source):
     """A model in a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` defines each collection."""
 
     PREFIX: ClassVar[str]

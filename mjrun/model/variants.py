@@ -20,7 +20,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.model.body_recompilation import BodyCompiler
 from mjrun.model.compiler_copied_fields import (
-    CopiedFields,
+    CompilerCopiedFields,
     Rows,
     field_of,
     may_be_copied,
@@ -29,7 +29,7 @@ from mjrun.model.compiler_copied_fields import (
     write_array,
 )
 from mjrun.model.compiler_derived_fields import DerivedNumbers
-from mjrun.model.copied_element_values import ElementNumbers
+from mjrun.model.copied_element_values import CopiedElementNumbers
 from mjrun.model.override import Override
 from mjrun.model.recompilation import Recompiler, may_be_recompiled
 from mjrun.model.source import Source
@@ -216,10 +216,10 @@ class SharedCompilation:
         self.spec, self.model = spec, model
         self.size = mujoco.mj_sizeModel(model)
         self.unused: list[ModelVariant] = []
-        self._copied = CopiedFields(spec, model) if spec else None
+        self._copied = CompilerCopiedFields(spec, model) if spec else None
         self._recompiler: Recompiler | None = None
         self._partial: BodyCompiler | None = None
-        self._elements: ElementNumbers | None = None
+        self._elements: CopiedElementNumbers | None = None
         self._derived: DerivedNumbers | None = None
         self.proofs = dict[object, _Proof]()
 
@@ -247,7 +247,7 @@ class SharedCompilation:
         changed = self._copied.changed(options) if self._copied else None
         if changed is None or self.spec is None:
             return None
-        self._elements = self._elements or ElementNumbers(self.spec, self.model)
+        self._elements = self._elements or CopiedElementNumbers(self.spec, self.model)
         of_bodies = self._elements.changed(rest)
         has_effects = of_bodies is None or self._elements.have_effects(rest)
         if of_bodies is None:

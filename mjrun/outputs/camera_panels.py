@@ -19,7 +19,7 @@ from mjrun.rendering.layout import layout_size
 
 
 @dataclass(frozen=True)
-class PanelFile:
+class VideoOrImageFile:
     """A file of a video or an image, with its panels.
 
     Attributes:
@@ -61,7 +61,7 @@ def frame_size(options: ViewOptions) -> tuple[int, int]:
     return layout_size(1 if options.separate else len(panels_of(options)), options.size, options.layout)
 
 
-def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
+def panel_files(options: ViewOptions, output: str) -> list[VideoOrImageFile]:
     """Returns the files of an output: one, or one for each panel if they are separate.
 
     Raises:
@@ -69,11 +69,13 @@ def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
     """
     panels = panels_of(options)
     if not options.separate or len(panels) == 1:
-        return [PanelFile(output, panels, _is_exact(options, panels))]
+        return [VideoOrImageFile(output, panels, _is_exact(options, panels))]
     if output == "-":
         raise UsageError(f"{option('separate')} writes several files; standard output holds only one")
     paths = [_numbered(output, name) for name in _suffixes(options)]
-    return [PanelFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
+    return [
+        VideoOrImageFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)
+    ]
 
 
 def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:
@@ -126,7 +128,7 @@ def _numbered(output: str, name: str) -> str:
     return str(path.with_name(f"{path.stem}-{name}{path.suffix}"))
 
 
-class DrawingCalibration:
+class CalibrationOutput:
     """The calibration file of a video or an image. Opening it proves that it can be written.
 
     Args:
@@ -140,7 +142,7 @@ class DrawingCalibration:
     """
 
     def __init__(
-        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[PanelFile], numbers: bool
+        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[VideoOrImageFile], numbers: bool
     ) -> None:
         assert options.calibration is not None
         self._folder, self._size = Path(options.calibration).parent, options.size

@@ -15,8 +15,8 @@ from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import (
-    DrawingCalibration,
-    PanelFile,
+    CalibrationOutput,
+    VideoOrImageFile,
     camera_names,
     frame_size,
     panels_of,
@@ -97,7 +97,7 @@ class FramePlan:
         model = self.probes.model if self.probes else self.scene.context.model
         return model.opt.enableflags
 
-    def size_of(self, file: PanelFile) -> tuple[int, int]:
+    def size_of(self, file: VideoOrImageFile) -> tuple[int, int]:
         """Returns width and height of the frames in a file [pixels]."""
         return file.stream(self.job, self.overlay).size_of_frame
 
@@ -141,7 +141,7 @@ class DrawnFrames(RecordedFrames):
     def __init__(
         self,
         plan: FramePlan,
-        files: Sequence[PanelFile],
+        files: Sequence[VideoOrImageFile],
         stack: ExitStack,
         renderers: PassRenderers,
         jobs: int | str = 1,
@@ -164,7 +164,7 @@ class DrawnFrames(RecordedFrames):
         facts = plan.scene.context.facts(job, schedule.observed if schedule else None)
         self.facts = {**facts, "renderer": self.backend.renderer}
         self._values: list[FrameValues] = []
-        self._calibration: DrawingCalibration | None = None
+        self._calibration: CalibrationOutput | None = None
 
     def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
         taps, probes = [*super().taps(event_steps)], self._plan.probes
@@ -198,7 +198,7 @@ class DrawnFrames(RecordedFrames):
     def open_calibration(self, numbers: bool) -> None:
         """Opens the calibration file if requested; `numbers` states that depth is stored as 16-bit images."""
         if self._plan.job.calibration is not None:
-            self._calibration = DrawingCalibration(self._plan.job, self._scene.motions, self._files, numbers)
+            self._calibration = CalibrationOutput(self._plan.job, self._scene.motions, self._files, numbers)
             self._stack.enter_context(self._calibration.writer)
 
     def calibrate(self) -> list[OutputWriter]:

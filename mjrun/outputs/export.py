@@ -138,7 +138,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         columns = self.file_format.columns
         return {"plot": self.plot, "probe": self.probe}.get(columns, ()) or self.file_format.probes
 
-    def _images(self, context: output.Context) -> "PlannedImages":
+    def _images(self, context: output.Context) -> "PlannedExportImages":
         """Plans the images of the cameras, whose frames are those of the export."""
         from mjrun.outputs.drawn_frames import plan_frames  # which imports the renderers
         from mjrun.outputs.memory_frames import VideoInMemory
@@ -147,7 +147,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         job = VideoInMemory(
             self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
         )
-        return PlannedImages(job, plan_frames(job, context))
+        return PlannedExportImages(job, plan_frames(job, context))
 
     def _detector(self, context: output.Context) -> "MarkDetector | None":
         """Parses the events and the assertions; without any, their parsers are not imported."""
@@ -172,7 +172,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
 
 
 @dataclass(frozen=True)
-class PlannedImages:
+class PlannedExportImages:
     """Images of an export, drawn like those of a video."""
 
     job: "VideoInMemory"
@@ -374,7 +374,7 @@ class ExportOutput(output.Output[ExportResult]):
         self,
         job: Export,
         plan: ScenePlan,
-        images: PlannedImages | None,
+        images: PlannedExportImages | None,
         table: ProbeSampler | None,
         rows: Sequence[int] | None,
         detector: "MarkDetector | None",

@@ -20,7 +20,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
+from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
@@ -121,7 +121,7 @@ class ImageResult(output.OutputResult):
 
 
 @dataclass(frozen=True)
-class ImageFile(PanelFile):
+class ImageFile(VideoOrImageFile):
     """A file of an image.
 
     Attributes:
@@ -221,7 +221,7 @@ class ImageOutput(output.Output[ImageResult]):
             writer.write(np.ascontiguousarray(compositor.frame(compositor.streams[index], pictures, 0)))
 
 
-def _image_file(job: Image, file: PanelFile) -> ImageFile:
+def _image_file(job: Image, file: VideoOrImageFile) -> ImageFile:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")

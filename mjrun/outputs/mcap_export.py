@@ -58,9 +58,9 @@ def write_mcap(scene: ExportedScene, file: BinaryIO) -> None:
     models = foxglove.scene(0, body_models(scene.graph, frames[: model.nbody], scene.generator))
     log.write(log.add_channel("/scene", foxglove.SCENE), 0, models)
     sources = [
-        instants(scene, InstantChannels(log, scene, frames)),
+        instants(scene, InstantTopics(log, scene, frames)),
         rows(scene, log),
-        images(scene, [CameraChannels(log, scene, *each) for each in zip(cameras, of_cameras, strict=True)]),
+        images(scene, [CameraTopics(log, scene, *each) for each in zip(cameras, of_cameras, strict=True)]),
     ]
     with ExitStack() as stack:
         for source in sources:
@@ -123,7 +123,7 @@ def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dic
     return models
 
 
-def instants(scene: ExportedScene, channels: "InstantChannels") -> Generator[TimedMessage]:
+def instants(scene: ExportedScene, channels: "InstantTopics") -> Generator[TimedMessage]:
     """Yields the poses, joints and contacts of each frame."""
     poses = scene.frames.poses if cameras_of(scene) else itertools.repeat(())
     for time, data, cameras in zip(frame_times(scene), scene.instants(), poses, strict=False):
@@ -148,7 +148,7 @@ def rows(scene: ExportedScene, log: McapWriter) -> Generator[TimedMessage]:
             yield from ((time, channel, content[row]) for channel, content in contents)
 
 
-def images(scene: ExportedScene, cameras: Sequence["CameraChannels"]) -> Generator[TimedMessage]:
+def images(scene: ExportedScene, cameras: Sequence["CameraTopics"]) -> Generator[TimedMessage]:
     """Yields the image and the calibration of each camera for each frame."""
     if not cameras:
         return
@@ -174,7 +174,7 @@ def frame_times(scene: ExportedScene) -> Generator[int]:
         yield nanoseconds(scene.context.timeline.time(step))
 
 
-class InstantChannels:
+class InstantTopics:
     """The topics of an instant: poses of bodies and cameras, objects that change shape, joints, and contacts.
 
     Args:
@@ -230,7 +230,7 @@ class InstantChannels:
         return foxglove.arrows(time, WORLD, "contacts", starts, vectors[visible], self._style)
 
 
-class CameraChannels:
+class CameraTopics:
     """The topics of a camera: its images, and its calibration unless it is orthographic."""
 
     def __init__(self, log: McapWriter, scene: ExportedScene, name: str, frame: str) -> None:

@@ -40,7 +40,7 @@ class SampledRows:
     contacts: np.ndarray | None = None
 
 
-class InstantReading(NamedTuple):
+class InstantCopy(NamedTuple):
     """Copies of the data from which a row is computed.
 
     Attributes:
@@ -157,7 +157,7 @@ class ProbeSampler:
     def _by_instants(self, stepper: Stepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Yields the same blocks, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
-            steps, readings = rows[start : start + ROWS], list[InstantReading]()
+            steps, readings = rows[start : start + ROWS], list[InstantCopy]()
             try:
                 self._read_all(stepper, steps, readings)
             except SimulationError:
@@ -166,7 +166,7 @@ class ProbeSampler:
                 raise
             yield partial(self.stack, steps, readings)
 
-    def _read_all(self, stepper: Stepper, steps: Sequence[int], readings: list[InstantReading]) -> None:
+    def _read_all(self, stepper: Stepper, steps: Sequence[int], readings: list[InstantCopy]) -> None:
         """Reads the instants at `steps`, and adds them to `readings`.
 
         Raises:
@@ -188,11 +188,11 @@ class ProbeSampler:
                 stepper.advance(stepper.step + 1)
         readings.append(self.read(stepper))
 
-    def read(self, stepper: Stepper) -> InstantReading:
+    def read(self, stepper: Stepper) -> InstantCopy:
         """Copies the stepper's instant, as far as the row needs it."""
         return self._reading(stepper, stepper.instant())
 
-    def _reading(self, stepper: Stepper, data: mujoco.MjData) -> InstantReading:
+    def _reading(self, stepper: Stepper, data: mujoco.MjData) -> InstantCopy:
         if stepper is not self._stepper:
             self._stepper, self._initial_values = stepper, self._initial(stepper)
             self._episode = stepper if isinstance(stepper, EpisodeStepper) else None  # slow, so once
@@ -209,7 +209,7 @@ class ProbeSampler:
                 measured.append(probe.read(self._episode.now()))
             else:
                 measured.append(probe.measure(stepper.model, data))
-        return InstantReading(
+        return InstantCopy(
             [copy() for copy in self._copies],
             self._initial_values,
             measured,
@@ -220,13 +220,13 @@ class ProbeSampler:
         """Returns the row of the stepper's instant, without its time."""
         return self._computed([self.read(stepper)])[0][0]
 
-    def stack(self, steps: Sequence[int], readings: Sequence[InstantReading]) -> SampledRows:
+    def stack(self, steps: Sequence[int], readings: Sequence[InstantCopy]) -> SampledRows:
         """Computes the rows of `readings` at `steps`, or at the first of them, with their times."""
         values, contacts = self._computed(readings)
         timed = self._timed(np.array(steps[: len(readings)]), [values])
         return SampledRows(timed, contact_rows(contacts, timed[:, 0]) if contacts and self.contact_columns else None)
 
-    def _computed(self, readings: Sequence[InstantReading]) -> tuple[np.ndarray, RecordedContacts | None]:
+    def _computed(self, readings: Sequence[InstantCopy]) -> tuple[np.ndarray, RecordedContacts | None]:
         """Returns the rows of `readings`, without their times, and their contacts if any column needs them."""
         first = readings[0]
         fields = {
@@ -263,10 +263,10 @@ class RowBuffer:
 
     def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[SampledRows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
-        self._rows: list[InstantReading] = []
+        self._rows: list[InstantCopy] = []
         self._written = 0
 
-    def add(self, reading: InstantReading) -> None:
+    def add(self, reading: InstantCopy) -> None:
         """Adds the next row, as `ProbeSampler.read` returns it."""
         self._rows.append(reading)
         if len(self._rows) == ROWS:

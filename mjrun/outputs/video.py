@@ -22,7 +22,7 @@ from mjrun.formats.video_writer import VideoWriter
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
+from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.physics.simulation_loop import AnyTap
@@ -111,7 +111,7 @@ class VideoResult(output.OutputResult):
 
 
 @dataclass(frozen=True)
-class VideoFile(PanelFile):
+class VideoFile(VideoOrImageFile):
     """A file of a video, with its encoding."""
 
     encoding: Encoding = field(kw_only=True)
@@ -223,7 +223,7 @@ class VideoOutput(output.Output[VideoResult]):
             )
 
 
-def _video_file(job: Video, file: PanelFile) -> VideoFile:
+def _video_file(job: Video, file: VideoOrImageFile) -> VideoFile:
     coded = all(panel.view == "seg" for panel in file.panels)
     content = "exact" if file.exact else "ids" if coded else "video"
     encoded = encoding(file.target, job.format, job.codec, job.crf, job.preset, content)

@@ -65,7 +65,7 @@ class _Path(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ControllerFields:
+class FieldsUsedByController:
     """The fields of `data` that a controller uses, itself or in functions that it passes `data` on to.
 
     Attributes:
@@ -82,7 +82,7 @@ class ControllerFields:
         return not self.called or all(function == path.find() for path, function in self.called)
 
 
-def access_of(controller: Callable[..., Any]) -> ControllerFields | None:
+def access_of(controller: Callable[..., Any]) -> FieldsUsedByController | None:
     """Returns the fields of `data` that `controller(model, data)` uses; None if it may use others."""
     function = getattr(controller, "forwards_to", controller)
     if not isinstance(function, FunctionType | MethodType):
@@ -90,11 +90,11 @@ def access_of(controller: Callable[..., Any]) -> ControllerFields | None:
     examination = _Examination()
     if not examination.proves(function, 1):
         return None
-    return ControllerFields(frozenset(examination.fields), examination.called)
+    return FieldsUsedByController(frozenset(examination.fields), examination.called)
 
 
 class _Examination:
-    """An examination of a controller, and of the functions that it passes `data` on to; see `ControllerFields`."""
+    """An examination of a controller and of the functions that it passes `data` on to; see `FieldsUsedByController`."""
 
     def __init__(self) -> None:
         self.fields = set[str]()

@@ -9,7 +9,7 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option, quoted
 from mjrun.model.names import names
-from mjrun.model.source import CollectionSource, Source
+from mjrun.model.source import CollectionModelSource, Source
 from mjrun.options.option import is_given, options_of
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
 from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
@@ -46,7 +46,7 @@ def inferred_task(
             f"{advice} write a task document, and play the policy on it instead of on {clean(source.text)}:",
             *draft.lines(source.text),
         ]
-        if isinstance(source, CollectionSource) and source.NO_TASK:
+        if isinstance(source, CollectionModelSource) and source.NO_TASK:
             lines.append(source.NO_TASK)
         raise UsageError("\n".join(lines), ("policy",))
     assert draft.control_dt is not None

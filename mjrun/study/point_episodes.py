@@ -79,7 +79,7 @@ class EpisodeFileMaker:
             files = stored.files(episode, videos)
             return rollout.steps[-1], tuple((f"{FOLDER}/{index:06}/{name}", content) for name, content in files)
 
-    def _simulated(self, simulation: Simulation, stack: ExitStack) -> "Rollout":
+    def _simulated(self, simulation: Simulation, stack: ExitStack) -> "EpisodeCourse":
         spec = self._spec
         if simulation.demonstration is not None:
             return demonstrated(simulation, spec, stack)
@@ -92,7 +92,7 @@ class EpisodeFileMaker:
         return acted(self._episode, spec.probe, spec.every, stack)
 
     def _videos(
-        self, simulation: Simulation, rollout: "Rollout", folder: Path
+        self, simulation: Simulation, rollout: "EpisodeCourse", folder: Path
     ) -> tuple[dict[str, bytes], dict[str, np.ndarray]]:
         """Returns the video of each camera, and how often each value of each channel occurs in its images."""
         spec = self._spec
@@ -120,7 +120,7 @@ class EpisodeFileMaker:
 
 
 @dataclass(frozen=True)
-class Rollout:
+class EpisodeCourse:
     """The course of an episode of T rows.
 
     Attributes:
@@ -145,7 +145,7 @@ class Rollout:
     task: str = ""
 
 
-def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> Rollout:
+def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> EpisodeCourse:
     """Simulates an episode of a policy.
 
     Args:
@@ -181,7 +181,7 @@ def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: Exit
     if ending.name == UNSTABLE.name:
         stepper.advance(stepper.step + stepper.control_steps)  # which raises the error, with its joint
     observe_here()
-    return Rollout(
+    return EpisodeCourse(
         model=model,
         steps=steps,
         states=states,
@@ -195,7 +195,7 @@ def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: Exit
     )
 
 
-def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> Rollout:
+def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> EpisodeCourse:
     """Simulates or replays without a policy; actions are the controls, and there are no rewards.
 
     Args:
@@ -227,7 +227,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
 
     last = list[np.ndarray]()
     observe(simulation.stepper(sampler.model), [Tap(steps, lambda stepper: stepper, take)], timeline.steps)
-    return Rollout(
+    return EpisodeCourse(
         model=model,
         steps=steps,
         states=states,
@@ -238,7 +238,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
     )
 
 
-def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> Rollout:
+def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> EpisodeCourse:
     """Replays a demonstration, of which each state is a row with its action.
 
     A demonstration has no state after the last action: the last state is observed twice.
@@ -266,7 +266,7 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
 
     observe(simulation.stepper(sampler.model), [Tap(rows, lambda stepper: stepper, take)], rows[-1])
     rewards = demonstration.rewards
-    return Rollout(
+    return EpisodeCourse(
         model=model,
         steps=[*rows, rows[-1]],
         states=states,
@@ -331,14 +331,14 @@ def _count(image: np.ndarray, colors: np.ndarray) -> None:
         counts += np.bincount(image[..., channel].ravel(), minlength=VALUES)
 
 
-def _infos(rollout: Rollout) -> dict[str, np.ndarray]:
+def _infos(rollout: EpisodeCourse) -> dict[str, np.ndarray]:
     """Returns the positions and velocities at each observation."""
     slices = state.fields(state.sizes(rollout.model))
     rows = [*(rollout.states[k] for k in range(len(rollout.states))), rollout.last]
     return {name: np.array([row[slices[name]] for row in rows]) for name in ("qpos", "qvel")}
 
 
-def _require_finite(episode: Episode, spec: EpisodeSpec, rollout: Rollout) -> None:
+def _require_finite(episode: Episode, spec: EpisodeSpec, rollout: EpisodeCourse) -> None:
     """Raises InvalidEpisodeError if a number is not finite: readers of the dataset could not train with it."""
     named = {"observation": spec.observed, "action": spec.acted, "reward": ("",)}
     for (what, names), rows in zip(

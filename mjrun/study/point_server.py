@@ -14,7 +14,7 @@ from mjrun.worker import Worker
 
 if TYPE_CHECKING:
     from mjrun.python_code import Sealed
-    from mjrun.study.spec import PointResult, PointSpec, StudyPoint, WorkerVersions
+    from mjrun.study.spec import PointResult, SimulatorSpec, StudyPoint, WorkerVersions
 
 SIMULATION = "mjrun.study.simulate"  # which imports mujoco
 FORKS = 8  # most copies of this process: more take longer than a study of few points
@@ -30,7 +30,7 @@ class PointSimulationServer:
 
     def open(self, sealed: "Sealed", root: Path) -> None:
         """Opens the study, whose files are in the folder `root`."""
-        self._spec = cast("PointSpec", sealed.open()).stored_at(root)
+        self._spec = cast("SimulatorSpec", sealed.open()).stored_at(root)
         self._simulator = self._spec.simulator()
 
     def simulate(self, points: "Sequence[StudyPoint]") -> "Iterator[Sequence[PointResult] | WorkerVersions]":

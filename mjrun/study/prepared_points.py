@@ -30,8 +30,8 @@ from mjrun.study.spec import (
     ChunkResult,
     PointChunk,
     PointResult,
-    PointSpec,
     ShippedStudy,
+    SimulatorSpec,
     StudyPoint,
     WorkerVersions,
 )
@@ -78,7 +78,7 @@ class PreparedPoints(ABC):
     """
 
     def __init__(
-        self, spec: PointSpec, points: Design, shipped: ShippedStudy, folder: str | Path, metrics: Sequence[str]
+        self, spec: SimulatorSpec, points: Design, shipped: ShippedStudy, folder: str | Path, metrics: Sequence[str]
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder_at(folder)
         self.files = ChunkFiles(self.folder, metrics, self._digest(), len(points.points))

@@ -173,7 +173,7 @@ class Simulator(Protocol):
         ...
 
 
-class PointSpec(Protocol):
+class SimulatorSpec(Protocol):
     """Everything that points share: a picklable value, from which a process makes their simulator."""
 
     def stored_at(self, root: Path) -> Self:
@@ -359,7 +359,7 @@ class ShippedStudy:
     """Everything that a process on any machine needs to simulate points of a study.
 
     Attributes:
-      spec: its `PointSpec`, with the user's code.
+      spec: its `SimulatorSpec`, with the user's code.
       metrics: number of metrics.
       snapshot: copies of all files that its points read.
     """

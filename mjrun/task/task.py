@@ -140,7 +140,7 @@ class Places(Protocol):
         ...
 
 
-class LocatedErrors(AbstractContextManager[None]):
+class ErrorLocator(AbstractContextManager[None]):
     """A context that reports errors in a task where it is written; a class, because it is entered at every reset.
 
     Raises:
@@ -294,9 +294,9 @@ class Task(Source):
             push=(*self.push, *disturbances.push),
         )
 
-    def located(self) -> LocatedErrors:
+    def located(self) -> ErrorLocator:
         """Reports errors raised within at the positions where the task is written."""
-        return LocatedErrors(self.places)
+        return ErrorLocator(self.places)
 
     def control_steps(self, model: mujoco.MjModel) -> int:
         """Returns the number of physics steps in a control period.

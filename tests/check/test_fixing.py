@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.check.check import Check
-from mjrun.check.model_result import CheckedCopy, Copy
+from mjrun.check.model_result import Copy, FixOutcome
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from tests.check import fixes
@@ -134,7 +134,7 @@ def test_a_file_that_changes_meanwhile_is_left_alone(monkeypatch: pytest.MonkeyP
     model = write("model.xml", text := hinged(SWAPPED))
     check = fixes.lint
 
-    def changing(name: str, copy: Copy | None = None, **options: bool) -> CheckedCopy:
+    def changing(name: str, copy: Copy | None = None, **options: bool) -> FixOutcome:
         write(model, f"{text}<!-- new -->")
         return check(name, copy, **options)
 

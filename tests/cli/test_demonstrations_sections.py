@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.cli.demonstrations_sections import demonstrations_page
-from mjrun.hdf5.demonstration_summary import DemonstrationList, DemonstrationOrigin, DemonstrationSummary
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList, DemonstrationSummary
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def test_the_page_lists_the_demonstrations_and_a_command_for_one(mjrun_here: Com
 def test_texts_in_the_file_are_cleaned() -> None:
     hostile = "\x1b]0;owned\x07"
     episode = DemonstrationSummary(hostile, 1, None, hostile, None, [hostile])
-    origin = DemonstrationOrigin(hostile, hostile, hostile, hostile)
+    origin = DemonstrationFileOrigin(hostile, hostile, hostile, hostile)
     page = demonstrations_page(DemonstrationList("d.hdf5", origin, [hostile], {hostile: 1}, [episode]))
     assert "\x1b" not in page
     assert page.count(r"\x1b]0;owned\x07") >= 7

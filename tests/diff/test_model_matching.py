@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.diff.model_matching import ModelObjects, ObjectMatching, RowMatching, equal_blocks
+from mjrun.diff.model_matching import ModelObjects, ModelRowMatching, ObjectMatching, equal_blocks
 from tests.diff.models import CRATE, compared, spec
 
 
@@ -59,8 +59,8 @@ def xml(geoms: list[str]) -> str:
     return f'<mujoco><worldbody><body name="b">{inertia}{parts}</body></worldbody></mujoco>'
 
 
-def rows_of(a: mujoco.MjModel, b: mujoco.MjModel) -> RowMatching:
-    return RowMatching(ObjectMatching(ModelObjects(a), ModelObjects(b)))
+def rows_of(a: mujoco.MjModel, b: mujoco.MjModel) -> ModelRowMatching:
+    return ModelRowMatching(ObjectMatching(ModelObjects(a), ModelObjects(b)))
 
 
 def test_degrees_of_freedom_follow_their_joints() -> None:

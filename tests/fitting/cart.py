@@ -10,7 +10,7 @@ from mjrun.fitting.free_parameter import FreeParameter
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.shooting_fit import Shooting
-from mjrun.fitting.starting_states import StartingStates
+from mjrun.fitting.starting_states import StateGuesses
 from tests.fitting.problems import shooting_of
 
 SIGNALS = ["qpos/pole"]
@@ -50,7 +50,7 @@ def cart_log(seconds: float = 2.0) -> tuple[Segment, np.ndarray]:
     return Segment("log", np.array(times), rows[:, 1:2], np.array(controls)), rows
 
 
-def cart_shooting() -> tuple[Shooting, Predictor, StartingStates, list[FreeParameter]]:
+def cart_shooting() -> tuple[Shooting, Predictor, StateGuesses, list[FreeParameter]]:
     """Returns a shooting of the nominal cart, and its parts."""
     path = Path(mkdtemp()) / "cart.xml"
     path.write_text(CART.format(**NOMINAL))

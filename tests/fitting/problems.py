@@ -14,7 +14,7 @@ from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.rotations_and_noise import first_noise
 from mjrun.fitting.shooting_fit import Shooting
 from mjrun.fitting.solution import Solution, with_noise
-from mjrun.fitting.starting_states import StartingStates
+from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
 from mjrun.simulation.simulation import Simulation
 from tests.fitting.logs import noisy, simulate, write_model
@@ -39,14 +39,14 @@ def shooting_of(
     signals: Sequence[str],
     controls: Sequence[str],
     log: Segment | None = None,
-) -> tuple[Shooting, Predictor, StartingStates, list[FreeParameter]]:
+) -> tuple[Shooting, Predictor, StateGuesses, list[FreeParameter]]:
     """Returns a shooting of a model from its default state, and its parts; with a log, guesses know its noise."""
     simulation = Simulation(str(model))
     parameters = free_parameters(free, simulation.source, [*signals, *controls])
     predictor = Predictor(simulation, signals, parameters)
     noise = first_noise([log.values], predictor.rotations) if log else None
     start = state.save(predictor.model, mujoco.MjData(predictor.model))
-    starting = StartingStates(predictor.model, signals, start, noise)
+    starting = StateGuesses(predictor.model, signals, start, noise)
     return Shooting(predictor, parameters, starting), predictor, starting, parameters
 
 

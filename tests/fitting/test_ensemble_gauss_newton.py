@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjrun.fitting.ensemble_gauss_newton import Scatter
+from mjrun.fitting.ensemble_gauss_newton import StandardErrors
 from mjrun.fitting.shooting_fit import SHOTS
 from mjrun.fitting.shooting_problem import together
 from tests.fitting.box import FRICTION, box_shooting
@@ -31,7 +31,7 @@ def test_smooth_signals_decide_and_what_rattles_counts_little() -> None:
 def test_deviations_are_as_long_as_the_direction() -> None:
     generator = np.random.default_rng(0)
     states = 1e-3 * generator.normal(size=(2, 3, 3))
-    scatter = Scatter(np.array([[1e-2, 0], [0, 1e-3]]), states, generator.normal(size=(2, 3, 2)))
+    scatter = StandardErrors(np.array([[1e-2, 0], [0, 1e-3]]), states, generator.normal(size=(2, 3, 2)))
     direction = np.array([0.3, -0.4, 1.2, 0.0, 0.0])
     whole = scatter.length(*scatter.deviations(direction))
     # The coordinates count once, and the state of each of both chunks.

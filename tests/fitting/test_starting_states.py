@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.prediction import chunks
-from mjrun.fitting.starting_states import StartingStates, simulated_starts
+from mjrun.fitting.starting_states import StateGuesses, simulated_starts
 from mjrun.model import state
 from mjrun.model.sources import parse_source
 from tests.fitting.cart import TRUTH, cart_log, cart_shooting
@@ -17,7 +17,7 @@ from tests.fitting.logs import simulate, write_model
 
 def guess(model: mujoco.MjModel, signals: list[str], times: np.ndarray, values: np.ndarray) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    starting = StartingStates(model, signals, state.save(model, data))
+    starting = StateGuesses(model, signals, state.save(model, data))
     parts = chunks([Segment("log", times, values, np.zeros((len(times), model.nu)))], 30, model.opt.timestep)
     state.restore(model, data, starting.guess(parts[1], model.opt.timestep))
     return data

@@ -13,7 +13,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats import number_text, table_contents
-from mjrun.formats.number_text import LinePieces
+from mjrun.formats.number_text import WholeLinePieces
 from mjrun.formats.table_reader import read_table
 from tests.formats.table_files import everything, put
 
@@ -56,8 +56,8 @@ def test_a_line_without_end_is_refused_before_it_fills_the_memory(
             read_table(path, everything)
 
 
-def line_pieces(path: Path, content: bytes, width: int = 2) -> LinePieces:
-    return LinePieces(path, io.BytesIO(content), 1, (width, (0, 1)))
+def line_pieces(path: Path, content: bytes, width: int = 2) -> WholeLinePieces:
+    return WholeLinePieces(path, io.BytesIO(content), 1, (width, (0, 1)))
 
 
 @pytest.mark.parametrize(
@@ -89,6 +89,6 @@ def test_lines_are_looked_at_ever_less_often_where_files_differ_everywhere(tmp_p
             return super().read(*size)
 
     files = Counted(b"1,2\n" * 9), Counted(b"1,3\n" * 9)
-    one, other = (LinePieces(tmp_path, file, 1, (2, (0, 1))) for file in files)
+    one, other = (WholeLinePieces(tmp_path, file, 1, (2, (0, 1))) for file in files)
     assert [one.skip_equal(other) for _ in range(200)] == [0] * 200
     assert files[0].reads < 12

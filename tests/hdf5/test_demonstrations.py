@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.hdf5 import datasets
-from mjrun.hdf5.demonstration_summary import DemonstrationOrigin, DemonstrationSummary
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationSummary
 from mjrun.hdf5.demonstrations import DemonstrationFile
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
@@ -43,20 +43,20 @@ def test_states_and_models_are_those_that_were_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("attributes", "expected"),
     [
-        (LIBERO, DemonstrationOrigin("Libero_Kitchen", "pick up the bowl", robots=("Panda",), is_robosuite=True)),
+        (LIBERO, DemonstrationFileOrigin("Libero_Kitchen", "pick up the bowl", robots=("Panda",), is_robosuite=True)),
         (
             ROBOSUITE,
-            DemonstrationOrigin("Lift", robosuite="1.5.2", robots=("Panda",), control_rate=10.0, is_robosuite=True),
+            DemonstrationFileOrigin("Lift", robosuite="1.5.2", robots=("Panda",), control_rate=10.0, is_robosuite=True),
         ),
-        (ROBOCASA, DemonstrationOrigin("PnP", "", "3.2.6", "1.5.1", is_robosuite=True)),
-        (None, DemonstrationOrigin("Lift", robosuite="1.4.1", control_rate=20.0, is_robosuite=True)),
-        ({}, DemonstrationOrigin()),
-        ({"env_args": "[" * 100_000, "env_info": "[1]", "problem_info": "{"}, DemonstrationOrigin()),
-        ({"env_args": '{"env_kwargs": {"control_freq": Infinity}}'}, DemonstrationOrigin()),
+        (ROBOCASA, DemonstrationFileOrigin("PnP", "", "3.2.6", "1.5.1", is_robosuite=True)),
+        (None, DemonstrationFileOrigin("Lift", robosuite="1.4.1", control_rate=20.0, is_robosuite=True)),
+        ({}, DemonstrationFileOrigin()),
+        ({"env_args": "[" * 100_000, "env_info": "[1]", "problem_info": "{"}, DemonstrationFileOrigin()),
+        ({"env_args": '{"env_kwargs": {"control_freq": Infinity}}'}, DemonstrationFileOrigin()),
     ],
 )
 def test_every_program_states_the_origin_in_its_way(
-    tmp_path: Path, attributes: dict[str, Any] | None, expected: DemonstrationOrigin
+    tmp_path: Path, attributes: dict[str, Any] | None, expected: DemonstrationFileOrigin
 ) -> None:
     with DemonstrationFile(write_demonstrations(tmp_path / "d.hdf5", attributes=attributes)) as file:
         assert file.origin("demo_1") == file.origin() == expected

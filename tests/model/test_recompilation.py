@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mjrun.model.body_recompilation import BodyCompiler
-from mjrun.model.compiler_copied_fields import CopiedFields
+from mjrun.model.compiler_copied_fields import CompilerCopiedFields
 from mjrun.model.compiler_derived_fields import DerivedNumbers
-from mjrun.model.copied_element_values import ElementNumbers
+from mjrun.model.copied_element_values import CopiedElementNumbers
 from mjrun.model.override import Override, apply
 from mjrun.model.recompilation import Recompiler
 from mjrun.model.sources import parse_source
@@ -117,7 +117,7 @@ def test_a_part_is_not_compiled_for_what_is_not_in_it(path: str) -> None:
 )
 def test_numbers_of_elements_are_copied(path: str, value: str, arrays: set[str] | None) -> None:
     override = Override(path, value)
-    changed = ElementNumbers(*compiled()).changed([override])
+    changed = CopiedElementNumbers(*compiled()).changed([override])
     assert (changed and changed.keys()) == arrays
     if changed:
         expected = compiled(override)[1]
@@ -140,7 +140,7 @@ def test_numbers_of_elements_are_copied(path: str, value: str, arrays: set[str] 
 def test_the_size_of_the_only_geom_of_a_body_determines_its_inertia(shape: str, size: str, weight: str) -> None:
     geom = f'<geom name="solid" type="{shape}" {size} {weight}/>'
     spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody><body><joint/>{geom}</body></worldbody></mujoco>")
-    numbers = ElementNumbers(spec, spec.compile())
+    numbers = CopiedElementNumbers(spec, spec.compile())
     for factor in (0.3, 0.9123, 1.7, 2.345678):
         override = Override("scale:geom/solid.size", repr(factor))
         changed = numbers.changed([override])
@@ -155,7 +155,7 @@ def test_the_size_of_the_only_geom_of_a_body_determines_its_inertia(shape: str, 
 
 def test_copied_fields_keep_the_numbers_of_other_elements(tmp_path: Path) -> None:
     override = Override("geom/pad.friction[1]", "0.2")
-    changed = CopiedFields(*compiled()).changed([override])
+    changed = CompilerCopiedFields(*compiled()).changed([override])
     assert changed
     ((rows, values),) = changed.values()
     assert [mujoco.mj_id2name(compiled()[1], mujoco.mjtObj.mjOBJ_GEOM, row) for row in rows] == ["pad"]

@@ -9,11 +9,11 @@ import pytest
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, ModelNotFoundError
-from mjrun.model.source import CollectionSource
+from mjrun.model.source import CollectionModelSource
 
 
 @dataclass(frozen=True)
-class TaskSource(CollectionSource):
+class TaskSource(CollectionModelSource):
     PREFIX: ClassVar[str] = "task"
     KIND: ClassVar[str] = "task"
 

@@ -13,7 +13,7 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import MjrunWarning, UsageError
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.camera_panels import DrawingCalibration, output_files, panel_files, panels_of
+from mjrun.outputs.camera_panels import CalibrationOutput, output_files, panel_files, panels_of
 from mjrun.outputs.image import Image
 from mjrun.outputs.output_files import ReservedFiles, named_files
 from mjrun.outputs.perform import perform
@@ -286,7 +286,7 @@ def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     (pose,) = motion.poses([Simulation(swing).stepper(model).state()], [0.0], [0.0], [(0, 1)])
-    calibration = DrawingCalibration(options, [motion], panel_files(options, output), numbers=False)
+    calibration = CalibrationOutput(options, [motion], panel_files(options, output), numbers=False)
     with calibration.writer as writer:
         calibration.write([pose], 3, 0.25)
         writer.finish()

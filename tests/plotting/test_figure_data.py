@@ -12,7 +12,7 @@ from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel, 
 from mjrun.plotting.study.figure_data import (
     GraphPanel,
     ParallelPanel,
-    RankPanel,
+    SensitivityPanel,
     StudyDrawing,
     cell_scale,
     is_even_in_ratios,
@@ -137,7 +137,7 @@ def test_panels_have_the_columns_that_suit_or_those_asked_for() -> None:
 
 
 def test_parallel_coordinates_take_room_above() -> None:
-    ranks = RankPanel("z", ["a"], np.array([0.5]), np.array([0.5]))
+    ranks = SensitivityPanel("z", ["a"], np.array([0.5]), np.array([0.5]))
     above = ParallelPanel([], np.empty((0, 0)), np.empty(0, bool))
     grid = study_grid(StudyDrawing("", [ranks] * 3, 3, above), None)
     assert (grid.columns, grid.rows) == (3, 2)

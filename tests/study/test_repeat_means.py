@@ -13,7 +13,7 @@ from mjrun.cli.sweep_report import study_markdown, study_report
 from mjrun.experiment.design import Design
 from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.study.figure_data import RankPanel
+from mjrun.plotting.study.figure_data import SensitivityPanel
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.repeat_means import FILES, SUMMARIZED, RepeatMeans
@@ -77,7 +77,7 @@ def test_a_linear_metric_has_known_sensitivities(
     rows = pd.read_csv(tmp_path / "s" / "sensitivity.csv")
     assert rows["parameter"].tolist() == list(vary)
     (panel,) = StudyFigurePlan(read_study(tmp_path / "s"), FigureOptions()).drawing.panels
-    assert isinstance(panel, RankPanel)
+    assert isinstance(panel, SensitivityPanel)
     assert panel.parameters == ["qvel/ball/vy", "qvel/ball/vx"]  # the strongest first
     shown = [each.tolist() for each in (panel.correlations, panel.dependences)]
     assert shown == [rows[name][::-1].tolist() for name in expected]

@@ -11,7 +11,7 @@ from mjrun.model.names import names
 from mjrun.options.task import CONTROL
 
 if TYPE_CHECKING:  # the rules are loaded for every check, tasks and policies for few
-    from mjrun.check.task_episodes import NotFinite, TaskEpisodes, TaskPlaces
+    from mjrun.check.task_episodes import NotFinite, TaskEpisodeFaults, TaskPlaces
     from mjrun.task.worlds import TaskWorlds
 
 MISTAKE = Rule("MJ801", "error", "mistake in a task document")
@@ -54,7 +54,7 @@ def beyond_ranges(worlds: "TaskWorlds", places: "TaskPlaces") -> Iterator[Findin
             yield BEYOND_RANGE.finding(message, "lower the scale, or clip", places.at("actions", index))
 
 
-def episode_findings(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding]:
+def episode_findings(episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Iterator[Finding]:
     """Yields the faults that episodes show."""
     yield from _at_once(episodes, places)
     for fault in episodes.not_finite:
@@ -68,7 +68,7 @@ def episode_findings(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator
     yield from _constant(episodes, places)
 
 
-def _at_once(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding]:
+def _at_once(episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Iterator[Finding]:
     for name, seeds in episodes.ended_at_start.items():
         always = len(seeds) == episodes.count
         which = "every episode" if always else f"{len(seeds)} of {counted(episodes.count, 'episode')}"
@@ -79,7 +79,7 @@ def _at_once(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding
         )
 
 
-def _not_finite(fault: "NotFinite", episodes: "TaskEpisodes", places: "TaskPlaces") -> Finding:
+def _not_finite(fault: "NotFinite", episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Finding:
     message = f"{quoted(fault.name)} is {fault.value} {fault.time:.6g} s into the episode of seed {fault.seed}"
     remedy = f"with {episodes.acting}; guard it in the expression: where(isfinite(x), x, 0)"
     if fault.kind == "rewards":
@@ -88,7 +88,7 @@ def _not_finite(fault: "NotFinite", episodes: "TaskEpisodes", places: "TaskPlace
     return NOT_FINITE.finding(message, remedy, places.at("observations", index), f"observation '{fault.name}'")
 
 
-def _constant(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding]:
+def _constant(episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Iterator[Finding]:
     if episodes.periods < 2 or episodes.unstable:
         return
     for index, term in enumerate(places.task.observations):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from mjrun.model.info import InfoResult
-    from mjrun.model.source import CollectionSource, Source
+    from mjrun.model.source import CollectionModelSource, Source
 
 ENVIRONMENT = "gym:"  # prefix of sources that are also tasks
 TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
@@ -128,7 +128,7 @@ def _show_demonstrations(console: Console, file: str) -> None:
     console.answer(Report("info-demos", listed, lambda: demonstrations_page(listed)))
 
 
-def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:
+def _show_collection(console: Console, collection: "type[CollectionModelSource]") -> None:
     """Lists a collection of models, such as the scenes of mjrun, one per line."""
     entries = {f"{collection.PREFIX}:{entry.name}": entry.facts for entry in collection.entries()}
     if console.document_form:
@@ -148,7 +148,7 @@ def _show_collection(console: Console, collection: "type[CollectionSource]") -> 
 
 def _show_table(
     console: Console,
-    collection: "type[CollectionSource]",
+    collection: "type[CollectionModelSource]",
     entries: "Mapping[str, Mapping[str, str]]",
     headings: "Sequence[str]",
 ) -> None:

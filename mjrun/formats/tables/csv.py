@@ -28,8 +28,8 @@ import orjson
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
 from mjrun.formats.csv_sidecar import units_beside
-from mjrun.formats.number_text import LinePieces
-from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, TableContents, select, shown
+from mjrun.formats.number_text import WholeLinePieces
+from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, OpenTable, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 
@@ -131,7 +131,7 @@ def _label_lines(values: np.ndarray, labels: Sequence[Sequence[bytes]]) -> list[
     return [lines[row] for row in rows]
 
 
-def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: CellKinds) -> TableContents:
+def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: CellKinds) -> OpenTable:
     """Reads the accepted columns."""
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
@@ -139,9 +139,9 @@ def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: CellK
     _require_header(path, line, names)
     keys = select(path, names, wanted)
     units = _commented_units(path, lines, names) if file.peek(1).startswith(b"#") else {}
-    pieces = LinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
+    pieces = WholeLinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
     blocks = _blocks(path, file, lines, pieces, keys, len(names), cells)
-    return TableContents(list(keys), blocks, units or units_beside(path), lines=None if lines.buffered else pieces)
+    return OpenTable(list(keys), blocks, units or units_beside(path), lines=None if lines.buffered else pieces)
 
 
 def _commented_units(path: Path, lines: "_Lines", names: Sequence[str]) -> dict[str, str]:
@@ -197,7 +197,7 @@ def _blocks(
     path: Path,
     file: BinaryIO,
     header: _Lines,
-    pieces: LinePieces,
+    pieces: WholeLinePieces,
     keys: Mapping[str, int],
     width: int,
     cells: CellKinds,

@@ -91,7 +91,7 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
     """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")
@@ -104,7 +104,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     rows = max(((dataset.shape or (0,))[0] for dataset, _ in columns.values()), default=0)
     tables.require_plausible_size(path, rows, len(columns), file)
 
-    def opened(name: str, dataset: h5py.Dataset) -> tables.FileArray:
+    def opened(name: str, dataset: h5py.Dataset) -> tables.ArrayInFile:
         content = content_name(dataset.dtype)
         text = h5py.check_string_dtype(dataset.dtype)
         if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.CellKinds.ANY):

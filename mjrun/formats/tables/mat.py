@@ -93,7 +93,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
     """Reads the accepted columns. A variable is whole in memory, as it may be compressed."""
     with decoding(path):
         mat = MatParser(file)
@@ -104,7 +104,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
         shapes = [mat.header(index).shape for index in {index: None for index, _ in columns.values()}]
         require_expandable(path, 8 * sum(map(math.prod, shapes)), file)
 
-    def opened(name: str, index: int) -> tables.FileArray:
+    def opened(name: str, index: int) -> tables.ArrayInFile:
         return _MatrixReader(path, name, mat, index, cells)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)

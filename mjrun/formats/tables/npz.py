@@ -47,7 +47,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
     """Reads the accepted columns; those of an array with two dimensions are `name/0`, `name/1`, …"""
     with decoding(path):
         archive = zipfile.ZipFile(file)
@@ -58,7 +58,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     with decoding(path):
         units, manifest = _units(archive), parse_manifest(_text(archive, MANIFEST))
 
-    def opened(name: str, info: zipfile.ZipInfo) -> tables.FileArray:
+    def opened(name: str, info: zipfile.ZipInfo) -> tables.ArrayInFile:
         return _MemberReader(path, name, archive.open(info), cells, file)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)

@@ -20,7 +20,7 @@ T = TypeVar("T", bound="ModelObject")
 
 
 @dataclass(frozen=True)
-class AttributeDeclaration:
+class DescribedAttribute:
     """The origin of an attribute, and its column in tables.
 
     Attributes:
@@ -54,7 +54,7 @@ class ModelObject:
     name: str
 
     @classmethod
-    def facts(cls) -> dict[str, AttributeDeclaration]:
+    def facts(cls) -> dict[str, DescribedAttribute]:
         """Returns the declaration of each attribute, by name."""
         declared = {field.name: field.metadata.get("fact") for field in dataclasses.fields(cls)}
         return {name: fact for name, fact in declared.items() if fact}
@@ -96,7 +96,7 @@ def of_field(
         return field_unit(model, name, getattr(model, at)[index] if at else index)
 
     return _attribute(
-        AttributeDeclaration(read, heading, own_unit if unit is None else lambda model, index: unit, usual, is_detail)
+        DescribedAttribute(read, heading, own_unit if unit is None else lambda model, index: unit, usual, is_detail)
     )
 
 
@@ -109,7 +109,7 @@ def within_limits(limited: str, limits: str, *, is_detail: bool = False) -> Any:
     def unit(model: mujoco.MjModel, index: int) -> str:
         return field_unit(model, limits, index)
 
-    return _attribute(AttributeDeclaration(read, unit=unit, is_detail=is_detail, is_range=True))
+    return _attribute(DescribedAttribute(read, unit=unit, is_detail=is_detail, is_range=True))
 
 
 def computed(
@@ -123,7 +123,7 @@ def computed(
     def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
         return [compute(model, i) for i in range(getattr(model, COUNTS[kind]))]
 
-    return _attribute(AttributeDeclaration(read, unit=lambda model, index: unit, is_detail=is_detail))
+    return _attribute(DescribedAttribute(read, unit=lambda model, index: unit, is_detail=is_detail))
 
 
 def referred_kind(field: str) -> Any:
@@ -134,10 +134,10 @@ def referred_kind(field: str) -> Any:
         assert kinds is not None, field
         return [enum_name(mujoco.mjtObj, row[0]) for row in as_rows(kinds)]
 
-    return _attribute(AttributeDeclaration(read))
+    return _attribute(DescribedAttribute(read))
 
 
-def _attribute(fact: AttributeDeclaration) -> Any:
+def _attribute(fact: DescribedAttribute) -> Any:
     return dataclasses.field(metadata={"fact": fact})
 
 

@@ -13,10 +13,10 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, CompiledOverrideError
 from mjrun.model.override import Override
-from mjrun.model.source import CollectionSource, Source
+from mjrun.model.source import CollectionModelSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.demonstration import DemonstrationSource
-from mjrun.model.sources.file import FileCollectionSource, FileSource
+from mjrun.model.sources.file import CollectionFileSource, FileSource
 from mjrun.model.sources.stdin import StdinSource
 from mjrun.suffixes import REFERRING, is_hdf5, is_yaml, split_episode
 
@@ -118,15 +118,15 @@ def _parsed(text: str) -> Source:
 
 
 @cache
-def model_collections() -> Mapping[str, type[CollectionSource]]:
+def model_collections() -> Mapping[str, type[CollectionModelSource]]:
     """Returns the model collections by prefix."""
     for module in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    collections = [*CollectionSource.__subclasses__(), *FileCollectionSource.__subclasses__()]
+    collections = [*CollectionModelSource.__subclasses__(), *CollectionFileSource.__subclasses__()]
     return {each.PREFIX: each for each in collections if hasattr(each, "PREFIX")}
 
 
-def listed_collection(text: str) -> type[CollectionSource] | None:
+def listed_collection(text: str) -> type[CollectionModelSource] | None:
     """Returns the collection that `text` names without a model in it, as `scene:` does."""
     return model_collections().get(text[:-1]) if text.endswith(":") else None
 

@@ -10,13 +10,13 @@ from typing import ClassVar
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError
 from mjrun.model.bundled_scene_folder import scene_folder
-from mjrun.model.sources.file import FileCollectionSource
+from mjrun.model.sources.file import CollectionFileSource
 
 SCHEMA_COMMENT = "# yaml-language-server:"  # the comment in a document that selects its schema in editors
 
 
 @dataclass(frozen=True)
-class BundledScene(FileCollectionSource):
+class BundledScene(CollectionFileSource):
     """A scene of mjrun's gallery; its tasks, which are not models, are listed too."""
 
     PREFIX: ClassVar[str] = "scene"

@@ -13,11 +13,11 @@ import mujoco
 from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, clean, counted, option
-from mjrun.hdf5.demonstration_summary import DemonstrationOrigin
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin
 from mjrun.model.compilation import compile_model
 from mjrun.model.demonstrations import errors_of_models, model_text, open_demonstrations
 from mjrun.model.override import ASSETS
-from mjrun.model.relocated_assets import PlacedModel, installed_packages, packages_in, placed
+from mjrun.model.relocated_assets import AbsolutePathModel, installed_packages, packages_in, placed
 from mjrun.model.source import Source
 from mjrun.model.sources.file import parse_checked
 
@@ -101,7 +101,7 @@ class DemonstrationSource(Source):
             f"certain, and {option('replay')} {shown} replays the states on the corrected model",
         )
 
-    def _model(self) -> tuple[PlacedModel, DemonstrationOrigin]:
+    def _model(self) -> tuple[AbsolutePathModel, DemonstrationFileOrigin]:
         """Reads the text of the model, in which files have their places on this machine."""
         with open_demonstrations(self.path) as file:
             name = file.named(self.episode)
@@ -110,7 +110,7 @@ class DemonstrationSource(Source):
         return placed(text, self.path.parent, given), origin
 
 
-def _missing_files(name: Path, model: PlacedModel, origin: DemonstrationOrigin) -> BrokenModelError:
+def _missing_files(name: Path, model: AbsolutePathModel, origin: DemonstrationFileOrigin) -> BrokenModelError:
     """Returns an error that lists the missing files by folder, and states how to provide them."""
     paths = [PurePosixPath(posixpath.normpath(file)) for file in model.missing]
     folders = {path.parent for path in paths}
@@ -136,7 +136,7 @@ def _few(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMES]) + more
 
 
-def _advice(missing: Sequence[str], origin: DemonstrationOrigin) -> list[str]:
+def _advice(missing: Sequence[str], origin: DemonstrationFileOrigin) -> list[str]:
     """Returns the commands that provide the packages with missing files, as far as their paths name them."""
     lines: list[str] = []
     for package in dict.fromkeys(package for file in missing for package in packages_in(file)):

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.sources.file import FileCollectionSource
+from mjrun.model.sources.file import CollectionFileSource
 from mjrun.platform.installation import install_command
 
 PACKAGE, SUITE = "dm_control", "suite"
@@ -26,7 +26,7 @@ CHANGED: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class ControlSuiteSource(FileCollectionSource):
+class ControlSuiteSource(CollectionFileSource):
     """A model of the DeepMind Control Suite, read from the XML in the installed package, which is not imported.
 
     A task whose model dm_control changes in Python is refused; `dm:DOMAIN` is the XML itself.

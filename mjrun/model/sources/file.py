@@ -20,7 +20,7 @@ from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_m
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.referenced_files import existing_files, foreign_file, require_regular_files
-from mjrun.model.source import CollectionSource, Source
+from mjrun.model.source import CollectionModelSource, Source
 from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
@@ -142,7 +142,7 @@ class FileSource(Source):
         return mujoco.MjSpec.from_file(str(path))
 
 
-class FileCollectionSource(CollectionSource):
+class CollectionFileSource(CollectionModelSource):
     """A model in a collection of files; `main_file` is its file."""
 
     @property

@@ -32,7 +32,7 @@ from mjrun.errors import (
 )
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import CollectionSource, Source
+from mjrun.model.source import CollectionModelSource, Source
 from mjrun.model.sources.file import FileSource
 from mjrun.packages import require
 
@@ -57,7 +57,7 @@ class MujocoEnvironment(Protocol):
 
 
 @dataclass(frozen=True)
-class GymSource(CollectionSource):
+class GymSource(CollectionModelSource):
     """The model of a registered environment that runs on MuJoCo.
 
     Its name may end in settings of the environment: `Ant-v5?include_cfrc_ext_in_observation=false&healthy_reward=0`.

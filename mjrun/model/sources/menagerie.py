@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError, clean
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.source import CollectionEntry
-from mjrun.model.sources.file import FileCollectionSource
+from mjrun.model.sources.file import CollectionFileSource
 from mjrun.platform import system
 
 VARIABLE = "MJRUN_MENAGERIE"
@@ -100,7 +100,7 @@ class Robot:
 
 
 @dataclass(frozen=True)
-class MenagerieSource(FileCollectionSource):
+class MenagerieSource(CollectionFileSource):
     """A model in a local clone of MuJoCo Menagerie, or in an installed package, which is not imported.
 
     The name of a robot alone means its scene, and a part of the name means the only robot that has it: `go2`. If

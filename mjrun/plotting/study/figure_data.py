@@ -118,7 +118,7 @@ class ParallelPanel:
 
 
 @dataclass(frozen=True)
-class RankPanel:
+class SensitivityPanel:
     """Strengths of the relations of parameters to a metric; all panels of a figure have the same parameters.
 
     Attributes:
@@ -142,7 +142,7 @@ class RankPanel:
     curves = 0
 
 
-StudyPanel = GraphPanel | HeatPanel | RankPanel
+StudyPanel = GraphPanel | HeatPanel | SensitivityPanel
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ def study_grid(
         side = 1
     in_page = in_page and drawing.columns is None and all(isinstance(panel, GraphPanel) for panel in drawing.panels)
     side = 1 if in_page else side
-    names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)
+    names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, SensitivityPanel)), default=0)
     above = min(side, panels) if drawing.above else 0
     contents = FigureCounts(panels + above, names, bool(drawing.title))
     return panel_grid(contents, size, min(side, panels), font_size, in_page=in_page)

@@ -20,7 +20,14 @@ from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import ParameterAxis
 from mjrun.plotting.matplotlib_figure import SMALL, TITLE, FigureLayout, rgb
 from mjrun.plotting.panel_grid import POINT, PanelGrid
-from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, ParallelPanel, RankPanel, Series, StudyDrawing
+from mjrun.plotting.study.figure_data import (
+    GraphPanel,
+    HeatPanel,
+    ParallelPanel,
+    SensitivityPanel,
+    Series,
+    StudyDrawing,
+)
 from mjrun.plotting.tick_labels import value_labels
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
@@ -69,7 +76,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) ->
                 maps.append((panel, axes))
                 axes.set_ylabel("" if index % side else panel.rows.name)
                 label = panel.columns.name
-            case RankPanel():
+            case SensitivityPanel():
                 _draw_rank_bars(canvas, panel, axes, named=index % side == 0)
                 label = panel.axis
         if isinstance(panel, GraphPanel):
@@ -88,7 +95,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) ->
 def _key(drawing: StudyDrawing, canvas: FigureLayout) -> dict[str, Artist]:
     graphs = [panel for panel in drawing.panels if isinstance(panel, GraphPanel)]
     maps = [panel for panel in drawing.panels if isinstance(panel, HeatPanel)]
-    ranked = next((panel for panel in drawing.panels if isinstance(panel, RankPanel)), None)
+    ranked = next((panel for panel in drawing.panels if isinstance(panel, SensitivityPanel)), None)
     return {
         **(heat_key(canvas, maps) if maps else {}),
         **(_rank_key(canvas, ranked) if ranked else {}),
@@ -118,7 +125,7 @@ def _add_key(canvas: FigureLayout, key: Mapping[str, Artist], title: str, legend
     )
 
 
-def _rank_key(canvas: FigureLayout, panel: RankPanel) -> dict[str, Artist]:
+def _rank_key(canvas: FigureLayout, panel: SensitivityPanel) -> dict[str, Artist]:
     """Returns samples of the two measures of a relation, by name."""
     bar = Patch(facecolor=rgb(canvas.theme.colour(0)), linewidth=0)
     key = dict[str, Artist](zip(panel.names, (bar, _dot(canvas)), strict=True))
@@ -127,7 +134,7 @@ def _rank_key(canvas: FigureLayout, panel: RankPanel) -> dict[str, Artist]:
     return key
 
 
-def _draw_intervals(canvas: FigureLayout, panel: RankPanel, axes: Axes) -> None:
+def _draw_intervals(canvas: FigureLayout, panel: SensitivityPanel, axes: Axes) -> None:
     """Draws confidence intervals as lines: those of bars in their lower part, those of rings through them."""
     if panel.intervals is None:
         return
@@ -147,7 +154,7 @@ def _dot(canvas: FigureLayout) -> Line2D:
     return ring
 
 
-def _draw_rank_bars(canvas: FigureLayout, panel: RankPanel, axes: Axes, *, named: bool) -> None:
+def _draw_rank_bars(canvas: FigureLayout, panel: SensitivityPanel, axes: Axes, *, named: bool) -> None:
     """Draws rank correlations as bars, each with its number on the other side of zero, which is always free.
 
     Indices of sensitivity are bars to the right, apart from errors of estimates.

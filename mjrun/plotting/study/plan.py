@@ -27,7 +27,7 @@ from mjrun.plotting.study.figure_data import (
     GraphPanel,
     HeatPanel,
     ParallelPanel,
-    RankPanel,
+    SensitivityPanel,
     Series,
     StudyDrawing,
     StudyPanel,
@@ -297,7 +297,7 @@ class StudyFigurePlan:
         panels = self._rank_panels(ordinal)
         return self._drawn(panels, min(3, len(panels)), above)
 
-    def _rank_panels(self, parameters: Sequence[Parameter]) -> list[RankPanel]:
+    def _rank_panels(self, parameters: Sequence[Parameter]) -> list[SensitivityPanel]:
         """Returns a panel for each metric, with the parameters ordered by their strongest correlation with any."""
         metrics, values = self._shown(self._metrics), [each.values for each in parameters]
         correlations = np.array([rank_correlations(values, metric.values) for metric in metrics])
@@ -308,9 +308,9 @@ class StudyFigurePlan:
             self.notes.append(f"of {len(parameters)} parameters, the {RANKED} with the strongest relations have bars")
         names = [parameters[i].ordinal_name for i in order]
         rows = zip(metrics, correlations, shares, strict=True)
-        return [RankPanel(metric.name, names, ranked[order], share[order]) for metric, ranked, share in rows]
+        return [SensitivityPanel(metric.name, names, ranked[order], share[order]) for metric, ranked, share in rows]
 
-    def _sensitivity_panels(self) -> list[RankPanel]:
+    def _sensitivity_panels(self) -> list[SensitivityPanel]:
         """Returns a panel of the indices of each chosen metric; none if there are no indices of all of them."""
         known, names = self._results.sensitivity, self._options.y or self._results.metrics
         if not known or not all(name in known for name in names):
@@ -322,7 +322,7 @@ class StudyFigurePlan:
             for parameter in shares[0]
         }
         parameters = sorted(strength, key=lambda name: -np.nan_to_num(strength[name], nan=-1.0))[:RANKED]
-        panels = list[RankPanel]()
+        panels = list[SensitivityPanel]()
         for name in names:
             bars, rings = (np.array([known[name][index][each] for each in parameters]) for index in (first, second))
             intervals = np.array(
@@ -334,7 +334,9 @@ class StudyFigurePlan:
             ends = (float(drawn.min(initial=0.0)) - 0.3 * most, 1.1 * most)
             title = name if is_share else self._results.with_unit(name)
             axis = "share of the variance" if is_share else "effect over the range"
-            panels.append(RankPanel(title, parameters, bars, rings, INDICES[first, second], axis, ends, intervals))
+            panels.append(
+                SensitivityPanel(title, parameters, bars, rings, INDICES[first, second], axis, ends, intervals)
+            )
         return panels
 
     def _interval(self, metric: str, index: str, parameter: str) -> list[float]:

@@ -11,7 +11,7 @@ import pytest
 import mjrun.model.sources
 from mjrun.errors import CompiledOverrideError, UnknownNameError
 from mjrun.model.override import Override
-from mjrun.model.source import CollectionSource
+from mjrun.model.source import CollectionModelSource
 from mjrun.model.sources import CompiledSource, listed_collection, load, model_collections, parse_source, source_of
 from mjrun.model.sources.bundled_scene import BundledScene
 from mjrun.model.sources.file import FileSource
@@ -22,10 +22,10 @@ NEW = """
 from mjrun.dataclass import dataclass
 from typing import ClassVar
 import mujoco
-from mjrun.model.source import CollectionSource
+from mjrun.model.source import CollectionModelSource
 
 @dataclass(frozen=True)
-class EmptySource(CollectionSource):
+class EmptySource(CollectionModelSource):
     PREFIX: ClassVar[str] = "empty"
 
     @classmethod
@@ -72,7 +72,7 @@ def test_a_path_is_a_file_whatever_its_name_and_a_source_is_itself() -> None:
 @pytest.mark.parametrize(
     ("text", "collection"), [("scene:", BundledScene), ("scene", None), ("scene:car", None), (":", None), ("x:", None)]
 )
-def test_a_bare_prefix_means_the_whole_collection(text: str, collection: type[CollectionSource] | None) -> None:
+def test_a_bare_prefix_means_the_whole_collection(text: str, collection: type[CollectionModelSource] | None) -> None:
     assert listed_collection(text) is collection
 
 

@@ -19,7 +19,7 @@ from mjrun.plotting.study.figure_data import (
     GraphPanel,
     HeatPanel,
     ParallelPanel,
-    RankPanel,
+    SensitivityPanel,
     Series,
     StudyDrawing,
     study_grid,
@@ -39,7 +39,7 @@ VALUES = np.array([[1.0, 2, np.nan], [4, 5, np.nan]])
 FAILED = np.array([[False, False, True], [False, False, False]])
 CATEGORIES = ParameterAxis("mass", -0.5, 2.5, categories=("1", "2", "3"))
 HEAT = HeatPanel("z", CATEGORIES, ParameterAxis("friction", 0, 2), VALUES, FAILED, ParameterAxis("z", 1, 5))
-RANK = RankPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]), np.array([0.9, 0.6, np.nan]))
+RANK = SensitivityPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]), np.array([0.9, 0.6, np.nan]))
 SCALES = [
     ParameterAxis("mass", 0, 2),
     ParameterAxis("model", -0.5, 1.5, categories=("a", "b")),
@@ -172,7 +172,7 @@ def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None
 def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() -> None:
     intervals = np.array([[[-0.2, 0.3], [0.6, 1]], [[0.1, 0.4], [np.nan, np.nan]]])
     bars, rings = np.array([0.1, 0.8]), np.array([0.2, 0.9])
-    panel = RankPanel("z", ["a", "b"], bars, rings, ("first", "total"), "share", (-0.6, 1.1), intervals)
+    panel = SensitivityPanel("z", ["a", "b"], bars, rings, ("first", "total"), "share", (-0.6, 1.1), intervals)
     made, _ = figure(StudyDrawing("", [panel]))
     axes = made.axes[0]
     segments = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
@@ -183,7 +183,7 @@ def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() ->
 
 
 def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_panel_alone() -> None:
-    long = RankPanel("z", ["m" * 200], np.array([0.5]), np.array([0.5]))
+    long = SensitivityPanel("z", ["m" * 200], np.array([0.5]), np.array([0.5]))
     first, second = figure(StudyDrawing("", [long, long], 2), (640, 300))[0].axes
     assert first.get_position().x0 < 0.36
     assert [label.get_text() for label in second.get_yticklabels()] == [""]

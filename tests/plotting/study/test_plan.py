@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, MissingExtraError, UnknownNameError, UsageError
 from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
+from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, SensitivityPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.study.statistics import dependences, medians, rank_correlations
 
@@ -94,7 +94,7 @@ def test_indices_of_sensitivity_have_the_intervals_of_their_table() -> None:
     indices = {"z": {index: {"a": value, "b": value / 2} for index, value in known.items()}}
     study = replace(results({"a": STEP, "b": SEED}, {"z": DRIFT}), sensitivity=indices)
     (panel,) = drawn(study).panels
-    assert isinstance(panel, RankPanel)
+    assert isinstance(panel, SensitivityPanel)
     expected = [[[0.25, 0.75], [0.125, 0.375]], [[np.nan, np.nan]] * 2]
     np.testing.assert_array_equal(panel.intervals, expected)  # type: ignore[arg-type]
     assert panel.ends
@@ -132,7 +132,7 @@ def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> Non
     assert [axis.name for axis in drawing.above.scales] == ["a", "b", "c", "d", "kind", "w"]
     assert drawing.above.failed.tolist() == [True] + [False] * 49
     (panel,) = drawing.panels
-    assert isinstance(panel, RankPanel)
+    assert isinstance(panel, SensitivityPanel)
     frame: Any = pd.DataFrame({**parameters, "w": -z})
     expected = frame.corr(method="spearman")["w"].drop("w").sort_values(key=np.abs, ascending=False)
     assert list(panel.parameters) == expected.index.tolist()
