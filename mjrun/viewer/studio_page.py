@@ -232,6 +232,7 @@ class StudioPage:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, port: int, speed: float) -> None:
         self._hooks = sys.excepthook, threading.excepthook, warnings.showwarning
         logging.getLogger("WebServer").setLevel(logging.WARNING)
+        logging.getLogger("asyncio").addFilter(_is_no_closed_page)
         _ports_seen.discard(port)
         _ports_ready.discard(port)
         self.token = _tokens[port] = secrets.token_urlsafe(32)
@@ -289,7 +290,14 @@ class StudioPage:
     def close(self) -> None:
         """Ends the server."""
         self._handle.close()
+        logging.getLogger("asyncio").removeFilter(_is_no_closed_page)
         sys.excepthook, threading.excepthook, warnings.showwarning = self._hooks
+
+
+def _is_no_closed_page(record: logging.LogRecord) -> bool:
+    """Returns False for a page that was closed while the server of MuJoCo sent it a frame, which ends nothing else."""
+    error = record.exc_info[1] if record.exc_info else None
+    return type(error).__name__ != "ConnectionClosedOK"
 
 
 _ports_ready: set[int] = set()  # ports that accept pages

@@ -47,6 +47,7 @@ def baked(*arguments: str) -> tuple[Cake, Console]:
     @command(Cake, arguments=[click.Argument(["subject"])])
     def bake(console: Console, command_line: CommandLine) -> None:
         """Bake SUBJECT."""
+        console.release_stdout()
         subject = command_line.argument("subject")
         cakes.append(command_line.with_defaults(name=f"{subject}.cake").make(Cake, subject=subject))
 
@@ -183,6 +184,7 @@ def test_an_option_that_may_do_without_a_value_takes_no_argument(
     @command(_Optional, arguments=[click.Argument(["model"])])
     def measure(console: Console, command_line: CommandLine) -> None:
         """Measure."""
+        console.release_stdout()
         made.append((command_line.make(_Optional).gains, command_line.argument("model")))
 
     assert CliRunner().invoke(measure, line, obj=Console()).exit_code == 0

@@ -73,5 +73,5 @@ def test_rounding_is_noise_even_where_a_signal_rests() -> None:
     moving = np.sin(np.linspace(0, 1, 40))
     smooth = np.concatenate([moving, np.full(100, moving[-1])])
     values = np.column_stack([np.round(smooth, 3), np.radians(np.round(smooth, 2)), smooth]).astype(np.float64)
-    assert resolution(values) == pytest.approx([1e-3, np.radians(1e-2), 0], rel=1e-6, abs=1e-7)
+    assert resolution(values) == pytest.approx([1e-3, np.radians(1e-2), 0], rel=1e-6, abs=2e-7)
     assert first_noise([values])[0] == pytest.approx(1e-3 / np.sqrt(12))

@@ -116,6 +116,7 @@ def test_the_document_holds_all_models_in_order(models: Command) -> None:
             "line": 4,
             "object": "joint 'j'",
             "remedy": REMEDY,
+            "others": [],
         }
     ]
 
