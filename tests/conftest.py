@@ -125,6 +125,11 @@ SWING = """
 """
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Returns one more worker than cores, since tests wait for commands, signals and leases."""
+    return cores.available_cores() + 1
+
+
 @pytest.fixture
 def half_a_core(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Makes this process one of a container with a quota of half a core, on a machine with eight."""
