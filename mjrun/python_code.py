@@ -147,16 +147,17 @@ def own_copy(code: T) -> T:
         return code
 
 
-def shared_memory(code: str, units: str) -> str:
-    """Returns a warning that `code` acts differently at the same start again.
+def memory_warning(code: str, units: str) -> str:
+    """Returns a warning about code that acts differently when the same start is repeated.
 
     Args:
-      units: what is affected: "episodes".
+      code: option and name of the code.
+      units: what shares its memory: "episodes".
     """
-    remedy = "a class gets a memory for each, and reset(seed) of a policy can begin its random numbers"
+    remedy = "an object of a class is copied for each, and a policy can seed its random numbers in reset(seed)"
     return (
-        f"{code} acts differently when it is called again at the same start: all {units} share its memory or random "
-        f"numbers, so results depend on the order of {units}; {remedy}"
+        f"{code} acts differently when it is called again at the same start: its memory or random numbers are shared, "
+        f"so results depend on the order of {units}; {remedy}"
     )
 
 

@@ -21,7 +21,7 @@ from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.packages import require_all
-from mjrun.python_code import module_sources, shared_memory
+from mjrun.python_code import memory_warning, module_sources
 from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task
@@ -92,15 +92,16 @@ class PreparedEvaluation:
             self.criteria = self._criteria(options)
 
     def remarks(self, seed: int) -> Iterator[str]:
-        """Yields a remark on each policy in Python that begins the episode of `seed` in another way when it is asked
-        again; each of them should have played episodes without failures.
+        """Yields a remark on each policy in Python that begins the episode of `seed` differently the second time.
+
+        It calls the policies in this process, so they should have played episodes without failures before.
         """
         for group in {group.policy: group for group in reversed(self.groups)}.values():
             if group.spec.chosen.is_code:
                 player = player_of(group.spec) if group.policy else self.player
                 first, again = player.first_action(seed), player.first_action(seed)
                 if not np.array_equal(first, again):
-                    yield shared_memory(f"{option('policy')} {clean(group.name)}", "episodes")
+                    yield memory_warning(f"{option('policy')} {clean(group.name)}", "episodes")
 
     @property
     def snapshot(self) -> InputSnapshot:

@@ -11,7 +11,7 @@ from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import Integer, Numbers
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.report import PageOptions, RunOptions
+from mjrun.options.report import PageOptions, TrackerOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
@@ -90,7 +90,7 @@ class EpisodeVideoOptions(SelectedVideoOptions):
 class EvaluationOptions(
     EpisodeVideoOptions,
     PageOptions,
-    RunOptions,
+    TrackerOptions,
     VariationOptions,
     DisturbanceOptions,
     ConfidenceOptions,

@@ -37,7 +37,7 @@ REPORT_FORMATS = tuple(each.name for each in options_of(ReportFormatOptions))
 
 
 @options
-class RunOptions(Options):
+class TrackerOptions(Options):
     """Results as runs of an experiment tracker."""
 
     section: ClassVar[str] = "Output"

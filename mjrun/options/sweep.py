@@ -12,7 +12,7 @@ from mjrun.options.kinds import Choice, File, Flag, Kind, Optional, Several, Tex
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
-from mjrun.options.report import PageOptions, RunOptions
+from mjrun.options.report import PageOptions, TrackerOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
@@ -173,7 +173,7 @@ class ConfidenceOptions(Options):
 
 
 @options
-class StudyOptions(KeepOptions, PageOptions, RunOptions, VariationOptions, ConfidenceOptions):
+class StudyOptions(KeepOptions, PageOptions, TrackerOptions, VariationOptions, ConfidenceOptions):
     """A study.
 
     Args:

@@ -71,7 +71,7 @@ def final_timeline(simulation: Simulation, model: mujoco.MjModel) -> Timeline:
     episode = simulation.episode.columns if simulation.episode else None
     sampler, done = ProbeSampler(model, condition.columns, timeline, episode), 0
     with collected_warnings(), suppress(SimulationError):  # which the outputs report if they precede the end
-        stepper = simulation.without_shared_memory.stepper(sampler.model)
+        stepper = simulation.with_controller_copies.stepper(sampler.model)
         for block in sampler.blocks(stepper, range(timeline.steps + 1)):
             table = block().values
             if count := int(condition.counts(sampler.names, table[None], np.array([len(table)]))[0]):

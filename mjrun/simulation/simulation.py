@@ -110,8 +110,8 @@ class Simulation(SimulationOptions):
         return self._with_valid({"set": (*self.set, *overrides)})
 
     @property
-    def without_shared_memory(self) -> "Simulation":
-        """The same simulation, each stepper of which begins with the memory that its controller has now."""
+    def with_controller_copies(self) -> "Simulation":
+        """The same simulation, each stepper of which gets its own copy of the controller."""
         controller = self.controller
         if controller is None or isinstance(controller, RedirectedFunction):
             return self

@@ -82,7 +82,7 @@ class StudySpec:
         names = self.names
         if self.product:
             names, values = without_cameras(names, values)
-        return simulation_at(self.base, names, values, dict(self.controllers)).without_shared_memory
+        return simulation_at(self.base, names, values, dict(self.controllers)).with_controller_copies
 
     def values(self, point: "StudyPoint") -> dict[str, str]:
         """Returns the values of a point, by parameter, of those that exist there."""

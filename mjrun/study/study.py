@@ -36,7 +36,7 @@ from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.probe.verdict import Verdict
-from mjrun.python_code import shared_memory
+from mjrun.python_code import memory_warning
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study import repeat_means
@@ -110,7 +110,7 @@ class Study(StudyOptions, ExecutionOptions):
             prepared.warn_of_damaged(reporter)
             if not prepared.has_own_memory:
                 code = option("policy" if self.simulation.controller is None else "controller")
-                reporter.warn(shared_memory(code, "points"))
+                reporter.warn(memory_warning(code, "points"))
             self._report_changes(prepared, reporter)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
@@ -284,7 +284,7 @@ class StudyResult:
       names: parameters that vary.
       kept: files of single points.
       repeats: means over points that differ in their seed only, for the first 100 of the other parameters' values;
-        `repeat_means.csv` has all.
+        `repeats.csv` has all.
       sensitivities: sensitivity of each metric to each parameter, with the samplers `saltelli` and `morris`.
       confidence: confidence of all intervals.
       schema: name of this schema.
