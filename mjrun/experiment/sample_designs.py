@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from mjrun.experiment.sobol_sequence import sobol_points
-
 LEVELS = 4  # of each parameter in a design of Morris
 STEP = 0.5  # change of a fraction from one of its points to the next
 
@@ -45,9 +43,11 @@ def morris(count: int, dimensions: int, generator: "np.random.Generator") -> np.
 
 
 def _sobol(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
+    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
+
     # The first of a power of two: points stay the same when there are more of them.
     exponent = max(0, (count - 1).bit_length())
-    return sobol_points(exponent, dimensions, generator)[:count]
+    return qmc.Sobol(dimensions, rng=generator).random_base2(exponent)[:count]
 
 
 def _halton(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
