@@ -1,9 +1,10 @@
 """MuJoCo's process-wide state: disables its log file and timers, and collects its warnings instead of printing them."""
 
 import ctypes
+import threading
 import warnings
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -68,27 +69,69 @@ def collected_warnings() -> Generator[list[str]]:
     """Collects MuJoCo's warnings inside the block, each text once, in order; the list is filled when the block ends.
 
     These are the warnings of the engine, and those that the bindings raise as Python warnings. Within the block MuJoCo
-    does not write MUJOCO_LOG.TXT into the working directory.
+    does not write MUJOCO_LOG.TXT into the working directory. Threads may have blocks at once, which end in any order.
     """
-    messages: dict[str, None] = {}
-
-    def note(text: str) -> None:
-        messages[text.strip()] = None
-
-    previous = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(note)
+    collector = _Collector()
+    _enter(collector)
     texts: list[str] = []
-    caught: list[warnings.WarningMessage] = []
     try:
-        with without_log(), warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", UserWarning)
-            yield texts
+        yield texts
     finally:
-        mujoco.set_mju_user_warning(previous)
-        for warning in caught:
-            if issubclass(warning.category, UserWarning) and not issubclass(warning.category, MjrunWarning):
-                note(str(warning.message))
-            else:
-                warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+        _leave(collector)
+        for warning in collector.others:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
         # The bindings report an attach conflict twice: the whole text, and its first line.
-        texts.extend(t for t in messages if not any(other.startswith(f"{t}\n") for other in messages))
+        found = collector.texts
+        texts.extend(t for t in found if not any(other.startswith(f"{t}\n") for other in found))
+
+
+class _Collector:
+    """The warnings of one block: texts of MuJoCo's, and others, which are raised again after it."""
+
+    def __init__(self) -> None:
+        self.thread = threading.get_ident()
+        self.texts: dict[str, None] = {}
+        self.others: list[warnings.WarningMessage] = []
+
+
+# MuJoCo's handler of warnings, its log and Python's filters belong to the process: the first block takes them over,
+# the last one that ends puts them back.
+_lock, _open_blocks, _taken_over = threading.Lock(), list[_Collector](), ExitStack()
+
+
+def _enter(collector: _Collector) -> None:
+    with _lock:
+        if not _open_blocks:
+            _taken_over.callback(mujoco.set_mju_user_warning, mujoco.get_mju_user_warning())
+            _taken_over.enter_context(without_log())
+            _taken_over.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = _note_warning
+            mujoco.set_mju_user_warning(_note)
+        _open_blocks.append(collector)
+
+
+def _leave(collector: _Collector) -> None:
+    with _lock:
+        _open_blocks.remove(collector)
+        if not _open_blocks:
+            _taken_over.close()
+
+
+def _innermost() -> _Collector:
+    """Returns the innermost block of this thread; for a thread without blocks, which MuJoCo started, any innermost."""
+    blocks = _open_blocks[:]
+    return next((each for each in reversed(blocks) if each.thread == threading.get_ident()), blocks[-1])
+
+
+def _note(text: str) -> None:
+    _innermost().texts[text.strip()] = None
+
+
+def _note_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object, **__: object
+) -> None:
+    if issubclass(category, UserWarning) and not issubclass(category, MjrunWarning):
+        _note(str(message))
+    else:
+        _innermost().others.append(warnings.WarningMessage(message, category, filename, lineno))

@@ -1,5 +1,6 @@
 """Theorems about MuJoCo's own voice: heard once, shown nowhere else, and left as it was."""
 
+import threading
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -123,6 +124,33 @@ def test_an_inner_block_hears_its_own_and_the_outer_the_rest() -> None:
         warn()
     assert len(inner) == 1
     assert outer == [NAN]
+
+
+def test_blocks_of_threads_that_overlap_hear_their_own_and_restore_everything() -> None:
+    filters, turns = warnings.filters[:], [threading.Event() for _ in range(3)]
+    heard: dict[str, list[str]] = {}
+
+    def first() -> None:
+        with collected_warnings() as heard["first"]:
+            turns[0].set()
+            turns[1].wait(60)
+            diverge()
+        turns[2].set()
+
+    thread = threading.Thread(target=first)
+    thread.start()
+    turns[0].wait(60)
+    with collected_warnings() as heard["second"]:  # opened after the other, closed after it
+        turns[1].set()
+        turns[2].wait(60)
+        warn()
+        say("look")
+    thread.join()
+    assert "QVEL at DOF 0" in heard["first"][0]
+    assert (len(heard["first"]), heard["second"]) == (1, [NAN, "look"])
+    assert mujoco.get_mju_user_warning() is None
+    assert mujoco.MjLogConfig.get().logto_file
+    assert warnings.filters == filters
 
 
 def test_a_python_warning_of_the_user_is_heard_and_one_for_developers_continues() -> None:
