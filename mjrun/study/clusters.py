@@ -9,7 +9,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import ExitStack
 from typing import Any
 
@@ -17,6 +17,9 @@ from mjrun.errors import UsageError, clean, option
 
 PATIENCE = 20  # [s] for a cluster of Dask to answer; Ray asks for 30 s
 USAGE = "RAY_USAGE_STATS_ENABLED"  # Ray reports to its makers unless it is 0
+
+
+ENDINGS = ("LocalRayletDiedError", "RaySystemError")  # errors of Ray without its daemon
 
 
 def is_cluster(engine: str) -> bool:
@@ -41,9 +44,17 @@ def open_cluster(engine: str, count: int, stack: ExitStack) -> tuple[Executor, i
     return executor, max(1, workers)
 
 
+def has_ended(error: Exception) -> bool:
+    """Returns whether the error of a task is that of an engine that has ended: Dask cancels the tasks of a scheduler
+    that is lost, and a pool of processes breaks.
+    """
+    return isinstance(error, BrokenExecutor | CancelledError | ConnectionError) or type(error).__name__ in ENDINGS
+
+
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     import distributed  # whose functions are annotated as if they might return coroutines
 
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # tracebacks of a scheduler that has ended
     client_class: Any = distributed.Client
     cluster_class: Any = distributed.LocalCluster
     if not address:

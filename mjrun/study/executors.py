@@ -21,7 +21,7 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
-from mjrun.study.clusters import is_cluster, open_cluster
+from mjrun.study.clusters import has_ended, is_cluster, open_cluster
 from mjrun.study.isolation import run_chunk
 from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk
@@ -35,6 +35,10 @@ LEAST = 1 / 15  # share of this time that the last chunks take: they are smaller
 GROWTH = 4  # from the largest measured chunk to the next, since a few points predict many badly
 MOST = 4096  # points in a chunk
 QUEUED = 3  # chunks that wait for each process in addition to the running one
+
+
+class EngineEndedError(Exception):
+    """An engine that executes no more chunks, such as a scheduler that was killed; those in flight have not failed."""
 
 
 class ChunkSizes:
@@ -176,10 +180,13 @@ def completed(
       is_over: returns whether to submit no more chunks; those that are running finish.
       is_wanted: returns whether chunks that have not begun are wanted back.
       give_back: receives these chunks.
+
+    Raises:
+      EngineEndedError: the engine has ended.
     """
     running = dict[Future[ChunkResult], PointChunk]()
     again = deque[PointChunk]()
-    is_first = True
+    is_first, end = True, ""
     while True:
         if isinstance(executor, ThreadPoolExecutor) and is_wanted():
             unused = [future for future, chunk in running.items() if not chunk.refusals and future.cancel()]
@@ -193,31 +200,38 @@ def completed(
                     break
                 if chunk is None:
                     break
-                running[executor.submit(run_chunk, chunk)] = chunk
+                try:
+                    running[executor.submit(run_chunk, chunk)] = chunk
+                except Exception as error:  # of whatever kind: RuntimeError, ClosedClientError
+                    end = _reason(error)
+                    break
         if is_over() and isinstance(executor, ThreadPoolExecutor | SlurmExecutor):  # which know what has begun
             running = {future: chunk for future, chunk in running.items() if not future.cancel()}
         if is_first:
             yield []
             is_first = False
-        if not running:
+        if not running and not end:
             if not is_waiting:
                 return
             time.sleep(INTERVAL)
             yield []
             continue
         arrived = list[tuple[PointChunk, ChunkResult]]()
-        for future in wait(running, INTERVAL, FIRST_COMPLETED).done:
+        for future in wait(running, 0 if end else INTERVAL, FIRST_COMPLETED).done:
             chunk = running.pop(future)
             try:
                 result = future.result()
             except MjrunError:
                 raise
             except Exception as error:
+                if has_ended(error):
+                    end = _reason(error)
+                    continue
                 again.extend(parts := _tried_again(chunk, error))
                 if parts:
                     continue
-                name = "" if isinstance(error, LostJobError) else f"{type(error).__name__}: "
-                result = chunk.failed(f"the engine lost it: {name}{error}")
+                reason = f"{error}" if isinstance(error, LostJobError) else _reason(error)
+                result = chunk.failed(f"the engine lost it: {reason}")
             if result.lacks_files and chunk.contents is None:
                 again.append(replace(chunk, contents=chunk.study.snapshot.contents()))
             elif not (reason := fault(result)):
@@ -227,6 +241,12 @@ def completed(
             else:
                 arrived.append((chunk, replace(chunk.failed(reason), is_refused=True)))
         yield arrived
+        if end:
+            raise EngineEndedError(end)
+
+
+def _reason(error: Exception) -> str:
+    return ": ".join(filter(None, [type(error).__name__, f"{error}".partition("\n")[0]]))
 
 
 def _tried_again(chunk: PointChunk, error: Exception) -> Sequence[PointChunk]:

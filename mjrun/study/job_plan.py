@@ -56,6 +56,7 @@ class TaskResult:
       points: number of points in its share.
       simulated: number of them that were simulated now; the others were known.
       statuses: number of simulated points by status.
+      missing: number of points that have no result yet, as after the time budget.
       wall: wall time [s].
     """
 
@@ -65,6 +66,7 @@ class TaskResult:
     points: int
     simulated: int
     statuses: Mapping[str, int]
+    missing: int
     wall: float
 
 
@@ -92,6 +94,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
     start = time.perf_counter()
     study, points = plan.study, task_points(plan.ranges, task, tasks)
     statuses: Mapping[str, int] = {}
+    missing = 0
     if len(points):
         prepared = PreparedStudy(study, study.spec)
         _require_identity(prepared, plan.identity)
@@ -103,8 +106,9 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
         prepared.files.create()
         prepared.warn_of_damaged(reporter)
         statuses = prepared.simulate(prepared.missing(study.retry_failed), study, reporter)
-    wall = time.perf_counter() - start
-    return TaskResult(study.output, task, tasks, len(points), sum(statuses.values()), dict(statuses), wall)
+        missing = int(prepared.known.is_missing.sum())
+    wall, count = time.perf_counter() - start, sum(statuses.values())
+    return TaskResult(study.output, task, tasks, len(points), count, dict(statuses), missing, wall)
 
 
 def ranges_of(points: np.ndarray) -> list[Range]:

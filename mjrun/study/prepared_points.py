@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import clean, counted, listing
+from mjrun.errors import clean, counted, listing, option
 from mjrun.experiment.design import Design
 from mjrun.formats.folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
@@ -45,11 +45,12 @@ class Budget:
 
     Attributes:
       failed: number of points that have failed in this run.
+      ending: reason why the engine executes no more; empty while it does.
     """
 
     def __init__(self, options: ExecutionOptions) -> None:
         self._time, self._failures = options.time_budget, options.max_failures
-        self._start, self.failed = time.perf_counter(), 0
+        self._start, self.failed, self.ending = time.perf_counter(), 0, ""
 
     @property
     def reached(self) -> str:
@@ -58,7 +59,7 @@ class Budget:
             return f"{self.failed} failed in this run"
         if self._time is not None and time.perf_counter() - self._start >= self._time:
             return f"the time budget of {float(self._time):g} s is spent"
-        return ""
+        return self.ending
 
 
 class PreparedPoints(ABC):
@@ -180,7 +181,8 @@ class PreparedPoints(ABC):
 
         Other processes that simulate the same study in this folder share the points; their results are added, too.
         Results of a process with other versions of libraries are refused and not published. When the time budget is
-        spent, or too many points have failed, those that are running finish, and the others stay missing.
+        spent, or too many points have failed, those that are running finish, and the others stay missing, as do those
+        in flight when the engine ends.
 
         Args:
           publish: writes the files of a point with its key, before its result is recorded.
@@ -261,11 +263,14 @@ class PreparedPoints(ABC):
             leased.give_back([point.index for chunk in chunks for point in chunk.points])
 
         is_over, is_wanted = lambda: bool(budget.reached), lambda: leased.is_wanted
-        for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back):
-            for _, result in arrived:
-                results = result.results
-                sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
-            yield arrived
+        try:
+            for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back):
+                for _, result in arrived:
+                    results = result.results
+                    sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
+                yield arrived
+        except executors.EngineEndedError as error:
+            budget.ending = f"{option('engine')} {clean(options.engine)} has ended ({clean(str(error))})"
 
 
 class _Chunks(Iterator[PointChunk | None]):

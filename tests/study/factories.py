@@ -1,7 +1,8 @@
 """Executors for tests of `module:factory`."""
 
 import pickle
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,24 @@ class Forgetful(Executor):
             future.set_exception(RuntimeError("the machine is gone"))
         else:
             future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class Broken(Executor):
+    """Ends after a task, as a pool of processes when one is killed, or a scheduler that cancels its tasks."""
+
+    def __init__(self, error: Exception | None) -> None:
+        self._error, self._has_ended = error, False
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        future = Future[Any]()
+        if not self._has_ended:
+            future.set_result(fn(*args, **kwargs))
+        elif self._error:
+            future.set_exception(self._error)
+        else:
+            raise RuntimeError("cannot schedule new futures after shutdown")
+        self._has_ended = True
         return future
 
 
@@ -81,3 +100,15 @@ def all_of_them() -> Executor:
 
 def in_this_process() -> Executor:
     return OtherLibraries(10**9)
+
+
+def that_breaks() -> Executor:
+    return Broken(BrokenProcessPool("a process was terminated"))
+
+
+def that_cancels() -> Executor:
+    return Broken(CancelledError())
+
+
+def that_closes() -> Executor:
+    return Broken(None)

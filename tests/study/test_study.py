@@ -172,9 +172,12 @@ def test_points_that_an_engine_loses_have_failed_and_are_tried_again_on_request(
     [
         ("Forgetful", {"max_failures": 2}, "2 failed, 7 missing", "2 failed in this run"),
         ("in_this_process", {"time_budget": "4s"}, "7 missing", "the time budget of 4 s is spent"),
+        ("that_breaks", {}, "9 missing", "has ended (BrokenProcessPool: a process was terminated)"),
+        ("that_cancels", {}, "9 missing", "has ended (CancelledError)"),
+        ("that_closes", {}, "9 missing", "has ended (RuntimeError: cannot schedule new futures after shutdown)"),
     ],
 )
-def test_a_run_ends_at_its_limit_and_leaves_a_study_that_continues_to_the_same_table(
+def test_a_run_ends_at_its_limit_or_with_its_engine_and_leaves_a_study_that_continues_to_the_same_table(
     simulation: Simulation,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -183,7 +186,7 @@ def test_a_run_ends_at_its_limit_and_leaves_a_study_that_continues_to_the_same_t
     counts: str,
     reason: str,
 ) -> None:
-    """Three points are in flight, and the clock advances by a second for each of them."""
+    """Three points are in flight, and the clock advances by a second for each of them. What ends has done one."""
     here = "tests.study.factories:in_this_process"
     options = {"vary": {"qpos/ball/z": "1..2:10"}, "chunk": 1, "require": ["min(low) > 0"]}
     study(simulation, tmp_path / "whole", engine=here, **options).run()
@@ -194,8 +197,10 @@ def test_a_run_ends_at_its_limit_and_leaves_a_study_that_continues_to_the_same_t
         with pytest.raises(FailedPointsError, match=f"^{counts}, of 10 points; the table has the others") as caught:
             limited.run(reporter)
     (result,) = caught.value.results
-    assert (caught.value.exit_code, result.simulated, result.assertions) == (8, 3, [])
-    assert f"{reason}: 7 points left; repeat the command to continue" in reporter.texts
+    left = int(counts.split()[-2])
+    assert (caught.value.exit_code, result.simulated, result.assertions) == (8, 10 - left, [])
+    (end,) = (text for text in reporter.texts if text.endswith(f": {left} points left; repeat the command to continue"))
+    assert reason in end
     again = study(simulation, tmp_path / "study", engine=here, retry_failed=True, **options).run()
     assert again.simulated == 10 - result.statuses["ok"]
     assert table(tmp_path / "study") == table(tmp_path / "whole")

@@ -21,7 +21,7 @@ from mjrun.cli.simulation_command import (
     stem,
     varied_controllers,
 )
-from mjrun.errors import FileError, UsageError, clean, counted, option
+from mjrun.errors import FailedPointsError, FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.option import options_of
 from mjrun.options.report import PageOptions
@@ -231,12 +231,14 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
 
     result = run_task(_plan(command_line), task, tasks, console)
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
-    known = result.points - result.simulated
+    known = result.points - result.missing - result.simulated
     facts = [
         f"task {task} of {tasks}: {counted(result.simulated, 'point')} simulated{f' ({counts})' if counts else ''}",
         *([f"{known:,} known already"] if known else []),
+        *([f"{result.missing:,} left"] if result.missing else []),
     ]
     console.answer(Report("", result, summary=lambda: f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s"))
+    console.code = FailedPointsError.exit_code if result.missing else 0
 
 
 def _report_status(console: Console, command_line: CommandLine) -> None:

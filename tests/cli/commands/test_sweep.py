@@ -221,6 +221,8 @@ def test_a_task_that_was_killed_is_run_again(mjrun_here: Command, ball: str) -> 
     )
     assert mjrun_here("sweep", *options, "-o", "alone").returncode == 0
     assert mjrun_here("sweep", *options, "-o", "study", "--plan", "plan.jsonl").returncode == 0
+    late = mjrun_here("sweep", "plan.jsonl", "--task", "1/1", "--time-budget", "1us")
+    assert (late.returncode, b"0 points simulated, 40 left; " in late.stdout) == (8, True)
     command = [sys.executable, "-m", "mjrun", "sweep", "plan.jsonl", "--task", "1/1", "--jobs", "1"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(command, cwd=mjrun_here.folder, env=environment, stdout=subprocess.DEVNULL) as task:
