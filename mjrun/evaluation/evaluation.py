@@ -26,7 +26,7 @@ from mjrun.errors import (
 from mjrun.evaluation.episode import PlayedEpisodes
 from mjrun.evaluation.execution import forget_code, play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
-from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison, Summaries, summaries
+from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison, summaries
 from mjrun.evaluation.table import FILES, episode_table, point_table
 from mjrun.evaluation.videos import EpisodeVideo, VideoMaker, remove_old_videos
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
@@ -122,8 +122,25 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             videos, failures = maker.make(policies[0], folder, reporter)
             paths = [video.path for video in videos]
             files = [*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)]
-            wall = time.perf_counter() - start
-            result = self._result(prepared, played, outcome, verdicts, videos, files, wall)
+            result = EvaluationResult(
+                path=self.output,
+                task=self.task.text,
+                episodes=self.episodes,
+                seed=self.seed,
+                confidence=self.confidence,
+                policies=outcome.policies,
+                comparison=outcome.comparison,
+                names=prepared.points.names,
+                points=outcome.points,
+                units=prepared.units,
+                videos=videos,
+                assertions=verdicts,
+                failures=failure_groups(played.groups),
+                simulated=played.simulated,
+                files=files,
+                steps=sum(episode.steps for group in played.groups for episode in group.episodes),
+                wall=time.perf_counter() - start,
+            )
             facts |= dataclasses.asdict(result)
             writers.append(stack.enter_context(manifest_writer(folder / MANIFEST, facts)))
             _publish(writers, folder, paths)
@@ -156,36 +173,6 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
                 _remove(folder)
             raise _error_of_all(played)
         return played
-
-    def _result(
-        self,
-        prepared: PreparedEvaluation,
-        played: "_Played",
-        outcome: Summaries,
-        verdicts: Sequence[Verdict],
-        videos: Sequence[EpisodeVideo],
-        files: Sequence[str],
-        wall: float,
-    ) -> "EvaluationResult":
-        return EvaluationResult(
-            path=self.output,
-            task=self.task.text,
-            episodes=self.episodes,
-            seed=self.seed,
-            confidence=self.confidence,
-            policies=outcome.policies,
-            comparison=outcome.comparison,
-            names=prepared.points.names,
-            points=outcome.points,
-            units=prepared.units,
-            videos=videos,
-            assertions=verdicts,
-            failures=failure_groups(played.groups),
-            simulated=played.simulated,
-            files=files,
-            steps=sum(episode.steps for group in played.groups for episode in group.episodes),
-            wall=wall,
-        )
 
     def _begin(self, folder: Path) -> bool:
         """Returns whether the evaluation is new; if so, writes a manifest, without which it could not be continued."""

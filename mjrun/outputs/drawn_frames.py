@@ -1,17 +1,15 @@
 """The frames of videos and images: planned, recorded and drawn. An image is a video of one frame."""
 
-import math
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UsageError, clean, concerning, option
+from mjrun.errors import BadValueError, UsageError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
-from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import (
@@ -19,9 +17,9 @@ from mjrun.outputs.camera_panels import (
     VideoOrImageFile,
     camera_names,
     frame_size,
-    panels_of,
     unused_options,
 )
+from mjrun.outputs.drawing_processes import DrawingProcesses
 from mjrun.outputs.output import Context, EventSteps, OutputResult, PassRenderers, RendererRequest
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.scene_frames import (
@@ -29,28 +27,21 @@ from mjrun.outputs.scene_frames import (
     RecordedFrames,
     SceneJob,
     ScenePlan,
+    Scheduler,
     check_once,
     check_scene,
     plan_scene,
 )
 from mjrun.physics.simulation_loop import AnyTap, Tap
-from mjrun.platform import system
-from mjrun.platform.cores import available_cores
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, lacks_gpu
 from mjrun.rendering.classic import ClassicRenderer, check_size
-from mjrun.rendering.compositor import DrawingCosts, FrameStream, Overlay, SceneCompositor
-from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
+from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
 
 DEPTH_SAMPLES = 8  # frames sampled to choose the colour range of depth
-LONG = 2.0  # [s] of rendering on a CPU above which the user is warned
-TRIED = 2  # frames after which the cost of one is known: the first also compiles shaders
-WORTHWHILE = 0.7  # share of the cost of a frame above which a draft is not recommended
-WORTH = 2.0  # [s] of rendering above which more processes save more time than they take to start
-FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
 
 
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
@@ -103,17 +94,22 @@ class FramePlan:
 
 
 def plan_frames(
-    job: VideoOrImageJob[OutputResult], context: Context, plots: Sequence[str] = (), side: str = "under"
+    job: VideoOrImageJob[OutputResult],
+    context: Context,
+    scheduler: Scheduler,
+    plots: Sequence[str] = (),
+    side: str = "under",
 ) -> FramePlan:
     """Resolves every name in the model and schedules the frames unless events decide.
 
     Args:
+      scheduler: schedules the frames, at once unless events decide.
       plots: the values to plot, one graph each, on this `side`.
 
     Raises:
       UsageError: a name is unknown, or a value invalid.
     """
-    scene = plan_scene(job, context)
+    scene = plan_scene(job, context, scheduler)
     probes, overlay = None, Overlay()
     if job.text or plots:
         probes = overlay_probes(context.model, context.timeline, job.text, plots, context.episode)
@@ -125,9 +121,6 @@ def plan_frames(
 class DrawnFrames(RecordedFrames):
     """The frames of a video or an image, recorded during the simulation and drawn after it.
 
-    If the number of frames alone justifies several processes, they start before anything is ready to render. Otherwise
-    the first frames are rendered in this process, and their cost decides who renders the rest.
-
     Args:
       files: the files that the frames are written to.
       jobs: the number of processes, or `auto`.
@@ -135,7 +128,7 @@ class DrawnFrames(RecordedFrames):
     Attributes:
       backend: the detected backend.
       facts: facts for the manifest.
-      jobs: the number of processes that render.
+      processes: the processes that draw.
     """
 
     def __init__(
@@ -148,17 +141,13 @@ class DrawnFrames(RecordedFrames):
     ) -> None:
         super().__init__(plan.scene, stack)
         job, schedule = plan.job, plan.scene.schedule
-        self._plan, self._files, self._stack, self._renderers = plan, files, stack, renderers
-        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
-        self._asked = 1 if jobs == AUTO and job.renderer == "filament" else jobs
-        self._cost = estimated_cost(job.size, len(panels_of(job)))
-        self._processes: CompositorProcesses | None = None
-        self.jobs = 1
+        self._plan, self._files, self._stack = plan, files, stack
+        self.processes = DrawingProcesses(job, jobs, renderers, self._reporter)
         if schedule and lacks_gpu():
-            self._start_processes(len(schedule.steps), software=True)  # while the backend is being detected
+            self.processes.start(len(schedule.steps), software=True)  # while the backend is being detected
         self.backend = renderers.backend(job.renderer_request)
         if schedule:
-            self._start_processes(len(schedule.steps), software=self.backend.software)
+            self.processes.start(len(schedule.steps), software=self.backend.software)
         for text in self._warnings():
             self._reporter.warn(text)
         facts = plan.scene.context.facts(job, schedule.observed if schedule else None)
@@ -173,16 +162,20 @@ class DrawnFrames(RecordedFrames):
         return taps
 
     def compositor(self, legend: bool = False) -> SceneCompositor:
-        """Returns the compositor of all files; with `legend`, coloured segmentations list what is in view."""
+        """Returns the compositor of all files, once the scene is placed.
+
+        Args:
+          legend: coloured segmentations list what is in view.
+        """
         plan, overlay, schedule = self._plan, self._plan.overlay, self.schedule
         if plan.probes:
             overlay = plan.probes.overlay(
                 overlay, self._values, schedule.steps, schedule.speeds, plan.scene.context.timeline
             )
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
-        return scene_compositor(plan.job, self.drawn_model, self.backend, streams, self.poses, self.decorations)
+        return scene_compositor(plan.job, self.model, self.backend, streams, self.poses, self.decorations())
 
-    def draw(self, compositor: SceneCompositor) -> Generator[Sequence[np.ndarray]]:
+    def images(self, compositor: SceneCompositor) -> Generator[Sequence[np.ndarray]]:
         """Draws every frame, and yields its pixels in each file, which are valid until the next one is requested.
 
         Raises:
@@ -190,8 +183,7 @@ class DrawnFrames(RecordedFrames):
         """
         self._choose_depth_colours(compositor)
         total = len(self.states)
-        self._start_processes(total, software=self.backend.software)
-        for index, frame in enumerate(self._flat_frames(compositor, total)):
+        for index, frame in enumerate(self.processes.frames(compositor, self.states, self.backend)):
             yield compositor.parts(frame)
             self._reporter.progress("frames", index + 1, total)
 
@@ -209,21 +201,6 @@ class DrawnFrames(RecordedFrames):
             self._calibration.write(poses, index, time)
         return [self._calibration.writer]
 
-    def _start_processes(self, frames: int, *, software: bool, cost: float | None = None) -> None:
-        """Starts as many processes as pay off for this number of frames, unless some are already running.
-
-        Args:
-          cost: the measured wall time of a frame [s], if known.
-
-        Raises:
-          BadValueError: the requested number of processes is invalid.
-          DrawError: the processes cannot be started.
-        """
-        if self._processes is None:
-            cores = available_cores() if system.PASSES_DESCRIPTORS else 1  # by which the processes share memory
-            self.jobs = jobs_for(self._asked, software, frames, cost or self._cost, cores)
-            self._processes = self._renderers.workers(self.jobs) if self.jobs > 1 else None
-
     def _choose_depth_colours(self, compositor: SceneCompositor) -> None:
         """Chooses the colour range of depth from sampled frames, unless a range was set."""
         coloured = any(panel.view == "depth" and not s.exact for s in compositor.streams for panel in s.panels)
@@ -231,51 +208,6 @@ class DrawnFrames(RecordedFrames):
             compositor.open()
             chosen = dict.fromkeys(np.linspace(0, len(self.states) - 1, DEPTH_SAMPLES).astype(int).tolist())
             compositor.choose_ranges({index: self.states[index] for index in chosen})
-
-    def _flat_frames(self, compositor: SceneCompositor, total: int) -> Iterator[np.ndarray]:
-        """Yields every frame in order, the files of a frame one after the other in flat bytes."""
-        states, done, reported = self.states, 0, not self.backend.software
-        early = self._processes
-        if early:
-            compositor.close()  # the processes render instead
-        with closing(self._pool(compositor)) as pool:
-            for frame in pool.frames(states[k] for k in range(total)):
-                yield frame
-                done += 1
-                if done == TRIED and not reported:
-                    pool.ask(SceneCompositor.costs)
-                if isinstance(pool.answer, DrawingCosts) and not reported:
-                    self._start_processes(total - done, software=True, cost=pool.answer.frame)
-                    self._report_costs(total, pool.answer, alone=early is None)
-                    reported = True
-                if self._processes is not early:
-                    break
-        if isinstance(pool.answer, DrawingCosts) and not reported:
-            self._report_costs(total, pool.answer, alone=early is None)
-        if done < total:
-            with closing(self._pool(compositor)) as pool:
-                yield from pool.frames((states[k] for k in range(done, total)), done)
-
-    def _pool(self, compositor: SceneCompositor) -> CompositorPool[SceneCompositor]:
-        return CompositorPool(compositor, (compositor.bytes,), self.jobs, workers=self._processes)
-
-    def _report_costs(self, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
-        """Reports the cost of slow software rendering: of a frame, of all, and of a draft."""
-        whole = frames * costs.frame
-        if whole < LONG:
-            return
-        if self.jobs > 1:
-            # A single process renders with more threads than one of several.
-            total = f"less than {whole:.0f}" if alone else f"about {whole / self.jobs:.0f}"
-            by = f" by {self.jobs} processes"
-        else:
-            total, by = f"about {whole:.0f}", ""
-        text = f"software rendering ({clean(self.backend.renderer)}): {1e3 * costs.frame:.0f} ms per frame, "
-        text += f"{total} s in total{by}"
-        if costs.draft is not None and costs.draft < WORTHWHILE * costs.frame:
-            draft = f"{option('quality')} draft takes about {1e3 * costs.draft:.0f} ms"
-            text += f"; {draft}, without shadows and reflections"
-        self._reporter.note(text)
 
     def _warnings(self) -> list[str]:
         """Returns warnings about what the renderer omits, and about options without effect."""
@@ -341,32 +273,3 @@ def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: Backend)
     check_visual(model, visual_of(options))
     check_segmentation(Segmentation(model, options.seg_by) if "seg" in options.view else None)
     return omissions(model, visual_of(options))
-
-
-def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:
-    """Estimates the wall time of a frame [s], before one is measured; `size` is that of a panel [pixels]."""
-    return panels * (FRAME + PIXEL * math.prod(size))
-
-
-def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: int) -> int:
-    """Returns the number of processes that render a video.
-
-    `auto` means one on a GPU, which processes would only share, and one for a video that takes less than `WORTH`
-    seconds; else one per core. A process takes half a second of its core to start, and llvmpipe has its own threads:
-    on two cores, two processes save a tenth to a sixth of the time, on more cores more. There are never more
-    processes than frames.
-
-    Args:
-      asked: the number of processes, or `auto`.
-      software: whether a CPU renders.
-      cost: wall time to render one frame in one process [s].
-      cores: the number of available cores, from `available_cores`.
-
-    Raises:
-      BadValueError: `asked` is invalid.
-    """
-    if asked == AUTO:
-        asked = cores if software and frames * cost > WORTH else 1
-    if not isinstance(asked, int) or asked < 1:
-        raise BadValueError(option("jobs"), asked, f"a number of processes, at least 1, or {AUTO}")
-    return max(1, min(asked, frames))

@@ -26,16 +26,16 @@ class EpisodeImageRenderer:
 
     Args:
       options: the cameras, and what they show.
-      painters: the number of processes that render an episode; 1 renders in this process.
+      processes: the number of processes that render an episode; 1 renders in this process.
 
     Raises:
       NoRendererError: no backend works.
     """
 
-    def __init__(self, options: ViewOptions, painters: int) -> None:
-        self._options, self._jobs = options, painters
+    def __init__(self, options: ViewOptions, processes: int) -> None:
+        self._options, self._jobs = options, processes
         self._backend = BackendDetection(options.gl).result(require_gpu=options.require_gpu)
-        self._processes = CompositorProcesses(painters) if painters > 1 else None
+        self._processes = CompositorProcesses(processes) if processes > 1 else None
         self._model: mujoco.MjModel | None = None  # the last one
         self._staged: _StagedModel | None = None  # the one drawn for it
         self._compositor: SceneCompositor | None = None  # the last one, whose renderer is open

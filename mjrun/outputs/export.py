@@ -39,6 +39,7 @@ from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
+from mjrun.timeline import Timeline
 
 NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
@@ -107,18 +108,23 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
             raise UsageError(f"{option('images')} requires {option('camera')}", path=("images",))
 
     def schedule(
-        self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
+        self, scripts: Sequence[CameraScript], timeline: Timeline, event_steps: output.EventSteps
     ) -> FrameSchedule:
+        """Schedules the frames, with the shots of cameras if there are any.
+
+        Raises:
+          UsageError: an event does not happen, or the schedule is impossible.
+        """
         if scripts:
-            return video_schedule(scripts, context.timeline, self.fps, self.speed, event_steps)
-        steps = context.timeline.frames(self.fps, self.speed)
+            return video_schedule(scripts, timeline, event_steps, fps=self.fps, speed=self.speed)
+        steps = timeline.frames(self.fps, self.speed)
         times = [float(k / self.fps) for k in range(len(steps))]
-        return FrameSchedule(steps, times, [float(self.speed)] * len(steps), [], context.timeline)
+        return FrameSchedule(steps, times, [float(self.speed)] * len(steps), [], timeline)
 
     def plan(self, context: output.Context) -> "output.Plan[ExportResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         images = self._images(context) if self.renderer_request else None
-        scene = images.plan.scene if images else plan_scene(self, context, self.cameras)
+        scene = images.plan.scene if images else plan_scene(self, context, self.schedule, self.cameras)
         table, steps = self._table(context)
         count = None if scene.schedule is None else len(scene.schedule.steps)
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
@@ -147,7 +153,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         job = VideoInMemory(
             self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
         )
-        return PlannedExportImages(job, plan_frames(job, context))
+        return PlannedExportImages(job, plan_frames(job, context, self.schedule))
 
     def _detector(self, context: output.Context) -> "MarkDetector | None":
         """Parses the events and the assertions; without any, their parsers are not imported."""
@@ -278,7 +284,7 @@ class ExportedScene:
     @property
     def model(self) -> mujoco.MjModel:
         """The model that is shown, which may have a stage."""
-        return self.frames.drawn_model
+        return self.frames.model
 
     @property
     def graph(self) -> SceneGraph:
@@ -299,7 +305,7 @@ class ExportedScene:
         from mjrun.outputs.drawn_frames import DrawnFrames
 
         assert isinstance(self.frames, DrawnFrames)
-        return self.frames.draw(self.frames.compositor())
+        return self.frames.images(self.frames.compositor())
 
     @cached_property
     def layers(self) -> Sequence[str]:
@@ -322,7 +328,7 @@ class ExportedScene:
 
     @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
-        model, decorations = self.model, self.frames.decorations
+        model, decorations = self.model, self.frames.decorations()
         request = SceneRequest(
             options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
@@ -410,7 +416,7 @@ class ExportOutput(output.Output[ExportResult]):
 
     def draw(self) -> None:
         """Writes the scene, and draws its images as the format asks for them."""
-        self._frames.keep_recorded()
+        self._frames.place_scene()
         marks, self._verdicts = self._detector.finish() if self._detector else ((), ())
         self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
         contacts = self._contacts.contacts(len(self._frames.states)) if self._contacts else None
@@ -422,9 +428,8 @@ class ExportOutput(output.Output[ExportResult]):
             self._file.flush()
             self._size = self._file.tell() if self._file.seekable() else 0
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def written(self) -> Sequence[OutputWriter]:
         self.facts = {**self.facts, "frames": len(self._frames.states)}
-        self._writer.finish()
         return [self._writer]
 
     def _measured(self) -> MeasuredValues | None:

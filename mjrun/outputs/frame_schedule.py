@@ -41,15 +41,16 @@ class FrameSchedule:
 def video_schedule(
     scripts: Sequence[CameraScript],
     timeline: Timeline,
+    event_steps: Mapping[str, Sequence[int]],
+    *,
     fps: Fraction,
     speed: Fraction,
-    event_steps: Mapping[str, Sequence[int]],
 ) -> FrameSchedule:
     """Schedules the frames of a video with the shots of all cameras.
 
     Args:
-      speed: the speed of shots without one.
       event_steps: the steps at which each condition becomes true.
+      speed: the speed of shots without one.
 
     Raises:
       UsageError: an event does not happen, a shot ends before it begins, cameras require different speeds, or the
@@ -72,7 +73,7 @@ def video_schedule(
 
 
 def image_schedule(
-    scripts: Sequence[CameraScript], timeline: Timeline, step: int, event_steps: Mapping[str, Sequence[int]]
+    scripts: Sequence[CameraScript], timeline: Timeline, event_steps: Mapping[str, Sequence[int]], *, step: int
 ) -> FrameSchedule:
     """Schedules the single frame of an image, at `step`.
 

@@ -74,14 +74,21 @@ class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
         _ = self.formatted_files
 
     def schedule(
-        self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
+        self, scripts: Sequence[CameraScript], timeline: Timeline, event_steps: output.EventSteps
     ) -> FrameSchedule:
-        step = _step(self, context.timeline, event_steps)
-        return image_schedule(scripts, context.timeline, step, event_steps)
+        """Schedules the single frame.
+
+        Args:
+          scripts: the script of each camera.
+
+        Raises:
+          UsageError: an event does not happen.
+        """
+        return image_schedule(scripts, timeline, event_steps, step=_step(self, timeline, event_steps))
 
     def plan(self, context: output.Context) -> "output.Plan[ImageResult]":
         """Resolves every name in the model, and the step unless events decide."""
-        frames, file = plan_frames(self, context), self.formatted_files[0]
+        frames, file = plan_frames(self, context, self.schedule), self.formatted_files[0]
         when = "at an event" if frames.scene.schedule is None else f"at {frames.scene.schedule.times[0]:g} s"
         until = context.timeline.steps if frames.scene.schedule is None else frames.scene.schedule.steps[0]
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
@@ -158,6 +165,7 @@ class ImageOutput(output.Output[ImageResult]):
         return self._frames.taps(event_steps)
 
     def draw(self) -> None:
+        self._frames.place_scene()
         compositor = self._frames.compositor(self._job.legend)
         pictures = self._pictures(compositor)
         for index in range(len(self._writers)):
@@ -169,11 +177,8 @@ class ImageOutput(output.Output[ImageResult]):
             text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
             self._plan.scene.context.reporter.warn(text)
 
-    def finish(self) -> Sequence[OutputWriter]:
-        writers = [*self._writers, *self._frames.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
-        for writer in writers:
-            writer.finish()
-        return writers
+    def written(self) -> Sequence[OutputWriter]:
+        return [*self._writers, *self._frames.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> ImageResult:
         backend, schedule = self._frames.backend, self._frames.schedule

@@ -143,10 +143,9 @@ class KeyframeOutput(output.Output[KeyframeResult]):
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return [Tap([self._step], lambda stepper: stepper.state(), self._take)]
 
-    def finish(self) -> Sequence[KeyframeWriter]:
+    def written(self) -> Sequence[KeyframeWriter]:
         for text in self._writer.write(self._context.model, self._state):
             self._context.reporter.warn(f"{clean(self._job.output)}: {text}")
-        self._writer.finish()
         return [self._writer]
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> KeyframeResult:

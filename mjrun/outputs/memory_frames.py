@@ -13,6 +13,7 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.options.option import options
 from mjrun.outputs import output
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, plan_frames
+from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.perform import Pass
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import AnyTap
@@ -29,7 +30,8 @@ class VideoInMemory(Video):
 
     def plan(self, context: output.Context) -> output.Plan[Any]:
         """Resolves every name in the model and schedules the frames unless events decide."""
-        drawn = plan_frames(self, context, self.plot, self.plot_side)
+        scheduler = partial(video_schedule, fps=self.rate, speed=self.speed)
+        drawn = plan_frames(self, context, scheduler, self.plot, self.plot_side)
         preview = output.Preview("video", self.output, None, "frames", self.size)
         open_frames = partial(MemoryOutput, self, drawn)
         return output.Plan(preview, context.timeline.steps, open_frames, drawn.enable_flags, drawn.scene.conditions)
@@ -48,7 +50,7 @@ class MemoryOutput(output.Output[output.OutputResult]):
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return self.frames.taps(event_steps)
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def written(self) -> Sequence[OutputWriter]:
         return []
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> output.OutputResult:
@@ -71,5 +73,6 @@ def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:
         pass_on(warnings, reporter)
         (made,) = current.outputs
         assert isinstance(made, MemoryOutput)
-        for parts in made.frames.draw(made.frames.compositor()):
+        made.frames.place_scene()
+        for parts in made.frames.images(made.frames.compositor()):
             yield parts[0].copy()

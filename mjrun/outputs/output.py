@@ -1,8 +1,8 @@
 """An output in two phases: a plan, with everything checked and nothing open, and an output, whose files are open.
 
 A *job* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
-An *output* observes the simulation through its taps. Then it draws what they recorded, and finishes its files, which
-can be published.
+An *output* observes the simulation through its taps. Then it draws what they recorded into its files, which the pass
+finishes and publishes.
 """
 
 from abc import ABC, abstractmethod
@@ -215,8 +215,8 @@ class Output(ABC, Generic[R_co]):
         return
 
     @abstractmethod
-    def finish(self) -> Sequence[OutputWriter]:
-        """Completes and verifies all files, and returns the writers, which remain to be published.
+    def written(self) -> Sequence[OutputWriter]:
+        """Writes what is left, and returns the writers of all files, which remain to be finished and published.
 
         Raises:
           MjrunError: the output cannot be completed.

@@ -94,6 +94,99 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
 
 
+def _plan(
+    jobs: Sequence[Job[R]], reporter: Reporter, renderers: PassRenderers
+) -> tuple[list[Plan[R]], Context, Stepper]:
+    """Plans all jobs, after collecting every error in them."""
+    if not jobs:
+        raise errors.UsageError("nothing to do: no output is requested")
+    simulation = jobs[0].simulation
+    if any(job.simulation is not simulation for job in jobs):
+        raise errors.UsageError("all outputs of one pass must share one simulation")
+    collected = _UsageErrors(alone=len(jobs) == 1)
+    _check_files(jobs, collected)
+    for index, job in enumerate(jobs):
+        collected.collect(index, partial(_check, job, renderers))
+    collected.raise_all()
+
+    context = collected.collect(None, partial(_context, simulation, reporter))
+    collected.raise_all()
+    assert context
+
+    plans = [plan for i, job in enumerate(jobs) if (plan := collected.collect(i, partial(job.plan, context)))]
+    measured = copy.copy(context.model)
+    for plan in plans:
+        measured.opt.enableflags |= plan.enable_flags
+    stepper = collected.collect(None, partial(simulation.stepper, measured))
+    collected.raise_all()
+    assert stepper
+    return plans, context, stepper
+
+
+def _context(simulation: Simulation, reporter: Reporter) -> Context:
+    model = simulation.load()
+    return Context(simulation, model, final_timeline(simulation, model), reporter)
+
+
+def _check(job: Job[OutputResult], renderers: PassRenderers) -> None:
+    job.check()
+    if job.renderer_request is not None:
+        renderers.detect(job.renderer_request)
+
+
+class _UsageErrors:
+    """A collector of the errors in jobs, which raises all of them together.
+
+    Args:
+      alone: whether there is only one job, whose single error is raised unchanged.
+    """
+
+    def __init__(self, *, alone: bool) -> None:
+        self._alone = alone
+        self._errors: list[tuple[int | None, errors.UsageError]] = []
+
+    def collect(self, index: int | None, function: Callable[[], T]) -> T | None:
+        """Returns the result of `function`, or None if it raises a UsageError, which is recorded for this job."""
+        try:
+            return function()
+        except errors.ControllerError:  # user code, with its traceback
+            raise
+        except errors.UsageError as error:
+            self._errors.append((index, error))
+            return None
+
+    def raise_all(self) -> None:
+        """Raises the collected errors, if any."""
+        if self._errors:
+            together = errors.FaultyJobsError(self._errors)
+            if self._alone and len(self._errors) == 1:
+                raise self._errors[0][1] from together
+            raise together
+
+
+def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> None:
+    """Collects an error for each file that is written twice, or overwrites an input that it is not made from."""
+    reserved = ReservedFiles()
+    rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
+    inputs = [(path, f"the {what}, which is read") for what, path in jobs[0].simulation.inputs]
+    known = {os.path.realpath(path) for path, _ in inputs}
+    for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one file
+        if os.path.realpath(path) not in known:
+            known.add(os.path.realpath(path))
+            inputs.append((Path(path), f"the {what}, which is read"))
+    for path, owner in inputs:
+        if os.path.realpath(path) not in rewritten:
+            reserved.reserve_input(path, owner)
+    for i, job in enumerate(jobs):
+        for what, path in collected.collect(i, lambda job=job: job.files) or ():
+            collected.collect(i, partial(_reserve, reserved, what, path))
+
+
+def _reserve(reserved: ReservedFiles, name: str, path: str) -> None:
+    with errors.concerning(name):
+        reserved.reserve(path, f"the {name}")
+
+
 class Pass(Generic[R]):
     """A simulation with its open outputs. An output that fails is left out from then on.
 
@@ -165,7 +258,7 @@ class Pass(Generic[R]):
         """Completes the outputs that can be completed."""
         for index, output in self._completed():
             with self._failing(index):
-                writers = output.finish()
+                writers = output.written()
                 for part in (part for writer in writers for part in writer.together):
                     part.finish()
                 self._writers[index] = writers
@@ -299,96 +392,3 @@ class Pass(Generic[R]):
         result = replace(output.result(files, summary), episode=self.episode)
         failure = None if self.instability is None else str(self.instability)
         return result, {**output.facts, "result": asdict(result), "failure": failure}
-
-
-def _plan(
-    jobs: Sequence[Job[R]], reporter: Reporter, renderers: PassRenderers
-) -> tuple[list[Plan[R]], Context, Stepper]:
-    """Plans all jobs, after collecting every error in them."""
-    if not jobs:
-        raise errors.UsageError("nothing to do: no output is requested")
-    simulation = jobs[0].simulation
-    if any(job.simulation is not simulation for job in jobs):
-        raise errors.UsageError("all outputs of one pass must share one simulation")
-    collected = _UsageErrors(alone=len(jobs) == 1)
-    _check_files(jobs, collected)
-    for index, job in enumerate(jobs):
-        collected.collect(index, partial(_check, job, renderers))
-    collected.raise_all()
-
-    context = collected.collect(None, partial(_context, simulation, reporter))
-    collected.raise_all()
-    assert context
-
-    plans = [plan for i, job in enumerate(jobs) if (plan := collected.collect(i, partial(job.plan, context)))]
-    measured = copy.copy(context.model)
-    for plan in plans:
-        measured.opt.enableflags |= plan.enable_flags
-    stepper = collected.collect(None, partial(simulation.stepper, measured))
-    collected.raise_all()
-    assert stepper
-    return plans, context, stepper
-
-
-def _context(simulation: Simulation, reporter: Reporter) -> Context:
-    model = simulation.load()
-    return Context(simulation, model, final_timeline(simulation, model), reporter)
-
-
-def _check(job: Job[OutputResult], renderers: PassRenderers) -> None:
-    job.check()
-    if job.renderer_request is not None:
-        renderers.detect(job.renderer_request)
-
-
-class _UsageErrors:
-    """A collector of the errors in jobs, which raises all of them together.
-
-    Args:
-      alone: whether there is only one job, whose single error is raised unchanged.
-    """
-
-    def __init__(self, *, alone: bool) -> None:
-        self._alone = alone
-        self._errors: list[tuple[int | None, errors.UsageError]] = []
-
-    def collect(self, index: int | None, function: Callable[[], T]) -> T | None:
-        """Returns the result of `function`, or None if it raises a UsageError, which is recorded for this job."""
-        try:
-            return function()
-        except errors.ControllerError:  # user code, with its traceback
-            raise
-        except errors.UsageError as error:
-            self._errors.append((index, error))
-            return None
-
-    def raise_all(self) -> None:
-        """Raises the collected errors, if any."""
-        if self._errors:
-            together = errors.FaultyJobsError(self._errors)
-            if self._alone and len(self._errors) == 1:
-                raise self._errors[0][1] from together
-            raise together
-
-
-def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> None:
-    """Collects an error for each file that is written twice, or overwrites an input that it is not made from."""
-    reserved = ReservedFiles()
-    rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
-    inputs = [(path, f"the {what}, which is read") for what, path in jobs[0].simulation.inputs]
-    known = {os.path.realpath(path) for path, _ in inputs}
-    for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one file
-        if os.path.realpath(path) not in known:
-            known.add(os.path.realpath(path))
-            inputs.append((Path(path), f"the {what}, which is read"))
-    for path, owner in inputs:
-        if os.path.realpath(path) not in rewritten:
-            reserved.reserve_input(path, owner)
-    for i, job in enumerate(jobs):
-        for what, path in collected.collect(i, lambda job=job: job.files) or ():
-            collected.collect(i, partial(_reserve, reserved, what, path))
-
-
-def _reserve(reserved: ReservedFiles, name: str, path: str) -> None:
-    with errors.concerning(name):
-        reserved.reserve(path, f"the {name}")

@@ -158,8 +158,7 @@ class PlotOutput(output.Output[PlotResult]):
             self._context.reporter.note(text)
         self._writer.write(self._figure.drawing(self._collectors), self._figure.grid, self._job.style)
 
-    def finish(self) -> Sequence[FigureWriter]:
-        self._writer.finish()
+    def written(self) -> Sequence[FigureWriter]:
         return [self._writer]
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> PlotResult:

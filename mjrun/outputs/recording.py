@@ -68,8 +68,7 @@ class RecordingOutput(output.Output[RecordingResult]):
         every = range(self._context.timeline.steps + 1)
         return [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: self._writer.write(*row))]
 
-    def finish(self) -> Sequence[RecordingWriter]:
-        self._writer.finish()
+    def written(self) -> Sequence[RecordingWriter]:
         return [self._writer]
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> RecordingResult:

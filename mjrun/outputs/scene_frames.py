@@ -4,12 +4,10 @@ While the simulation runs, the state of every frame is saved; what the frames sh
 """
 
 import pkgutil
-from abc import abstractmethod
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import cached_property
 from importlib import import_module
 from typing import Protocol, TypeVar
 
@@ -37,6 +35,9 @@ from mjrun.rendering.visual import visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
+# Schedules frames from the scripts of the cameras, the timeline and the steps of events; raises UsageError if an event
+# does not happen or the schedule is impossible.
+Scheduler = Callable[[Sequence[CameraScript], Timeline, EventSteps], FrameSchedule]
 R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
@@ -59,17 +60,6 @@ class SceneJob(SceneOptions, Job[R_co]):
     def is_measured(self) -> bool:
         """True if the frames measure what exists, and must not show what the simulation lacks unless requested."""
         return False
-
-    @abstractmethod
-    def schedule(self, context: Context, scripts: Sequence[CameraScript], event_steps: EventSteps) -> FrameSchedule:
-        """Schedules the frames.
-
-        Args:
-          scripts: the script of each camera.
-
-        Raises:
-          UsageError: an event does not happen, or the schedule is impossible.
-        """
 
 
 class PlannedDecoration(Protocol):
@@ -118,33 +108,27 @@ class ScenePlan:
       drawn_model: the model that is drawn.
       is_bare: whether it has a stage that the user has not requested.
       conditions: the conditions of the events that the schedule depends on.
+      scheduler: schedules the frames once the events are known.
       schedule: the schedule of the frames; None if events decide.
     """
 
-    job: SceneJob[OutputResult]
     context: Context
     motions: Sequence[CameraMotion]
     decorations: Sequence[PlannedDecoration]
     drawn_model: mujoco.MjModel
     is_bare: bool
     conditions: Sequence[str]
+    scheduler: Scheduler
     schedule: FrameSchedule | None
 
 
-def _scheduled(
-    job: SceneJob[OutputResult], context: Context, motions: Sequence[CameraMotion], event_steps: EventSteps
-) -> FrameSchedule:
-    """Schedules the frames, given the onsets of each condition, and warns about shots that are not shown."""
-    made = job.schedule(context, [motion.script for motion in motions], event_steps)
-    for text in made.warnings:
-        context.reporter.warn(text)
-    return made
-
-
-def plan_scene(job: SceneJob[OutputResult], context: Context, cameras: Sequence[object] | None = None) -> ScenePlan:
+def plan_scene(
+    job: SceneJob[OutputResult], context: Context, scheduler: Scheduler, cameras: Sequence[object] | None = None
+) -> ScenePlan:
     """Resolves every name in the model and schedules the frames unless events decide.
 
     Args:
+      scheduler: schedules the frames, at once unless events decide.
       cameras: the cameras; by default, those of the job.
 
     Raises:
@@ -157,92 +141,100 @@ def plan_scene(job: SceneJob[OutputResult], context: Context, cameras: Sequence[
         context.reporter.note(remark)
     with source.named_in_errors():
         motions = camera_motions(shown, job.size, model, is_framed=is_framed)
-    events = {**shot_events([motion.script for motion in motions]), **job.events}
+    scripts = [motion.script for motion in motions]
+    events = {**shot_events(scripts), **job.events}
     awaited = conditions(events, model, context.episode) if events else ()
+    schedule = None if awaited else scheduler(scripts, context.timeline, {})
+    if schedule:
+        _warn(schedule, context)
     return ScenePlan(
-        job=job,
         context=context,
         motions=motions,
         decorations=planned_decorations(job, model, context.simulation),
         drawn_model=drawn,
         is_bare=bool(remark) and not job.is_measured,
         conditions=awaited,
-        schedule=None if awaited else _scheduled(job, context, motions, {}),
+        scheduler=scheduler,
+        schedule=schedule,
     )
 
 
+def _warn(schedule: FrameSchedule, context: Context) -> None:
+    """Warns about shots that are not shown."""
+    for text in schedule.warnings:
+        context.reporter.warn(text)
+
+
 class RecordedFrames:
-    """The states of all frames, recorded during the simulation, and the poses of the cameras.
+    """The states of all frames, recorded during the simulation, and the scene that is placed for them afterwards.
 
     Attributes:
       states: the state of each frame, after the simulation.
       schedule: the schedule of the frames, once the simulation begins.
+      model: the model that is drawn; its stage is in place after `place_scene`.
+      times: the simulated time of each frame [s], after `place_scene`.
+      poses: the poses of every camera for each frame, after `place_scene`.
     """
 
     schedule: FrameSchedule
+    times: Sequence[float]
+    poses: PoseArray
 
     def __init__(self, plan: ScenePlan, stack: ExitStack) -> None:
         model = plan.context.model
-        self._scene, self._reporter = plan, plan.context.reporter
+        self._scene, self._reporter, self.model = plan, plan.context.reporter, plan.drawn_model
         self.states = stack.enter_context(closing(StateBuffer(model)))
         self._decoration_states = [stack.enter_context(closing(StateBuffer(model))) for _ in plan.decorations]
 
     def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
         """Returns the taps that record the states of frames and of decorations."""
         plan = self._scene
-        self.schedule = plan.schedule or _scheduled(plan.job, plan.context, plan.motions, event_steps)
+        if plan.schedule:
+            self.schedule = plan.schedule
+        else:
+            scripts = [motion.script for motion in plan.motions]
+            self.schedule = plan.scheduler(scripts, plan.context.timeline, event_steps)
+            _warn(self.schedule, plan.context)
         taps: list[AnyTap] = [Tap(self.schedule.steps, lambda stepper: stepper.state(), self.states.append)]
         for decoration, states in zip(plan.decorations, self._decoration_states, strict=True):
             taps.append(Tap(decoration.steps(self.schedule.observed), lambda stepper: stepper.state(), states.append))
         return taps
 
-    def keep_recorded(self) -> None:
-        """Shortens the schedule to the frames that were recorded, fewer if the simulation became unstable."""
-        made, count = self.schedule, len(self.states)
-        if count < len(made.steps):
-            self.schedule = replace(
-                made, steps=made.steps[:count], times=made.times[:count], speeds=made.speeds[:count]
-            )
-
-    @cached_property
-    def times(self) -> Sequence[float]:
-        """The simulated time of each frame [s]."""
-        return array("d", (float(self._scene.context.timeline.time(step)) for step in self.schedule.steps))
-
-    @cached_property
-    def poses(self) -> PoseArray:
-        """The poses of every camera for each frame.
+    def place_scene(self) -> None:
+        """Places the stage and the cameras for the frames that were recorded: fewer if the simulation became unstable.
 
         Raises:
           UsageError: a camera coincides at some time with the point that it looks at.
         """
-        motions, spans_of = self._scene.motions, self.schedule.spans
-        for motion, spans in zip(motions, spans_of, strict=True):
-            for text in motion.frame_subject(iter(self.states), self.times, spans):
-                self._reporter.note(text)
-        cameras = (
-            motion.poses(iter(self.states), self.times, self.schedule.times, spans)
-            for motion, spans in zip(motions, spans_of, strict=True)
-        )
-        return PoseArray(cameras)
-
-    @cached_property
-    def drawn_model(self) -> mujoco.MjModel:
-        """The model that is drawn, with its stage in place."""
-        model, context = self._scene.drawn_model, self._scene.context
-        if model is not context.model:
-            place_stage(model, self.states[0])
-        if self._scene.is_bare and (remark := ground_remark(model, self.states[0])):
+        made, count, context = self.schedule, len(self.states), self._scene.context
+        if count < len(made.steps):
+            self.schedule = replace(
+                made, steps=made.steps[:count], times=made.times[:count], speeds=made.speeds[:count]
+            )
+        self.times = array("d", (float(context.timeline.time(step)) for step in self.schedule.steps))
+        if self.model is not context.model:
+            place_stage(self.model, self.states[0])
+        if self._scene.is_bare and (remark := ground_remark(self.model, self.states[0])):
             self._reporter.note(remark)
-        return model
+        self.poses = self._camera_poses()
 
-    @property
     def decorations(self) -> list[Decoration]:
-        """The decorations of all frames."""
+        """Returns the decorations of all frames."""
         made = list[Decoration]()
         for decoration, states in zip(self._scene.decorations, self._decoration_states, strict=True):
             made += decoration.drawn(iter(states), self.times)
         return made
+
+    def _camera_poses(self) -> PoseArray:
+        """Moves the cameras that frame their subject, and returns the poses of all cameras."""
+        motions, spans_of = self._scene.motions, self.schedule.spans
+        for motion, spans in zip(motions, spans_of, strict=True):
+            for text in motion.frame_subject(iter(self.states), self.times, spans):
+                self._reporter.note(text)
+        return PoseArray(
+            motion.poses(iter(self.states), self.times, self.schedule.times, spans)
+            for motion, spans in zip(motions, spans_of, strict=True)
+        )
 
 
 def check_scene(options: SceneOptions) -> None:

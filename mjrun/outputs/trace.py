@@ -201,11 +201,9 @@ class TraceOutput(output.Output[TraceResult]):
         else:
             super().simulate(stepper, until)
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def written(self) -> Sequence[OutputWriter]:
         self._buffer.flush()
         writers: list[OutputWriter] = [writer for writer in (self._writer, self._contacts) if writer]
-        for writer in writers:
-            writer.finish()
         self._verdicts = [checker.verdict() for checker in self._checkers]
         self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
         if self._golden is None:

@@ -11,7 +11,6 @@ from time import perf_counter
 
 import numpy as np
 
-from mjrun.camera.script import CameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
@@ -24,7 +23,7 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
-from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
+from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.physics.simulation_loop import AnyTap
 
 
@@ -59,14 +58,10 @@ class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
         for file in self.encoded_files:
             file.encoding.check_fps(self.rate)
 
-    def schedule(
-        self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
-    ) -> FrameSchedule:
-        return video_schedule(scripts, context.timeline, self.rate, self.speed, event_steps)
-
     def plan(self, context: output.Context) -> "output.Plan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
-        frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
+        scheduler = partial(video_schedule, fps=self.rate, speed=self.speed)
+        frames, file = plan_frames(self, context, scheduler, self.plot, self.plot_side), self.encoded_files[0]
         count = None if frames.scene.schedule is None else len(frames.scene.schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
         preview = output.Preview("video", self.output, count, "frames", frames.size_of(file), about)
@@ -149,12 +144,13 @@ class VideoOutput(output.Output[VideoResult]):
     def draw(self) -> None:
         """Renders every frame into the files."""
         start = perf_counter()
+        self._frames.place_scene()
         compositor, count = self._frames.compositor(), len(self._frames.states)
         for writer in self._writers:
             writer.count = count
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for parts in self._frames.draw(compositor):
+        for parts in self._frames.images(compositor):
             for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
                 writer.write(part)
                 clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
@@ -169,7 +165,7 @@ class VideoOutput(output.Output[VideoResult]):
                 labels.write(stream.size, compositor.segmentation.legend, colours)
         self._draw_wall = perf_counter() - start
 
-    def finish(self) -> Sequence[OutputWriter]:
+    def written(self) -> Sequence[OutputWriter]:
         start = perf_counter()
         writers = [*self._writers, *filter(None, self._labels), *self._frames.calibrate()]
         for writer in writers:
@@ -195,7 +191,7 @@ class VideoOutput(output.Output[VideoResult]):
             duration=float(count / job.rate),
             simulated=float(timeline.duration),
             steps=timeline.steps,
-            jobs=self._frames.jobs,
+            jobs=self._frames.processes.count,
             renderer=backend.renderer,
             gl=backend.name,
             software=backend.software,

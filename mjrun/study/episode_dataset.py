@@ -183,7 +183,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             task=clean(self.instruction or ("" if demonstration else source.stem.replace("_", " "))),
             observed=tuple(column.name for column in observed),
             acted=tuple(column.name for column in acted),
-            painters=self._painters(),
+            processes=self._drawing_processes(),
         )
         episode = simulation.episode
         low, high = (episode.actions.low.tolist(), episode.actions.high.tolist()) if episode else _control_bounds(model)
@@ -254,7 +254,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         values = {each.attribute: getattr(self, each.attribute) for each in options_of(SceneOptions)}
         return ViewOptions(**{**values, "gl": self.gl or os.environ.get(GL) or AUTO})
 
-    def _painters(self) -> int:
+    def _drawing_processes(self) -> int:
         """Returns the number of processes that render an episode: more than one if cores would idle otherwise."""
         if not self.camera or self.engine != "local":
             return 1

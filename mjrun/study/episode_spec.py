@@ -30,7 +30,7 @@ class EpisodeSpec:
       every: control periods from one row to the next; 0 without a policy.
       task: the task in words; empty if each episode has its own.
       observed, acted: names of the numbers of an observation and of an action, which all episodes share.
-      painters: number of processes that render an episode.
+      processes: number of processes that render an episode.
     """
 
     view: ViewOptions
@@ -42,12 +42,12 @@ class EpisodeSpec:
     task: str
     observed: tuple[str, ...]
     acted: tuple[str, ...]
-    painters: int = 1
+    processes: int = 1
 
     @property
     def identity(self) -> object:
         """Everything that determines the files, whatever renders them."""
-        return plain(replace(self, view=replace(self.view, gl=None, require_gpu=False), painters=1))
+        return plain(replace(self, view=replace(self.view, gl=None, require_gpu=False), processes=1))
 
     def maker(self) -> "EpisodeFileMaker":
         """Returns what makes the files."""

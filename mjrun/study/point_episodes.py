@@ -100,7 +100,7 @@ class EpisodeFileMaker:
             return {}, {}
         if self._images is None:
             os.environ.setdefault("LP_NUM_THREADS", "1")  # of llvmpipe: the other cores have processes, too
-            self._images = EpisodeImageRenderer(spec.view, spec.painters)
+            self._images = EpisodeImageRenderer(spec.view, spec.processes)
         colors = {name: np.zeros((3, VALUES), np.int64) for name in spec.cameras}
         size, fps, count = spec.view.size, Fraction(spec.fps), len(rollout.states)
         distance = max(1, min(size) // SAMPLED)

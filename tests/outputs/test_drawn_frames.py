@@ -1,6 +1,7 @@
 """Plans of frames, and what is kept of each frame, against a bare loop."""
 
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ import mjrun
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.rendering import RENDERERS as NAMES
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, check_drawing, check_view, plan_frames
+from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, FramePlan, check_drawing, check_view, plan_frames
+from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.output import Context, PassRenderers
+from mjrun.outputs.scene_frames import Scheduler
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
@@ -36,6 +39,15 @@ def test_tags_say_what_made_the_video(swing: Path, tmp_path: Path) -> None:
     )
 
 
+def scheduler(job: Video) -> Scheduler:
+    return partial(video_schedule, fps=job.rate, speed=job.speed)
+
+
+def planned(swing: Path, **options: Any) -> FramePlan:
+    job, context = job_and_context(swing, **options)
+    return plan_frames(job, context, scheduler(job))
+
+
 def job_and_context(swing: Path, output: str = "v.mkv", steps: int = 50, **options: Any) -> tuple[Video, Context]:
     """A video of the swinging box that is never made, and the context of its pass."""
     simulation = Simulation(swing, steps=steps)
@@ -56,9 +68,10 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     model = mujoco.MjModel.from_xml_path(str(swing))
     data = mujoco.MjData(model)
     with ExitStack() as stack:
-        plan = plan_frames(job, context, job.plot, job.plot_side)
+        plan = plan_frames(job, context, scheduler(job), job.plot, job.plot_side)
         output = DrawnFrames(plan, job.encoded_files, stack, stack.enter_context(closing(PassRenderers())))
         observe(PhysicsStepper(model, data), output.taps({}), 50)
+        output.place_scene()
         assert list(output.times) == [k / 50 for k in range(5)]
         assert len(output.states) == len(output.poses) == 5
         heights = []
@@ -84,18 +97,18 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     ("values", "corner"), [({}, "top-left"), ({"captions": True}, "bottom-right"), ({"text_corner": "top"}, "top")]
 )
 def test_text_makes_room_for_captions(swing: Path, values: dict[str, Any], corner: str) -> None:
-    assert plan_frames(*job_and_context(swing, camera="side", text="hi", **values)).overlay.corner == corner
+    assert planned(swing, camera="side", text="hi", **values).overlay.corner == corner
 
 
 @pytest.mark.parametrize(("text", "enabled"), [("{time}", False), ("{energy/kinetic}", True)])
 def test_a_plan_enables_what_it_measures(swing: Path, text: str, enabled: bool) -> None:
-    plan = plan_frames(*job_and_context(swing, camera="side", text=text))
+    plan = planned(swing, camera="side", text=text)
     assert bool(plan.enable_flags & mujoco.mjtEnableBit.mjENBL_ENERGY) == enabled
 
 
 def test_a_missing_camera_is_named_by_its_place(swing: Path) -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'side'") as caught:
-        plan_frames(*job_and_context(swing, camera=["free", "sied"]))
+        planned(swing, camera=["free", "sied"])
     assert caught.value.path == ("camera", 1)
 
 

@@ -73,7 +73,7 @@ def test_images_are_those_of_a_single_render(models: list[Path]) -> None:
 @pytest.mark.slow
 def test_several_processes_render_the_same_images(models: list[Path]) -> None:
     rendered = []
-    for painters in (1, 2):
-        with closing(EpisodeImageRenderer(OPTIONS, painters)) as renderer:
+    for processes in (1, 2):
+        with closing(EpisodeImageRenderer(OPTIONS, processes)) as renderer:
             rendered.append([images(renderer, path, HEIGHTS) for path in models])
     np.testing.assert_array_equal(*rendered)

@@ -36,7 +36,7 @@ def shots(*ends: dict) -> CameraScript:
 
 
 def paced(*scripts: CameraScript, speed: int | Fraction = 1, **happened: list[int]):  # type: ignore[no-untyped-def]
-    return video_schedule(scripts, LINE, FPS, Fraction(speed), {"hit": happened.get("hit", [])})
+    return video_schedule(scripts, LINE, {"hit": happened.get("hit", [])}, fps=FPS, speed=Fraction(speed))
 
 
 def test_shots_without_a_word_about_time_are_the_whole_video() -> None:
@@ -57,7 +57,7 @@ def test_shots_without_a_word_about_time_are_the_whole_video() -> None:
 )
 def test_a_video_that_would_never_end_is_refused(fps: Fraction, speed: Fraction, script: CameraScript) -> None:
     with pytest.raises(UsageError, match=r"frames; the maximum is 2,000,000"):
-        video_schedule([script], LINE, fps, Fraction(speed), {})
+        video_schedule([script], LINE, {}, fps=fps, speed=Fraction(speed))
 
 
 speeds = st.fractions(Fraction(1, 8), 4, max_denominator=8)

@@ -67,7 +67,7 @@ def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind:
         output = plan.open(stack, stack.enter_context(closing(PassRenderers())))
         output.simulate(simulation.stepper(context.model), plan.until)
         output.draw()
-        writers = output.finish()
+        writers = output.written()
         assert visible(tmp_path) == ["swing.xml"]
 
         files = publish_together(writers)
@@ -77,7 +77,7 @@ def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind:
 
 
 @pytest.mark.parametrize("kind", JOBS)
-@pytest.mark.parametrize("until", ["open", "simulate", "draw", "finish"])
+@pytest.mark.parametrize("until", ["open", "simulate", "draw", "written"])
 def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, kind: str, until: str) -> None:
     simulation = Simulation(swing, steps=5)
     context = context_of(simulation)
@@ -86,10 +86,10 @@ def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, 
         output = plan.open(stack, stack.enter_context(closing(PassRenderers())))
         if until != "open":
             output.simulate(simulation.stepper(context.model), plan.until)
-        if until in ("draw", "finish"):
+        if until in ("draw", "written"):
             output.draw()
-        if until == "finish":
-            output.finish()
+        if until == "written":
+            output.written()
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
@@ -98,7 +98,7 @@ def test_a_plan_is_frozen_and_is_only_opened(swing: Path, tmp_path: Path, kind: 
     plan = JOBS[kind](simulation := Simulation(swing, steps=5), tmp_path).plan(context_of(simulation))
     with pytest.raises(FrozenInstanceError):
         plan.until = 3
-    assert {name for name in ("check", "plan", "open", "taps", "draw", "finish", "result") if hasattr(plan, name)} == {
+    assert {name for name in ("check", "plan", "open", "taps", "draw", "written", "result") if hasattr(plan, name)} == {
         "open"
     }
     assert {name for name in ("check", "plan", "open") if hasattr(Output, name)} == set()

@@ -23,8 +23,9 @@ def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> Re
     job = Export(simulation, "a.glb", fps=10, **options)  # type: ignore[arg-type]
     loaded = simulation.load()
     context = Context(simulation, loaded, simulation.timeline(loaded), WarningReporter())
-    frames = RecordedFrames(plan_scene(job, context, job.cameras), stack)
+    frames = RecordedFrames(plan_scene(job, context, job.schedule, job.cameras), stack)
     observe(simulation.stepper(loaded), frames.taps({}), until)
+    frames.place_scene()
     return frames
 
 
@@ -46,7 +47,6 @@ def test_states_times_and_cameras_belong_to_the_frames(swing: Path) -> None:
 def test_frames_that_were_not_recorded_are_dropped(swing: Path) -> None:
     with ExitStack() as stack:
         frames = recorded(swing, stack, 120)
-        frames.keep_recorded()
         assert [*frames.schedule.steps] == [0, 50, 100]
         assert len(frames.poses) == len(frames.times) == len(frames.schedule.speeds) == 3
 
