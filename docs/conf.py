@@ -6,7 +6,7 @@ from pygments.lexer import RegexLexer
 from pygments.token import Comment, Name, Operator, String, Text
 from sphinx.application import Sphinx
 
-from mjrun.cli.main import COMMANDS
+from mjrun.cli.main import COMMANDS, command_summary
 from mjrun.version import __version__
 
 project = "mjrun"
@@ -33,7 +33,7 @@ html_theme_options = {"top_of_page_buttons": []}
 # A manual page of each command: its page of the site.
 man_pages = [
     ("reference/index", "mjrun", "MuJoCo models to videos, images, tables and timing reports", "", 1),
-    *((f"reference/commands/{name}", f"mjrun-{name}", text.rstrip("."), "", 1) for name, text in COMMANDS.items()),
+    *((f"reference/commands/{name}", f"mjrun-{name}", command_summary(name).rstrip("."), "", 1) for name in COMMANDS),
 ]
 
 

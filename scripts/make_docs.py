@@ -328,11 +328,11 @@ def _shown(output: Mapping[str, Any], media: Path | None) -> Iterator[str]:
 
 def command_pages() -> dict[str, str]:
     """Returns the page of each command, and the page that lists them."""
-    from mjrun.cli.main import COMMANDS, load_command
+    from mjrun.cli.main import COMMANDS, command_summary, load_command
 
     written = {f"reference/commands/{name}.md": _command_page(name, load_command(name)) for name in COMMANDS}
     table = "\n".join(
-        f"| [`mjrun {name}`](commands/{name}.md) | {text.rstrip('.')} |" for name, text in COMMANDS.items()
+        f"| [`mjrun {name}`](commands/{name}.md) | {command_summary(name).rstrip('.')} |" for name in COMMANDS
     )
     toctree = _toctree("Commands", [f"commands/{name}" for name in COMMANDS])
     heading = "# Commands\n\n| command | purpose |\n|---|---|"

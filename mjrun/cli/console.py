@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, field
-from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -22,13 +21,12 @@ from mjrun.errors import FailureReport, flag, spelled
 from mjrun.shared_status import note_answered
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
-DOCUMENT_WRITERS: Mapping[str, Callable[[Mapping[str, object]], str]] = {"json": partial(json.dumps, indent=2)}
 
 
 def document_form(arguments: Sequence[str]) -> str:
     """Returns the option by which a command line, possibly invalid, requests a document; empty for prose."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
-    return next((name for name in DOCUMENT_WRITERS if flag(name) in arguments[:end]), "")
+    return "json" if flag("json") in arguments[:end] else ""
 
 
 @dataclass(frozen=True)
@@ -185,7 +183,7 @@ class Console:
         if limits and "runs" not in document:  # SARIF has runs, and allows no further key
             document["untrusted"] = limits.facts()
         note_answered()
-        self.result(DOCUMENT_WRITERS[self.document_form or "json"](document))
+        self.result(json.dumps(document, indent=2))
 
     def say(self, text: str) -> None:
         """Prints the command's answer to stderr, as stdout carries something else."""

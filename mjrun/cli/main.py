@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -51,14 +51,22 @@ FIRST = (
 )
 
 
-def _commands() -> dict[str, str]:
-    """Returns the first line of each module of `mjrun.cli.commands`, by name, without importing the modules."""
-    modules = {path.stem: path for path in Path(__file__).with_name("commands").glob("[!_]*.py")}
-    names = sorted(modules, key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
-    return {name: modules[name].read_text("utf-8").split('"""', 2)[1] for name in names}
+FOLDER = Path(__file__).with_name("commands")
 
 
-COMMANDS = _commands()  # one line of help, by name
+def _commands() -> tuple[str, ...]:
+    """Returns the names of the modules of `mjrun.cli.commands`."""
+    names = {path.stem for path in FOLDER.iterdir() if path.suffix == ".py"} - {"__init__"}
+    return tuple(sorted(names, key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name)))
+
+
+COMMANDS = _commands()
+
+
+def command_summary(name: str) -> str:
+    """Returns the first line of the docstring of a command's module, without importing it."""
+    with (FOLDER / f"{name}.py").open(encoding="utf-8") as file:
+        return file.readline().strip().strip('"')
 
 
 def load_command(name: str) -> "SectionedCommand":
@@ -69,10 +77,6 @@ def load_command(name: str) -> "SectionedCommand":
 class LazyGroup(click.Group):
     """A group that lists its commands without importing them."""
 
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.commands = {name: click.Command(name, short_help=text) for name, text in COMMANDS.items()}
-
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args[:1] == ["help"]:
             args = [*args[1:2], "--help"]
@@ -82,7 +86,7 @@ class LazyGroup(click.Group):
         return shown_help(super().get_help(ctx))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
+        return [*COMMANDS]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return load_command(cmd_name) if cmd_name in COMMANDS else None
@@ -103,7 +107,7 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, stub.short_help or "") for name, stub in self.commands.items()])
+            formatter.write_dl([(name, command_summary(name)) for name in COMMANDS])
 
 
 @click.group(

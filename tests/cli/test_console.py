@@ -10,9 +10,8 @@ import sys
 import pytest
 
 from mjrun.cli import console as module
-from mjrun.cli.console import DOCUMENT_WRITERS, Console, flag
+from mjrun.cli.console import Console, flag
 from mjrun.errors import option
-from mjrun.options.console import DOCUMENT_FORMS
 
 
 @pytest.fixture
@@ -108,7 +107,3 @@ def test_debug_shows_the_traceback(console: Console, capsys: pytest.CaptureFixtu
     err = capsys.readouterr().err
     assert err.startswith("Traceback")
     assert err.endswith("mjrun: error: failed\n")
-
-
-def test_every_form_of_the_document_has_a_writer() -> None:
-    assert set(DOCUMENT_WRITERS) == set(DOCUMENT_FORMS)
