@@ -1,9 +1,11 @@
-"""MuJoCo's process-wide state: disables its log file and timers, and collects its warnings instead of printing them."""
+"""MuJoCo's process-wide state: disables its log file and timers, collects its warnings, and empties its asset cache."""
 
 import ctypes
+import os
 import threading
+import time
 import warnings
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -51,6 +53,27 @@ def _clock() -> ctypes.c_void_p | None:
         with suppress(OSError, ValueError):
             return ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time")
     return None
+
+
+COARSEST = 2.0  # [s] resolution of the coarsest file times
+_compiled_files: dict[str, tuple[int, ...]] = {}  # identities of the files whose contents the asset cache may hold
+
+
+def drop_outdated_assets(files: Mapping[str, os.stat_result]) -> None:
+    """Empties MuJoCo's cache of meshes, textures and height fields, unless it was filled from these very files.
+
+    MuJoCo compares paths and times in whole seconds: of a file that is written twice within a second, or whose time is
+    restored, it would compile the first content again.
+
+    Args:
+      files: the status of each file of the model that is compiled next.
+    """
+    global _compiled_files
+    identities = {p: (s.st_dev, s.st_ino, s.st_size, s.st_mtime_ns, s.st_ctime_ns) for p, s in files.items()}
+    if identities != _compiled_files:
+        mujoco.mj_clearCache(mujoco.mj_getCache())
+    newest = max((s.st_ctime for s in files.values()), default=0)
+    _compiled_files = identities if newest < time.time() - COARSEST else {}  # it may still change unnoticed
 
 
 @contextmanager

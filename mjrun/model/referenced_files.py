@@ -19,6 +19,7 @@ from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_paths import file_content, file_size
+from mjrun.model.mujoco_globals import drop_outdated_assets
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
@@ -64,6 +65,8 @@ class _NamedFiles:
 def require_regular_files(path: Path, text: bytes | None, member: str = "") -> None:
     """Checks that no file named in the MJCF or URDF `text`, or in its includes, is a pipe, a socket or a device.
 
+    MuJoCo will read the files again if they are not those of the model before.
+
     In a confined process, no such file may be outside the readable folders either, whether it exists or not.
 
     Args:
@@ -77,12 +80,12 @@ def require_regular_files(path: Path, text: bytes | None, member: str = "") -> N
     if confinement():
         for file in named.files:
             _require_readable(file, path, named.folders)
-    seen: set[str] = set()
+    seen: dict[str, os.stat_result | None] = {}
     for file in named.files:
         for place in _places(file, path, named.folders):
             if place not in seen:
-                seen.add(place)
-                _check(file, place)
+                seen[place] = _check(file, place)
+    drop_outdated_assets({place: status for place, status in seen.items() if status})
 
 
 def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Path]:
@@ -230,17 +233,19 @@ def _require_readable(file: _NamedFile, main: Path, folders: Iterable[str]) -> N
         raise BrokenModelError(file.by, f"{quoted(file.name)} {OUTSIDE}", file.line, advice())
 
 
-def _check(file: _NamedFile, place: str) -> None:
+def _check(file: _NamedFile, place: str) -> os.stat_result | None:
+    """Returns the status of a file that MuJoCo can read; None if it does not exist."""
     try:
-        kind = KINDS.get(stat.S_IFMT(os.stat(place).st_mode))  # noqa: PTH116
+        status = os.stat(place)  # noqa: PTH116
     except (OSError, ValueError):  # it does not exist, or no file can have this name
-        return
-    if kind:
+        return None
+    if kind := KINDS.get(stat.S_IFMT(status.st_mode)):
         message = f"{quoted(file.name)} is {kind}; a model is read from regular files"
         raise BrokenModelError(file.by, message, file.line)
     if place.endswith(".png") and math.prod(size := _png_size(place)) > MOST_PIXELS:
         message = f"{quoted(file.name)} has {size[0]}x{size[1]} pixels, too many for a texture"
         raise BrokenModelError(file.by, message, file.line, "use a smaller image, such as 4096x4096")
+    return status
 
 
 def _png_size(path: str) -> tuple[int, int]:

@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 from mjrun.errors import (
@@ -90,6 +91,16 @@ def test_what_mujoco_packs_loads_with_its_meshes(tmp_path: Path, suffix: str) ->
     with packed.open("wb") as file:
         spec.to_zip(file)
     assert load(packed).mesh_vert == pytest.approx(expected.mesh_vert)
+
+
+def test_a_mesh_that_is_written_again_within_a_second_is_read_again(tmp_path: Path) -> None:
+    model, mesh = write(tmp_path / "m.xml", MESH), tmp_path / "m.obj"
+    for edge in (1, 3, 2):
+        mesh.write_text(CORNERS.replace("1 0 0", f"{edge} 0 0", 1))
+        os.utime(mesh, (1e9, 1e9))
+        corners = load(model).mesh_vert
+        longest = np.linalg.norm(corners[:, None] - corners, axis=2).max()
+        assert longest == pytest.approx(np.hypot(edge, 1), rel=1e-6)
 
 
 def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
