@@ -260,6 +260,10 @@ class UsageError(MjrunError):
         return message.removeprefix(f"{names[-2]} {names[-1]}: ") if len(names) > 1 else message
 
 
+class DeviceMemoryError(UsageError):
+    """Simulations that do not fit in the memory of a device together."""
+
+
 @contextmanager
 def concerning(*path: str | int) -> Generator[None]:
     """Adds the option, and the part of its value, to a UsageError that is raised in the `with` block."""
@@ -497,6 +501,21 @@ class UnstableError(SimulationError):
             f"{quantity} of {clean(joint)} is not finite or too large\n"
             f"try a {option('timestep')} smaller than {timestep:g} s, or another {option('integrator')}: "
             "implicitfast where damping or contacts are stiff, rk4 for fast free motion",
+        )
+
+
+class UnstableWorldError(UnstableError):
+    """A world of MuJoCo Warp that diverged between the rows at two steps."""
+
+    def __init__(self, step: int, row: int, timestep: float) -> None:
+        self.joint = ""  # unknown
+        time = step * timestep
+        SimulationError.__init__(
+            self,
+            step,
+            time,
+            f"the simulation became unstable after step {step}, time {time:.9g} s, and not later than step {row}\n"
+            f"a smaller {option('timestep')} may prevent it; mujoco_warp computes in single precision",
         )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.errors import DeviceMemoryError, MjrunError, UnknownNameError, UsageError, clean, option
 from mjrun.model.fingerprint import physics_fields
 from mjrun.packages import require
 
@@ -30,6 +30,7 @@ class WarpDevice:
 
     Args:
       alias: `cpu`, `cuda:0` and so on; the first GPU, or else `cpu`, when None.
+      alternative: the engine that errors recommend instead, as the command names it.
 
     Attributes:
       alias, name: its identifier, and the name that it reports.
@@ -42,7 +43,8 @@ class WarpDevice:
       UnknownNameError: the device does not exist.
     """
 
-    def __init__(self, alias: str | None = None) -> None:
+    def __init__(self, alias: str | None = None, alternative: str = "c") -> None:
+        self._alternative = f"{option('engine')} {alternative}"
         self.warp, self.library = _imported()
         device = _device(self.warp, alias)
         self.alias, self.name, self.is_gpu = str(device.alias), str(device.name), bool(device.is_cuda)
@@ -58,19 +60,22 @@ class WarpDevice:
         engine = option("engine")
         try:
             yield
+        except MjrunError:
+            raise
         except NotImplementedError as error:
-            raise UsageError(f"{engine} warp cannot simulate this model: {clean(str(error))}\n{engine} c can") from None
+            reason = clean(str(error))
+            raise UsageError(f"{engine} warp cannot simulate this model: {reason}\n{self._alternative} can") from None
         except Exception as error:
             reason = clean(" ".join(str(error).split()))
-            if "allocate" in reason:
-                raise UsageError(
+            if "allocate" in reason or "out of memory" in reason:
+                raise DeviceMemoryError(
                     f"{worlds} worlds do not fit in the memory of {clean(self.name)} ({self.alias}): {reason}\n"
                     f"reduce {option('worlds')}, {option('nconmax')} or {option('njmax')}"
                 ) from error
             if "nconmax" in reason or "njmax" in reason:
                 raise UsageError(f"{engine} warp: {reason}\nraise {option('nconmax')} or {option('njmax')}") from error
             raise UsageError(
-                f"{engine} warp fails on this model: {type(error).__name__}: {reason}\n{engine} c may not"
+                f"{engine} warp fails on this model: {type(error).__name__}: {reason}\n{self._alternative} may not"
             ) from error
 
 

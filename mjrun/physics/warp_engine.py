@@ -4,10 +4,9 @@ Simulations are worlds that a device steps at once, all of them at the same step
 """
 
 import copy
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import fields
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
 from functools import partial
 from math import ceil
 from typing import Any
@@ -16,7 +15,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import MjrunWarning, SimulationError, UsageError, option, quoted
+from mjrun.errors import SimulationError, UnstableWorldError, UsageError, option, quoted
 from mjrun.model import state
 from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice
@@ -47,24 +46,10 @@ OVERFLOWS: Mapping[str, tuple[str, str]] = {
     ),
     "LS_ITERATIONS": ("the solver's line search has reached its limit", f"raise {option('set')} opt.ls_iterations"),
 }
+# The marks that higher limits prevent, and those of approximations, which MuJoCo makes without a report.
+CONTACT_LIMITS, CONSTRAINT_LIMITS = ("BROADPHASE", "NARROWPHASE", "CCD"), ("NEFC", "NJMAX_NNZ")
+APPROXIMATIONS = ("ITERATIONS", "LS_ITERATIONS", "EPA_HORIZON")
 CONTACT, PASSIVE = 1, 4  # bits of a contact's type in mujoco_warp for contacts that MuJoCo has too
-# Parts of an integration state that mujoco_warp stores, in their order in the state.
-STATE_FIELDS = (
-    ("time", mujoco.mjtState.mjSTATE_TIME),
-    ("qpos", mujoco.mjtState.mjSTATE_QPOS),
-    ("qvel", mujoco.mjtState.mjSTATE_QVEL),
-    ("act", mujoco.mjtState.mjSTATE_ACT),
-    ("history", mujoco.mjtState.mjSTATE_HISTORY),
-    ("qacc_warmstart", mujoco.mjtState.mjSTATE_WARMSTART),
-    ("ctrl", mujoco.mjtState.mjSTATE_CTRL),
-    ("qfrc_applied", mujoco.mjtState.mjSTATE_QFRC_APPLIED),
-    ("xfrc_applied", mujoco.mjtState.mjSTATE_XFRC_APPLIED),
-    ("eq_active", mujoco.mjtState.mjSTATE_EQ_ACTIVE),
-    ("mocap_pos", mujoco.mjtState.mjSTATE_MOCAP_POS),
-    ("mocap_quat", mujoco.mjtState.mjSTATE_MOCAP_QUAT),
-    ("userdata", mujoco.mjtState.mjSTATE_USERDATA),
-    ("plastic", mujoco.mjtState.mjSTATE_PLASTIC),
-)
 
 
 @dataclass(frozen=True)
@@ -112,7 +97,7 @@ class WarpWorlds:
         self._device, self._model = device, _with_autoreset(every[0])
         self._sample = mujoco.MjData(self._model)  # the shapes of fields
         state.restore(self._model, self._sample, starts[0])
-        with self._device.refusals(self.count), self.active():
+        with self.active():
             self._device_model = PerWorldFields(device).put_models(self._model, every)
             self._device_model.opt.warn_overflow = 0  # it prints from the device, a line for each world and step
             self._data = device.library.put_data(
@@ -125,9 +110,11 @@ class WarpWorlds:
         self._step: Callable[[], None] = partial(device.library.step, self._device_model, self._data)
         self._forward: Callable[[], None] = partial(device.library.forward, self._device_model, self._data)
 
-    def active(self) -> AbstractContextManager[Any]:
-        """Makes Warp use the device of these worlds within the context."""
-        return self._device.active()
+    @contextmanager
+    def active(self) -> Generator[None]:
+        """Makes Warp use the device of these worlds within the context, and converts its errors."""
+        with self._device.refusals(self.count), self._device.active():
+            yield
 
     def compile(self) -> None:
         """Takes the first step, for which Warp compiles all uncached kernels, and records graphs of a step.
@@ -137,7 +124,7 @@ class WarpWorlds:
         Raises:
           UsageError: mujoco_warp cannot simulate this model, or this number of worlds.
         """
-        with self._device.refusals(self.count), self.active():
+        with self.active():
             self._step()
             self._step, self._forward = self._graph(self._step), self._graph(self._forward)
             self.wait()
@@ -193,6 +180,11 @@ class WarpWorlds:
         vectors = np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()])
         return ~(abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
 
+    def states(self) -> np.ndarray:
+        """Returns the integration states of all worlds, `(n, nstate)`."""
+        parts = [array.numpy().reshape(self.count, -1) for array, _ in self._state_arrays()]
+        return np.hstack(parts).astype(float)
+
     def demand(self) -> Demand:
         """Returns the sizes that the last step needed."""
         return Demand(
@@ -201,6 +193,20 @@ class WarpWorlds:
             constraints=self._data.nefc.numpy(),
             iterations=self._data.solver_niter.numpy(),
         )
+
+    def required_limits(self, running: np.ndarray) -> tuple[int, int]:
+        """Returns nconmax and njmax, each doubled if the `running` worlds, `(n,)` bool, have exceeded it."""
+        demand, marks = self.demand(), self._data.overflow.numpy()[running]
+        contacts = max(demand.contacts, demand.candidates) > self._data.naconmax  # of all worlds together
+        contacts |= bool((marks & self._bits(CONTACT_LIMITS)).any())
+        constraints = bool((demand.constraints > self.njmax)[running].any())
+        constraints |= bool((marks & self._bits(CONSTRAINT_LIMITS)).any())
+        return self.nconmax << contacts, self.njmax << constraints
+
+    def omissions(self) -> Mapping[int, str]:
+        """Returns a sentence for each world in which mujoco_warp omitted what no limit in `required_limits` allows."""
+        marks = self._data.overflow.numpy() & ~self._bits((*CONTACT_LIMITS, *CONSTRAINT_LIMITS, *APPROXIMATIONS))
+        return {int(index): self._messages(int(marks[index]), {})[0] for index in np.flatnonzero(marks)}
 
     def overflows(self, contacts: int = 0, constraints: int = 0) -> list[str]:
         """Returns a sentence for each overflow since the start, with the remedy.
@@ -217,6 +223,12 @@ class WarpWorlds:
             "constraints": max(constraints, self.njmax + 1),
             "iterations": self._model.opt.iterations,
         }
+        return self._messages(marks, limits)
+
+    def _bits(self, names: Sequence[str]) -> int:
+        return sum(self._device.library.OverflowType[name].value for name in names)
+
+    def _messages(self, marks: int, limits: Mapping[str, object]) -> list[str]:
         known = self._device.library.OverflowType
         single = [mark for mark in known if mark.value and not mark.value & (mark.value - 1)]
         texts = [overflow_message(mark.name, limits) for mark in single if marks & mark.value]
@@ -237,13 +249,13 @@ class WarpWorlds:
 
     def _assign(self, starts: np.ndarray) -> None:
         """Puts each world into its start."""
-        for name, part in STATE_FIELDS:
-            array = getattr(self._data, name)
-            if array.size:
-                values = np.empty((self.count, state.size(self._model, int(part))))
-                for start, row in zip(starts, values, strict=True):
-                    mujoco.mj_extractState(self._model, start, state.STATE, row, int(part))
-                array.assign(values.reshape(array.numpy().shape))
+        for array, columns in self._state_arrays():
+            array.assign(starts[:, columns].reshape(array.numpy().shape))
+
+    def _state_arrays(self) -> Iterator[tuple[Any, slice]]:
+        """Yields the arrays that form an integration state, and their columns there, in order."""
+        for name, columns in state.fields(state.sizes(self._model)).items():
+            yield getattr(self._data, name), columns
 
     def _arrays(self) -> list[Any]:
         """Returns the arrays that a step uses from the one before; contacts and constraints are recomputed."""
@@ -271,6 +283,7 @@ class WarpEngine:
 
     def __init__(self, device: WarpDevice) -> None:
         self._device = device
+        self._limits = dict[tuple[int, ...], tuple[int, int]]()  # nconmax and njmax that models needed, by their sizes
 
     def rollout(
         self,
@@ -284,47 +297,73 @@ class WarpEngine:
     ) -> Iterator[RolloutBlock]:
         """Implements `Engine.rollout` for models of one `PerWorldFields.group`; instability is detected at rows only.
 
-        An overflow is a warning.
+        Rows whose contacts or constraints exceed their memory are simulated again with twice as much.
 
         Raises:
           UsageError: mujoco_warp cannot simulate such models, or record a field.
+          DeviceMemoryError: these simulations do not fit in the memory of the device together.
         """
         model = models_of(models, len(starts))[0]
-        worlds = WarpWorlds(self._device, models, starts)
-        worlds.require(record)
-        if steps:
-            worlds.compile()
-            worlds.restart()
-        walk = _Walk(worlds, model, controls, record, running)
+        size = (model.nbody, model.nv, model.ngeom, model.nflex)
+
+        def opened(starts: np.ndarray, nconmax: int | None, njmax: int | None) -> WarpWorlds:
+            worlds = WarpWorlds(self._device, models, starts, nconmax, njmax)
+            worlds.require(record)
+            if steps:
+                worlds.compile()
+                worlds.restart()
+            self._limits[size] = worlds.nconmax, worlds.njmax
+            return worlds
+
+        worlds = opened(starts, *self._limits.get(size, (None, None)))
+        walk = _Walk(worlds, opened, model, controls, record, running)
+        del worlds  # the walk may replace them
         rows = [*range(0, steps, every), steps]
         longest = block_steps(model, record, len(starts))
-        size = max(1, (longest if running is None else min(longest, SHORT_BLOCK_STEPS)) // every)
-        for first in range(0, len(rows), size):
-            yield walk.block(rows[first : first + size])
+        size_of_block = max(1, (longest if running is None else min(longest, SHORT_BLOCK_STEPS)) // every)
+        for first in range(0, len(rows), size_of_block):
+            yield walk.block(rows[first : first + size_of_block])
             if not walk.running.any():
                 break
-        for text in worlds.overflows():
-            warnings.warn(text, MjrunWarning, stacklevel=2)
 
 
 class _Walk:
-    """The worlds of a rollout, from row to row."""
+    """The worlds of a rollout, from row to row.
+
+    Args:
+      opened: returns worlds with other starts and limits.
+    """
 
     def __init__(
         self,
         worlds: WarpWorlds,
+        opened: Callable[[np.ndarray, int, int], WarpWorlds],
         model: mujoco.MjModel,
         controls: np.ndarray | None,
         record: Sequence[str],
         running: np.ndarray | None,
     ) -> None:
-        self._worlds, self._controls, self._record = worlds, controls, record
+        self._worlds, self._opened, self._controls, self._record = worlds, opened, controls, record
         self._timestep, self._width = float(model.opt.timestep), worlds.count * model.nu
         self._step, self.running = 0, np.ones(worlds.count, bool) if running is None else running
         self._initial: Fields = {}
 
     def block(self, rows: Sequence[int]) -> RolloutBlock:
         """Returns the rows at the steps `rows`, which follow those of the block before."""
+        step, running, start = self._step, self.running.copy(), self._worlds.states()
+        while True:
+            block = self._simulated(rows)
+            limits = self._worlds.nconmax, self._worlds.njmax
+            required = self._worlds.required_limits(self.running)
+            if required == limits:
+                break
+            del self._worlds  # whose memory larger ones need
+            self._worlds = self._opened(start, *required)
+            self._step, self.running[:] = step, running
+        self._initial = self._initial or {name: part[:, :1].copy() for name, part in block.fields.items()}
+        return replace(block, initial=self._initial)
+
+    def _simulated(self, rows: Sequence[int]) -> RolloutBlock:
         values: dict[str, list[np.ndarray]] = {name: [] for name in self._record}
         counts, failures = np.zeros(self._worlds.count, int), dict[int, SimulationError]()
         with self._worlds.active():
@@ -337,14 +376,13 @@ class _Walk:
                     if step < row:
                         self._worlds.step()
                 self._step = row
-                failures |= self._unstable(before, row)
+                failures |= self._failures(before, row)
                 counts += self.running
                 self._worlds.forward()
                 for name in self._record:
                     values[name].append(self._worlds.read(name))
         fields = {name: np.stack(parts, axis=1) for name, parts in values.items()}
-        self._initial = self._initial or {name: part[:, :1].copy() for name, part in fields.items()}
-        return RolloutBlock(np.array(rows), fields, self._initial, counts, failures)
+        return RolloutBlock(np.array(rows), fields, {}, counts, failures)
 
     def _upload(self, last: int) -> object:
         """Uploads the controls from the current step to step `last`, `(steps, n, nu)`; the last ones hold."""
@@ -353,11 +391,16 @@ class _Walk:
         index = np.minimum(np.arange(self._step, last + 1), self._controls.shape[1] - 1)
         return self._worlds.upload(self._controls[:, index].swapaxes(0, 1))
 
-    def _unstable(self, before: int, row: int) -> dict[int, SimulationError]:
-        """Returns the errors of the worlds that became unstable between two rows."""
-        bad = self.running & self._worlds.unstable()
-        self.running &= ~bad
-        place = f"after step {before}, time {before * self._timestep:.9g} s, and not later than step {row}"
-        advice = f"a smaller {option('timestep')} may prevent it; mujoco_warp computes in single precision"
-        message = f"the simulation became unstable {place}\n{advice}"
-        return {int(index): SimulationError(before, before * self._timestep, message) for index in np.flatnonzero(bad)}
+    def _failures(self, before: int, row: int) -> dict[int, SimulationError]:
+        """Returns the errors of the worlds that failed between two rows, and ends them."""
+        errors: dict[int, SimulationError] = {
+            index: SimulationError(before, before * self._timestep, text)
+            for index, text in self._worlds.omissions().items()
+        }
+        errors |= {
+            int(index): UnstableWorldError(before, row, self._timestep)
+            for index in np.flatnonzero(self._worlds.unstable())
+        }
+        errors = {index: error for index, error in errors.items() if self.running[index]}
+        self.running[[*errors]] = False
+        return errors

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, SimulationError, UsageError, option
+from mjrun.errors import DeviceMemoryError, MjrunError, SimulationError, UsageError, option
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
 from mjrun.model.compiler_copied_fields import COPIED
@@ -65,11 +65,12 @@ class PointSimulator:
         self._files: PointImageMaker | EpisodeFileMaker | None = None
         self._engine: Engine
         self._world_fields: PerWorldFields | None = None
+        self._most_worlds = WORLDS
         if spec.engine == "c":
             self._engine = CEngine(threads=1)
             self._most_bytes = BYTES
         else:
-            device = WarpDevice()
+            device = WarpDevice(alternative="local")
             self._engine = WarpEngine(device)
             self._most_bytes = WORLD_BYTES
             self._world_fields = PerWorldFields(device)
@@ -114,7 +115,7 @@ class PointSimulator:
     def _most(self, ready: "_ReadyPoint") -> int:
         """Returns the number of simulations in a batch: few if they are long, since more only take memory."""
         if self._spec.engine == "warp":
-            return WORLDS
+            return self._most_worlds
         return min(SIDE_BY_SIDE, ROWS // min(ENOUGH, ready.timeline.steps + 1))
 
     def _ready(self, point: StudyPoint) -> "_ReadyPoint":
@@ -214,7 +215,14 @@ class PointSimulator:
         try:
             failures = self._roll_out(started, np.array(starts), measured)
         except Exception as error:  # of all points, such as a model that the engine refuses
-            yield from (self._failed(ready.point, error, 0, ready.wall) for ready in started)
+            if not isinstance(error, DeviceMemoryError) or len(started) == 1:
+                yield from (self._failed(ready.point, error, 0, ready.wall) for ready in started)
+                return
+            failures = None
+        if failures is None:  # not while the traceback of the error keeps the worlds in memory
+            self._most_worlds = len(started) // 2
+            for half in (started[: self._most_worlds], started[self._most_worlds :]):
+                yield from self._side_by_side(half)
             return
 
         wall = (time.perf_counter() - begin) / len(started)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import UsageError, spelled
+from mjrun.errors import UnstableError, UsageError, spelled
 from mjrun.model import state
 from mjrun.physics.engine import Engine
 from mjrun.physics.warp_device import WarpDevice
@@ -76,6 +76,7 @@ def test_a_world_that_fails_ends_while_the_others_go_on(engine: Engine) -> None:
     (block,) = engine.rollout(model, starts, controls, STEPS, ("qpos",), every=10)
     assert list(block.failures) == [1]
     assert (block.failures[1].step, block.counts.tolist()) == (0, [4, 0, 4])
+    assert isinstance(block.failures[1], UnstableError)
     assert np.isfinite(block.fields["qpos"][[0, 2]]).all()
 
 
@@ -122,6 +123,36 @@ def start(speed: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
     data = mujoco.MjData(model)
     data.qvel[2] = speed
     return model, data
+
+
+def test_rows_with_too_little_memory_are_simulated_again_with_more(engine: WarpEngine) -> None:
+    starts, controls = setting()[1:]
+    plane = '<geom type="plane" size="5 5 1"/>'
+    model = mujoco.MjModel.from_xml_string(MODEL.format(integrator="Euler").replace(plane, 2 * plane))
+    small = WarpEngine(WarpDevice("cpu"))
+    small._limits[model.nbody, model.nv, model.ngeom, model.nflex] = 1, 1
+    runs = [list(each.rollout(model, starts, controls, STEPS, FIELDS, every=10)) for each in (engine, small)]
+    for exact, repeated in zip(*runs, strict=True):
+        assert exact.fields["ncon"].max() == 2
+        for name in FIELDS:
+            np.testing.assert_array_equal(repeated.fields[name], exact.fields[name])
+    assert [*small._limits.values()] == [(2, 8)]  # doubled for 2 contacts with 4 constraints each
+
+
+def test_a_world_in_which_contacts_were_omitted_fails(engine: WarpEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(WarpWorlds, "omissions", lambda self: {2: overflow_message("HFIELD", {})})
+    model, starts, controls = setting()
+    (block,) = engine.rollout(model, starts, controls, STEPS, ("qpos",), every=10)
+    assert block.counts.tolist() == [4, 4, 0]
+    assert str(block.failures[2]).startswith("a shape meets too many cells of a height field: ")
+
+
+def test_states_are_those_that_worlds_were_put_into(device: WarpDevice) -> None:
+    model = mujoco.MjModel.from_xml_string(WORLD)
+    starts = np.random.default_rng(0).normal(size=(2, state.size(model))).astype(np.float32).astype(float)
+    worlds = WarpWorlds(device, model, starts)
+    with worlds.active():
+        np.testing.assert_array_equal(worlds.states(), starts)
 
 
 @pytest.fixture(scope="module")

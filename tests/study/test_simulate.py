@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import UnstableError
+from mjrun.errors import DeviceMemoryError, UnstableError
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariant, VariantLoader
 from mjrun.outputs.recording import Recording
@@ -222,6 +222,30 @@ def test_warp_simulates_points_whose_models_differ_at_once(tmp_path: Path, monke
     for one, other in zip(exact, warped, strict=True):
         np.testing.assert_allclose(other.metrics, one.metrics, rtol=1e-4, atol=1e-4)
     assert len({result.metrics for result in warped}) == 3
+
+
+def test_points_that_do_not_fit_on_a_gpu_together_run_in_smaller_groups(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco_warp")
+    counts: list[int] = []
+    real = WarpEngine.rollout
+
+    def limited(self: WarpEngine, models: Sequence[mujoco.MjModel], *how: object) -> Iterator[RolloutBlock]:
+        counts.append(len(models))
+        if len(models) > 2:
+            raise DeviceMemoryError("too little memory")
+        return real(self, models, *how)  # type: ignore[arg-type]
+
+    spec = replace(spec_of(tmp_path, ("qpos/ball/z",), every=10, steps=60), engine="warp")
+    points = [("0.3",), ("0.4",), ("0.5",), ("0.6",), ("0.7",)]
+    together = simulated(spec, points)
+    monkeypatch.setattr(WarpEngine, "rollout", limited)
+    separate = simulated(spec, points)
+    assert counts == [5, 2, 3, 1, 2]
+    assert [result.metrics for result in separate] == [result.metrics for result in together]
+    monkeypatch.setattr(WarpEngine, "rollout", lambda *_: (_ for _ in ()).throw(DeviceMemoryError("too little memory")))
+    assert {result.message for result in simulated(spec, points)} == {"too little memory"}
 
 
 def test_a_replay_is_measured_as_it_was_recorded(tmp_path: Path) -> None:
