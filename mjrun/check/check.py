@@ -30,7 +30,7 @@ from mjrun.packages import computing_versions, installed_version
 from mjrun.platform.cores import available_cores
 from mjrun.platform.mirrored_paths import with_original_paths
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.suffixes import CHECKED, XML, is_yaml
+from mjrun.suffixes import ARCHIVES, CHECKED, COMPILED, XML, is_yaml
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ T = TypeVar("T")
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 HEAD = 2**16  # bytes that must contain the start of the root of an XML file
 ROOTS = {"mujoco", "robot"}
+TEXT_ONLY = f"{option('fix')} changes the text of MJCF, not that of URDF, archives and compiled models"
 FRAGMENT = "mujocoinclude"  # the root of a file that other models include
 
 
@@ -294,6 +295,8 @@ class Check(PolicyOptions, CheckOptions):
             elif finding.code in self.codes and not self._is_ignored(finding):
                 reported.append(replace(finding, severity=self._severity(finding)))
 
+        if self.fix:
+            reported = [_with_reason(each, Path(task.model)) for each in reported]
         if self._accepted:
             reported = [replace(each, fixes=()) if self._accepted.contains(each) else each for each in reported]
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
@@ -385,6 +388,14 @@ def _without_unsafe(checked: FixOutcome, failure: Finding, spelling: Spelling) -
     reason = NOT_FIXED.in_model(Path(failure.file), message, failure.remedy)
     result = replace(checked.result, findings=(*checked.result.findings, reason))
     return checked._replace(result=_in_spelling(result, spelling)) if checked.result.loads else checked
+
+
+def _with_reason(finding: Finding, model: Path) -> Finding:
+    """Returns a finding whose remedy states why it is not fixed, if it might be expected to be."""
+    if not finding.unfixed or finding.fixes:
+        return finding
+    reason = TEXT_ONLY if model.suffix in (".urdf", *ARCHIVES, *COMPILED) else finding.unfixed
+    return replace(finding, remedy=f"{finding.remedy}\nnot fixed: {reason}".lstrip("\n"))
 
 
 def _in_spelling(result: ModelResult, spelling: Spelling) -> ModelResult:

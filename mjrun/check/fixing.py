@@ -20,7 +20,6 @@ import mujoco
 
 from mjrun.check.model_result import Copy, FixedFile, FixOutcome, ModelResult
 from mjrun.check.rule import Finding, Fix, short_path
-from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass
@@ -33,14 +32,12 @@ from mjrun.model.text_edits import TextEdit, disjoint, edited
 from mjrun.model.xml_source import read_xml
 from mjrun.platform import system
 from mjrun.platform.mirrored_paths import mirrored
-from mjrun.suffixes import ARCHIVES, COMPILED
 
 MAX_ROUNDS = 50
 ROUNDING = 1e-9  # absolute and relative, of numbers that a fix writes in another way, with ten digits
 RUN_AGAIN = "run the command again"
 OUTSIDE = f"it is outside the folders of the models; give a folder that contains both, with {option('fix')}"
 IN_COLLECTION = f"it belongs to a collection of models; copy its folder, and give that, with {option('fix')}"
-TEXT_ONLY = f"{option('fix')} changes the text of MJCF, not that of URDF, archives and compiled models"
 
 
 BeforeFix = Callable[[Copy, Sequence[Finding]], object]
@@ -111,7 +108,7 @@ class Fixing:
             own = [by_model[model] for model in group.models]
             if any(finding.fixes for result in own for finding in result.findings):
                 by_model |= {result.model: result for result in self._fix(group, own, dry_run)}
-        return [_with_text_only(by_model[result.model]) for result in results]
+        return [by_model[result.model] for result in results]
 
     def _fix(self, group: _Group, results: Sequence[ModelResult], dry_run: bool) -> list[ModelResult]:
         """Fixes models that share files, and returns the results for them."""
@@ -393,14 +390,6 @@ def _diff(old_name: str, name: str, old: bytes, new: bytes) -> str:
         else:
             lines[-1] += "\\ No newline at end of file\n"
     return "".join(difflib.unified_diff(before, after, old_name, name))
-
-
-def _with_text_only(result: ModelResult) -> ModelResult:
-    """Returns a result that states why faults are left, for a model without the text of MJCF."""
-    if Path(result.model).suffix not in (".urdf", *ARCHIVES, *COMPILED):
-        return result
-    texts = ((each, f"{each.remedy}\n{TEXT_ONLY}" if RULES[each.code].fix else each.remedy) for each in result.findings)
-    return replace(result, findings=tuple(replace(finding, remedy=remedy) for finding, remedy in texts))
 
 
 def _with_problems(results: Sequence[ModelResult], problems: Sequence[tuple[str, str]]) -> list[ModelResult]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mjrun.dataclass import dataclass
+from mjrun.errors import clean, option
 from mjrun.model.text_edits import TextEdit, UneditableError
 from mjrun.model.xml_source import Element
 
@@ -16,6 +17,11 @@ if TYPE_CHECKING:
 MAX_OBJECTS = 5  # that a text names in addition to the finding's own
 SEVERITIES = ("note", "warning", "error")  # in ascending order
 SAFE, UNSAFE = "safe", "unsafe"  # fixes that are certain, and fixes that need a look
+
+# Reasons why a fault is not fixed.
+NOT_CERTAIN = "the right fix of this case depends on what was meant"
+NOT_SAFE = f"{option('unsafe_fixes')} may fix it"
+GENERATED = "MuJoCo or an attached model generates it: no text of this model states the value"
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,7 @@ class Finding:
       remedy: the remedy.
       fixes: the fixes of the fault, several for a finding about several objects.
       others: the other objects with the same fault; empty texts for those without a name.
+      unfixed: the reason why it has no fix, although its rule fixes some faults; else empty.
 
     All texts except `code` and `severity` may contain unescaped names from the model.
     """
@@ -60,6 +67,7 @@ class Finding:
     remedy: str = ""
     fixes: tuple[Fix, ...] = ()
     others: tuple[str, ...] = ()
+    unfixed: str = ""
 
     @property
     def text(self) -> str:
@@ -99,7 +107,7 @@ class Violation(NamedTuple):
 
     Attributes:
       severity: a severity that overrides that of the rule, if not empty.
-      fix: makes the fix; None without one.
+      fix: makes the fix, or returns the reason why there is none; None without one.
     """
 
     message: str
@@ -120,7 +128,7 @@ def short_path(path: Path) -> str:
 
 
 Violations = Callable[["LintContext"], Iterator[Violation]]
-MakeFix = Callable[[], Fix | None]
+MakeFix = Callable[[], Fix | str]
 
 
 @dataclass(frozen=True)
@@ -144,7 +152,7 @@ class Rule:
     def findings(self, context: "LintContext") -> Iterator[Finding]:
         """Yields the violations in a model that loads; none if the rule does not apply to such a model."""
         for message, remedy, place, name, severity, fix in self.violations(context) if self.violations else ():
-            wanted = fix if self.fix == SAFE or context.unsafe else None
+            wanted = fix if self.fix == SAFE or context.unsafe or fix is None else lambda: NOT_SAFE
             yield self.finding(message, remedy, place, name, severity, wanted)
 
     def finding(
@@ -160,7 +168,9 @@ class Rule:
         file, line, origin = place
         attached = f" (attached from {short_path(origin[0])}:{origin[1]})" if origin else ""
         text, severity = message + attached, severity or self.severity
-        return Finding(self.code, severity, text, short_path(file), line, object, remedy, _made(fix))
+        made = _made(fix or (lambda: NOT_CERTAIN)) if self.fix else ""
+        fixes, unfixed = ((), made) if isinstance(made, str) else ((made,), "")
+        return Finding(self.code, severity, text, short_path(file), line, object, remedy, fixes, unfixed=unfixed)
 
     def in_element(self, element: Element, message: str, remedy: str, fix: MakeFix | None = None) -> Finding:
         """Returns a violation of this rule in an XML element."""
@@ -178,17 +188,18 @@ def rule(code: str, severity: str, title: str, fix: str = "") -> Callable[[Viola
 
 def words_fix(
     context: "LintContext", element: Element | None, attribute: str, words: Mapping[int, str], *fields: str
-) -> Fix | None:
+) -> Fix | str:
     """Returns the fix that replaces words of an attribute, on which these fields of the compiled model depend."""
-    if element is None or attribute not in element.attributes or not words:
-        return None
+    if not words:
+        return NOT_CERTAIN
+    if element is None or attribute not in element.attributes:
+        return GENERATED
     return Fix(context.editor.with_words(element, attribute, words), fields)
 
 
-def _made(fix: MakeFix | None) -> tuple[Fix, ...]:
-    """Returns the fix; none if the text cannot be edited."""
+def _made(fix: MakeFix) -> Fix | str:
+    """Returns the fix, or the reason why it is impossible."""
     try:
-        made = fix() if fix else None
-    except UneditableError:
-        made = None
-    return (made,) if made else ()
+        return fix()
+    except UneditableError as error:
+        return clean(str(error))

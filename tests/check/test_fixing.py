@@ -8,12 +8,14 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.check import Check
+from mjrun.check.check import Check, _with_reason
 from mjrun.check.model_result import Copy, FixOutcome
+from mjrun.check.rule import NOT_CERTAIN
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
+from mjrun.errors import option
 from tests.check import fixes
-from tests.check.fixes import fix, fixing
+from tests.check.fixes import fix, fixing, lint
 from tests.check.models import codes, hinged, mjcf, write
 
 SWAPPED = 'range="9 -9"'
@@ -162,6 +164,17 @@ def test_a_model_without_text_is_reported_and_not_fixed(suffix: str) -> None:
     (finding,) = result.models[0].findings
     assert (finding.code, result.fixed, path.read_bytes()) == ("MJ302", (), content)
     assert finding.remedy.endswith("fix changes the text of MJCF, not that of URDF, archives and compiled models")
+
+
+def test_a_fault_that_stays_states_the_reason() -> None:
+    model = write("model.xml", hinged('range="-90 90"', before='<compiler angle="radian"/>'))
+    (unit,) = (each for each in lint(model).result.findings if each.code == "MJ305")
+    shown = _with_reason(unit, Path(model))
+    assert shown.remedy == f"{unit.remedy}\nnot fixed: {option('unsafe_fixes')} may fix it"
+    (fixed,) = (each for each in lint(model, unsafe=True).result.findings if each.code == "MJ305")
+    assert _with_reason(fixed, Path(model)) == fixed
+    (removed,) = lint(write("model.xml", mjcf(before="<option collision='dynamic'/>"))).result.findings
+    assert removed.unfixed == NOT_CERTAIN
 
 
 @pytest.mark.parametrize("name", ["model.urdf", "model.xml"])

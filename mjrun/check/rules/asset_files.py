@@ -155,8 +155,8 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
 
 def _in_right_case(
     source: xml_source.XmlSource, element: xml_source.Element, name: str, paths: list[Path]
-) -> Fix | None:
-    """Returns the fix that writes the name of a file with the letters that it has on disk; None if others differ."""
+) -> Fix | str:
+    """Returns the fix that writes the name of a file with the letters that it has on disk."""
     for found in _in_other_case(paths, _below(source.path.parent)):
         written = Path(xml_source.with_slashes(name))
         new = Path(*found.parts[-len(written.parts) :]).as_posix()
@@ -164,7 +164,7 @@ def _in_right_case(
         if new.casefold() == written.as_posix().casefold():
             edit = ElementEditor(source.mjcf_texts).with_value(element, attribute, new)
             return Fix((edit,), files=(str(found),))
-    return None
+    return "no file has this name in other letters"
 
 
 def _in_other_case(paths: list[Path], below: Iterable[Path]) -> Iterator[Path]:

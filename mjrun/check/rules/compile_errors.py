@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from mjrun.check.compile_error import CompileError
-from mjrun.check.rule import SAFE, Finding, Fix, Place, Rule, short_path
+from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, Place, Rule, short_path
 from mjrun.check.rules import asset_files, keywords, mjcf_schema, range_fixes
 from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_message
 from mjrun.check.rules.keywords import BAD_VALUE
@@ -251,15 +251,15 @@ def _massless_body(error: CompileError, match: re.Match[str]) -> Findings:
     yield error.finding(MASSLESS_BODY, message, remedy, fix=partial(_inferred, error))
 
 
-def _inferred(error: CompileError) -> Fix | None:
-    """Returns the fix that infers the inertia of bodies without one, if the model prevents that; None if not."""
+def _inferred(error: CompileError) -> Fix | str:
+    """Returns the fix that infers the inertia of bodies without one, if the model prevents that."""
     body = error.element()
     compilers = [e for e in error.source.elements() if e.tag == "compiler" and "inertiafromgeom" in e.attributes]
     inside = {child.tag for child in body.children} if body else set[str]()
     if not compilers or compilers[-1].attributes["inertiafromgeom"] != "false":
-        return None
+        return NOT_CERTAIN
     if "inertial" in inside or "geom" not in inside:
-        return None
+        return "the body has no geoms from which its inertia could be inferred, or has an <inertial>"
     return Fix((ElementEditor(error.source.mjcf_texts).with_value(compilers[-1], "inertiafromgeom", "auto"),))
 
 

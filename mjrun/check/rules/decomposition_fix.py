@@ -46,29 +46,33 @@ def obstacle() -> str:
     return ""
 
 
-def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[int, int]) -> Fix | None:
+def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[int, int]) -> Fix | str:
     """Returns the fix that makes room, in the mesh of `geom`, for the other one of two geoms at a start."""
     elements = _elements(context, geom)
-    if elements is None or context.spec is None or obstacle():
-        return None
+    if isinstance(elements, str) or context.spec is None:
+        return str(elements)
+    if reason := obstacle():
+        return reason
     mesh, other = int(context.model.geom_dataid[geom]), pair[0] if geom == pair[1] else pair[1]
     context.announce_slow_fix(f"decomposing {context.object('mesh', mesh)}")
     for fineness in FINENESS:
         parts = _parts(context, mesh, fineness)
         if _make_room(context, context.spec.copy(), start, geom, other, parts):
             return _fix(context, geom, elements, parts)
-    return None
+    return f"{context.object('geom', other)} penetrates convex parts of the mesh, too: it is not only in the cavity"
 
 
-def _elements(context: LintContext, geom: int) -> _Elements | None:
-    """Returns the elements of a geom and of its mesh; None if they cannot be replaced by those of parts."""
+def _elements(context: LintContext, geom: int) -> _Elements | str:
+    """Returns the elements of a geom and of its mesh, or the reason why those of parts cannot replace them."""
     element = context.element("geom", geom)
     mesh = context.name("mesh", int(context.model.geom_dataid[geom]))
     meshes = [e for e in context.source.elements() if e.tag == "mesh" and not e.within("default") and _name(e) == mesh]
     if element is None or element.tag != "geom" or element.children or context.place("geom", geom).origin:
-        return None
-    if len(meshes) != 1 or _is_referred_to(context, element, CONTACTS):
-        return None
+        return "the geom is attached or generated, or has a plugin"
+    if len(meshes) != 1:
+        return "no single <mesh> of the model has its name"
+    if _is_referred_to(context, element, CONTACTS):
+        return "a <pair> or a sensor of contacts refers to the geom by name"
     return _Elements(element, meshes[0])
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import SAFE, UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.rule import GENERATED, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.check.rules.limits import SCALAR, beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
 from mjrun.model.names import BALL, FREE, actuator_parts
@@ -54,7 +54,7 @@ def keyframes_beyond_range(context: LintContext) -> Iterator[Violation]:
         yield context.violation("keyframe", key, message, remedy, fix=partial(_joints_within, context, key, joints))
 
 
-def _joints_within(context: LintContext, key: int, joints: Sequence[int]) -> Fix | None:
+def _joints_within(context: LintContext, key: int, joints: Sequence[int]) -> Fix | str:
     """Returns the fix that moves hinges and slides to the nearest bound."""
     model, words = context.model, dict[int, str]()
     for joint in joints:
@@ -118,11 +118,11 @@ def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
                 yield context.violation("keyframe", key, message, f"change {numbers} in the keyframe", fix=fix)
 
 
-def _normalized(context: LintContext, key: int, start: int) -> Fix | None:
+def _normalized(context: LintContext, key: int, start: int) -> Fix | str:
     """Returns the fix that writes the quaternion which MuJoCo uses."""
     element = context.element("keyframe", key)
     if element is None or len(_words(context, key, "qpos")) != context.model.nq:
-        return None
+        return GENERATED
     quaternion = context.model.key_qpos[key, start : start + 4]
     words = {start + i: number_word(number) for i, number in enumerate(quaternion)}
     return Fix(context.editor.with_words(element, "qpos", words))

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import SAFE, UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.errors import option
 from mjrun.model.class_defaults import holder
 from mjrun.model.text_edits import number_word
@@ -66,13 +66,15 @@ def reversed_ranges(context: LintContext) -> Iterator[Violation]:
             yield context.violation(kind, i, message, remedy, fix=fix)
 
 
-def _swapped(context: LintContext, kind: str, index: int, attribute: str) -> Fix | None:
+def _swapped(context: LintContext, kind: str, index: int, attribute: str) -> Fix | str:
     """Returns the fix that swaps the numbers of a range, in the element or in the default class that sets it."""
     element = context.element(kind, index)
     owner = holder(element, attribute) if element else None
-    words = owner.attributes[attribute].split() if owner else []
-    if owner is None or len(words) != 2:
-        return None
+    if owner is None:
+        return GENERATED
+    words = owner.attributes[attribute].split()
+    if len(words) != 2:
+        return NOT_CERTAIN
     edits = context.editor.with_words(owner, attribute, {0: words[1], 1: words[0]})
     stem = f"{FIELD_PREFIXES[kind]}_{FIELDS.get(attribute, attribute)[:-5]}"
     inherited = INHERITED if attribute == "range" else ()
@@ -121,7 +123,7 @@ def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
             yield context.violation("joint", joint, message, remedy, fix=partial(_converted, context, joint, words))
 
 
-def _converted(context: LintContext, joint: int, words: Sequence[str]) -> Fix | None:
+def _converted(context: LintContext, joint: int, words: Sequence[str]) -> Fix | str:
     """Returns the fix that writes a range in the other unit, in the element or in the default class that sets it."""
     element = context.element("joint", joint)
     owner = holder(element, "range") if element else None

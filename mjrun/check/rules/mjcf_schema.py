@@ -11,7 +11,7 @@ from functools import cache, partial
 
 import mujoco
 
-from mjrun.check.rule import SAFE, Finding, Fix, Place, Rule
+from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, Place, Rule
 from mjrun.check.rules import removed_from_mjcf
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
@@ -139,8 +139,8 @@ def _attributes(source: XmlSource, element: Element, node: Node) -> Iterator[Fin
         yield UNKNOWN_ATTRIBUTE.in_element(element, message, _attribute_remedy(element, name, node))
 
 
-def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
-    """Returns the fix that writes a removed attribute as MuJoCo reads it now; None if that is not certain."""
+def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | str:
+    """Returns the fix that writes a removed attribute as MuJoCo reads it now."""
     editor, value = ElementEditor(source.mjcf_texts), element.attributes[name]
     if (element.tag, name, value) == ("compiler", "exactmeshinertia", "true"):
         meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
@@ -148,7 +148,7 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
         return Fix((editor.without(element, name, {name}), *exact), ("body_*", "mesh_*"))
     new = removed_from_mjcf.rewritten(element.tag, name, value)
     if new is None:
-        return None
+        return NOT_CERTAIN
     if not new:
         removed = [
             each

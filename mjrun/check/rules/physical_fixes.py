@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Fix, words_fix
+from mjrun.check.rule import GENERATED, Fix, words_fix
 from mjrun.model.names import FREE, KINDS
 from mjrun.model.text_edits import escaped, number_word
 
@@ -16,7 +16,7 @@ ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
-def without_contacts(context: LintContext, start: int | None, pairs: Collection[tuple[int, int]]) -> Fix | None:
+def without_contacts(context: LintContext, start: int | None, pairs: Collection[tuple[int, int]]) -> Fix | str:
     """Returns the fix of geoms that penetrate each other at a start.
 
     In the initial state, moving bodies exclude each other. In a keyframe, floating bodies are lifted out of the floor.
@@ -24,14 +24,14 @@ def without_contacts(context: LintContext, start: int | None, pairs: Collection[
     return _excluded(context, pairs) if start is None else _lifted(context, start, pairs)
 
 
-def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix | None:
+def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix | str:
     model, root = context.model, context.source.root
     bodies = {tuple(sorted(int(model.geom_bodyid[geom]) for geom in pair)) for pair in pairs}
     moving = sorted(pair for pair in bodies if model.body_weldid[list(pair)].all())
     names = [[mujoco.mj_id2name(model, KINDS["body"], body) or "" for body in pair] for pair in moving]
     excludes = [f'<exclude body1="{escaped(a)}" body2="{escaped(b)}"/>' for a, b in names if a and b]
     if root is None or not excludes:
-        return None
+        return "only contacts between moving bodies with names can be excluded"
     contact = next((e for e in root.children if e.tag == "contact" and e.file == context.path), None)
     if contact:
         edits = [context.editor.with_child(contact, exclude) for exclude in excludes]
@@ -40,7 +40,7 @@ def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix |
     return Fix(tuple(edits), ("exclude", "exclude_*", "nexclude"))
 
 
-def _lifted(context: LintContext, key: int, pairs: Collection[tuple[int, int]]) -> Fix | None:
+def _lifted(context: LintContext, key: int, pairs: Collection[tuple[int, int]]) -> Fix | str:
     model, heights = context.model, dict[int, float]()
     for contact in context.data_at(key).contact:
         pair = tuple(map(int, contact.geom))
@@ -53,17 +53,21 @@ def _lifted(context: LintContext, key: int, pairs: Collection[tuple[int, int]]) 
             address = int(model.jnt_qposadr[joint]) + 2
             heights[address] = max(heights.get(address, 0.0), -float(contact.dist))
     lifted = {address: model.key_qpos[key, address] + height for address, height in heights.items()}
+    if not heights:
+        return "only a floating body that penetrates a horizontal plane can be lifted"
     words = {address: number_word(round(height + 0.5 * 10**-DECIMALS, DECIMALS)) for address, height in lifted.items()}
     return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")
 
 
-def inferred_inertia(context: LintContext, body: int) -> Fix | None:
+def inferred_inertia(context: LintContext, body: int) -> Fix | str:
     """Returns the fix that gives a body the inertia of its geoms, of which the mass is scaled to that of the body."""
     element = context.element("body", body)
     inertial = next((child for child in element.children if child.tag == "inertial"), None) if element else None
     model = _with_inferred_inertia(context, body)
-    if inertial is None or model is None or not model.body_mass[body] > 0:
-        return None
+    if inertial is None:
+        return GENERATED
+    if model is None or not model.body_mass[body] > 0:
+        return "its geoms have no mass from which its inertia could be inferred"
     scale = context.model.body_mass[body] / model.body_mass[body]
     quat = model.body_iquat[body]
     values = {"pos": model.body_ipos[body], "diaginertia": scale * model.body_inertia[body]}

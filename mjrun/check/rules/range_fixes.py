@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from mjrun.check.rule import Fix
+from mjrun.check.rule import NOT_CERTAIN, Fix
 from mjrun.model.class_defaults import ACTUATORS, holder
 from mjrun.model.text_edits import ElementEditor
 from mjrun.model.xml_source import Element, XmlSource
@@ -18,7 +18,7 @@ RANGES = {
 }
 
 
-def enabled(source: XmlSource) -> Fix | None:
+def enabled(source: XmlSource) -> Fix | str:
     """Returns the fix that enables every range of which the text does not state whether it applies."""
     editor = ElementEditor(source.mjcf_texts)
     edits = [
@@ -26,10 +26,10 @@ def enabled(source: XmlSource) -> Fix | None:
         for element, span, limit in _ranges(source)
         if holder(element, limit) is None and any(_numbers(element, span))
     ]
-    return Fix(tuple(edits)) if edits else None
+    return Fix(tuple(edits)) if edits else NOT_CERTAIN
 
 
-def swapped(source: XmlSource) -> Fix | None:
+def swapped(source: XmlSource) -> Fix | str:
     """Returns the fix that swaps the numbers of every reversed range."""
     editor = ElementEditor(source.mjcf_texts)
     edits = [
@@ -38,7 +38,7 @@ def swapped(source: XmlSource) -> Fix | None:
         if len(numbers := _numbers(element, span)) == 2 and numbers[0] > numbers[1]
         for edit in editor.with_words(element, span, dict(enumerate(reversed(element.attributes[span].split()))))
     ]
-    return Fix(tuple(edits)) if edits else None
+    return Fix(tuple(edits)) if edits else NOT_CERTAIN
 
 
 def _ranges(source: XmlSource) -> Iterator[tuple[Element, str, str]]:

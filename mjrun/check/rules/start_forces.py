@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Fix, Violation, rule
-from mjrun.check.rules.decomposition_fix import decomposed, obstacle
+from mjrun.check.rules.decomposition_fix import decomposed
 from mjrun.check.rules.limits import joints_beyond_range
 from mjrun.check.rules.penetrations import deep_penetrations, filled_mesh
 from mjrun.check.rules.physical_fixes import without_contacts
@@ -44,7 +44,7 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
         remedy = f"move one of them, or exclude their contact: {exclude}"
         if (mesh := filled_mesh(context, start, worst)) is not None:
             message += f"; the convex hull of {context.object('geom', mesh)} fills the cavity between them"
-            remedy = _decompose(context)
+            remedy = DECOMPOSE
         place = context.place("geom", one) if start is None else context.place("keyframe", start)
         fix = partial(_separated, context, start, worst, deep.keys())
         yield Violation(message, remedy, place, context.object("geom", one), fix=fix)
@@ -52,17 +52,17 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
 
 def _separated(
     context: LintContext, start: int | None, worst: tuple[int, int], pairs: Collection[tuple[int, int]]
-) -> Fix | None:
+) -> Fix | str:
     """Returns the fix of the worst of several pairs if the hull of a mesh causes it, or else of the others."""
-    if (geom := filled_mesh(context, start, worst)) is not None and (fix := decomposed(context, start, geom, worst)):
-        return fix
-    return without_contacts(context, start, {pair for pair in pairs if filled_mesh(context, start, pair) is None})
-
-
-def _decompose(context: LintContext) -> str:
-    """Returns the remedy for a hull that fills a cavity."""
-    reason = obstacle() if context.unsafe else ""
-    return f"{DECOMPOSE}\n{reason}" if reason else DECOMPOSE
+    geom, reason = filled_mesh(context, start, worst), ""
+    if geom is not None:
+        decomposition = decomposed(context, start, geom, worst)
+        if isinstance(decomposition, Fix):
+            return decomposition
+        reason = decomposition
+    apart = {pair for pair in pairs if filled_mesh(context, start, pair) is None}
+    others = without_contacts(context, start, apart)
+    return others if isinstance(others, Fix) or not reason else reason
 
 
 @rule("MJ506", "warning", "hull that fills a cavity", fix=UNSAFE)
@@ -79,7 +79,7 @@ def filled_cavities(context: LintContext) -> Iterator[Violation]:
             inside = f"{context.start_phrase(start)} {context.object('geom', other)} is in a cavity of its mesh"
             message = f"{inside}, which collides as its convex hull, without cavities"
             fix = partial(decomposed, context, start, mesh, pair)
-            yield context.violation("geom", mesh, message, _decompose(context), fix=fix)
+            yield context.violation("geom", mesh, message, DECOMPOSE, fix=fix)
 
 
 @rule("MJ502", "warning", "violent initial forces")

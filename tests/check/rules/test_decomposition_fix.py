@@ -143,8 +143,18 @@ def test_a_geom_stays_if_it_has_another_use_and_the_body_keeps_its_inertia(
 @pytest.mark.usefixtures("coacd")
 def test_a_geom_that_is_named_for_contacts_is_left_alone(after: str) -> None:
     model = write("model.xml", text := mjcf(TRAY_GEOM + IN_TRAY, after, ASSET))
-    fix(model, unsafe=True)
+    made = fixing(model, unsafe=True)
     assert Path(model).read_text() == text
+    reasons = {f.unfixed for f in made.results[0].findings if f.code == "MJ506"}  # type: ignore[attr-defined]
+    assert reasons == {"a <pair> or a sensor of contacts refers to the geom by name"}
+
+
+@pytest.mark.usefixtures("coacd")
+def test_a_geom_that_penetrates_the_walls_too_is_left_alone_with_the_reason() -> None:
+    model = write("model.xml", mjcf(TRAY_GEOM + BALL.format(".1 .1 .025"), before=ASSET))
+    (cavity,) = (f for f in fixes.lint(model, unsafe=True).result.findings if f.code == "MJ506")
+    assert cavity.fixes == ()
+    assert cavity.unfixed.startswith("geom 'ball' penetrates convex parts of the mesh, too")
 
 
 def test_without_the_library_the_finding_states_what_to_install_and_other_faults_are_fixed(
@@ -155,10 +165,10 @@ def test_without_the_library_the_finding_states_what_to_install_and_other_faults
     model = write("model.xml", mjcf(TRAY_GEOM + IN_TRAY + hinge, before=ASSET))
     made = fixing(model, unsafe=True)
     assert [dict(file.fixes) for file in made.files] == [{"MJ302": 1}]
-    remedies = [f.remedy for f in made.results[0].findings if f.code in ("MJ501", "MJ506")]  # type: ignore[attr-defined]
-    assert len(remedies) == 2
-    assert all("needs coacd, which is not installed" in remedy for remedy in remedies)
-    assert all(remedy.endswith("pip install 'mjrun[coacd]'") for remedy in remedies)
+    reasons = [f.unfixed for f in made.results[0].findings if f.code in ("MJ501", "MJ506")]  # type: ignore[attr-defined]
+    assert len(reasons) == 2
+    assert all("needs coacd, which is not installed" in reason for reason in reasons)
+    assert all(reason.endswith("pip install 'mjrun[coacd]'") for reason in reasons)
 
 
 @pytest.mark.usefixtures("coacd")
