@@ -239,7 +239,7 @@ class RecordingWriter(OutputWriter):
       last: the step of the last state; -1 before the first.
 
     Raises:
-      UsageError: the path is standard output, or has another suffix.
+      UsageError: the path has another suffix.
       FileError: the output cannot be written.
     """
 
@@ -316,10 +316,6 @@ class RecordingWriter(OutputWriter):
 
 
 def _require_suffix(path: str) -> None:
-    if path == "-":
-        raise UsageError(
-            f"{option('recording')}: a recording cannot be written to standard output\nspecify a file, as in run.npz"
-        )
     suffix = Path(path).suffix
     if suffix.lower() != SUFFIX:
         reason = f"not {quoted(suffix)}" if suffix else "and this has no suffix"

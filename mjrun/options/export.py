@@ -20,7 +20,7 @@ class ExportOptions(SceneOptions, OutputOptions):
     section: ClassVar[str] = "Export"
 
     output: str = required(
-        converter=File(written=True),
+        converter=File(written=True, streamed=True),
         kw_only=False,
         short="-o",
         usual="MODEL.glb",

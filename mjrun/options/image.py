@@ -17,7 +17,7 @@ class ImageOptions(ViewOptions, OutputOptions):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
 
     output: str = required(
-        converter=File(written=True),
+        converter=File(written=True, streamed=True),
         kw_only=False,
         short="-o",
         usual="MODEL.png",

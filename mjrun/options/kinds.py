@@ -207,13 +207,16 @@ class File(Kind[str | PathLike[str], str]):
     Attributes:
       written: True for an output; inputs are relative to the document's folder, outputs to the output folder.
       stored: whether an output may be in a store, given by its URL.
+      streamed: whether an output may be standard output, written `-`.
     """
 
     metavar = "FILE"
 
-    def __init__(self, metavar: str = "", *, written: bool = False, stored: bool = False) -> None:
+    def __init__(
+        self, metavar: str = "", *, written: bool = False, stored: bool = False, streamed: bool = False
+    ) -> None:
         super().__init__(metavar)
-        self.written, self.stored = written, stored
+        self.written, self.stored, self.streamed = written, stored, streamed
 
     @property
     def form(self) -> Schema:
@@ -225,6 +228,8 @@ class File(Kind[str | PathLike[str], str]):
             raise InvalidValueError("the name of a file")
         if self.written and not self.stored and is_url(path):
             raise InvalidValueError("a path on this machine; only mjrun sweep writes its folder to a store")
+        if self.written and not self.streamed and path == "-":
+            raise InvalidValueError("the name of a file or folder; it cannot be standard output")
         return path
 
     def read(self, value: object, reader: ReadingContext) -> object:

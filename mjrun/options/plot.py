@@ -114,7 +114,7 @@ class TablePlotOptions(PageOptions, FigureOptions):
 
     tables: Sequence[str | Path] | str | Path = field(kw_only=False)
     output: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=Optional(File(written=True, streamed=True)),
         default=None,
         usual="no image, with html",
         kw_only=False,
@@ -151,7 +151,9 @@ class PlotOptions(FigureOptions, SamplingOptions):
 
     section: ClassVar[str] = "Plot"
 
-    output: str = required(converter=File(written=True), kw_only=False, help=f"The image to write: {PLOTS}.")
+    output: str = required(
+        converter=File(written=True, streamed=True), kw_only=False, help=f"The image to write: {PLOTS}."
+    )
     probe: tuple[str, ...] = option(
         converter=Several(Text("PROBE,…")),
         default=(),

@@ -56,7 +56,7 @@ class TraceOptions(SamplingOptions, GoldenOptions):
     section: ClassVar[str] = "Trace"
 
     output: str = option(
-        converter=File(written=True),
+        converter=File(written=True, streamed=True),
         default="-",
         kw_only=False,
         short="-o",

@@ -22,7 +22,7 @@ class VideoOptions(ViewOptions, OutputOptions):
     )
 
     output: str = required(
-        converter=File(written=True),
+        converter=File(written=True, streamed=True),
         kw_only=False,
         short="-o",
         usual="MODEL.mp4",

@@ -153,7 +153,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ("-", "recording: a recording cannot be written to standard output\nspecify a file, as in run.npz"),
         ("run.csv", "recording run.csv: a recording is a .npz file, not '.csv'"),
         ("run", "recording run: a recording is a .npz file, and this has no suffix"),
         ("run.npz.\x1b", "recording run.npz.\\x1b: a recording is a .npz file, not '.\\x1b'"),

@@ -169,7 +169,7 @@ def test_a_compiled_model_and_standard_input_take_no_key(tmp_path: Path) -> None
     ("output", "name", "message"),
     [
         ("a.mjb", "end", "a.mjb: keyframes are saved as XML; give an .xml file"),
-        ("-", "end", "-: keyframes are saved"),
+        ("-", "end", "it cannot be standard output"),
         ("a.xml", " ", "the keyframe needs a name"),
     ],
 )
