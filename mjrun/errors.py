@@ -616,9 +616,8 @@ class FileError(MjrunError):
     exit_code = 7
 
     def __init__(self, path: Path | str, reason: str, hint: str = "") -> None:
-        text = str(path)
-        if isinstance(path, Path):
-            text = re.sub(r"^([a-zA-Z][a-zA-Z0-9+.-]+:)/(?!/)", r"\1//", text)  # of a URL, which a path shortens
+        text = re.sub(r"^file:/(?!/)", "file:///", str(path))
+        text = re.sub(r"^([a-zA-Z][a-zA-Z0-9+.-]+:)/(?!/)", r"\1//", text)  # of a URL, which a path shortens
         super().__init__(f"{clean(text)}: {reason}" + (f"\n{hint}" if hint else ""))
 
 

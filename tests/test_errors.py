@@ -229,6 +229,8 @@ def test_a_list_is_cut_only_when_it_is_long_and_then_says_how_long() -> None:
         (BrokenModelError(Path("m.xml"), ""), "m.xml: cannot be read"),
         (FileError("o.mp4", "is a folder"), "o.mp4: is a folder"),
         (FileError(Path("o.mp4"), "is a folder", "name a file"), "o.mp4: is a folder\nname a file"),
+        (FileError(f"{Path('s3://b/t.csv')}:3", "no number"), "s3://b/t.csv:3: no number"),
+        (FileError(Path("file:///b/t.csv"), "no number"), "file:///b/t.csv: no number"),
         (EncoderError("ffmpeg failed", "one\n\ntwo\n"), "ffmpeg failed\n  one\n  two"),
         (
             NoRendererError({"egl": "no device", "osmesa": "no library"}, "install one"),

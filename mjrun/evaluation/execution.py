@@ -230,7 +230,7 @@ def play_all(
     if shared:
         episodes = PreparedEpisodes(prepared, [groups[place] for place in shared], seeds, folder)
         episodes.files.create()
-        episodes.warn_of_damaged(reporter)
+        episodes.warn(reporter)
         missing = episodes.missing(options.retry_failed)
         if len(missing) < len(episodes.keys):
             known = len(episodes.keys) - len(missing)

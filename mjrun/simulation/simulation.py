@@ -34,7 +34,7 @@ from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.python_code import RedirectedFunction, own_copy
 from mjrun.simulation.input_snapshot import InputSnapshot
-from mjrun.suffixes import split_episode
+from mjrun.suffixes import is_url, split_episode
 from mjrun.task.task import Task
 from mjrun.timeline import EXACT, Timeline, rational
 
@@ -478,7 +478,11 @@ def require_simulation(value: object) -> None:
 
 
 def require_file_of(name: str, path: str) -> None:
-    """Raises UsageError if the value `path` of the option `name` is standard input, which can be read only once."""
+    """Raises UsageError if the value `path` of the option `name` is standard input, which can be read only once, or a
+    URL.
+    """
+    if is_url(path):
+        raise UsageError(f"{option(name)}: {clean(path)} is a URL; copy the file to this machine first")
     if path == STDIN:
         raise UsageError(f"{option(name)}: this file is read more than once, which standard input does not allow")
 

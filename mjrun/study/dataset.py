@@ -85,7 +85,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             self._check(prepared, objects)
             check_engine(self.engine)
             prepared.files.create()
-            prepared.warn_of_damaged(reporter)
+            prepared.warn(reporter)
             study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
             missing = sorted({*prepared.missing(self.retry_failed), *self._lost(prepared)})
             if len(missing) < len(prepared.keys):

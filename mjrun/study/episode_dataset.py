@@ -118,7 +118,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             check_engine(self.engine)
             self._write_manifest(layout, known)
             prepared.files.create()
-            prepared.warn_of_damaged(reporter)
+            prepared.warn(reporter)
             missing = self._missing(prepared, known)
             if len(missing) < len(prepared.keys):
                 reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} episodes are known already")

@@ -167,6 +167,7 @@ def completed(
     is_over: Callable[[], bool] = lambda: False,
     is_wanted: Callable[[], bool] = lambda: False,
     give_back: Callable[[Sequence[PointChunk]], None] = lambda _: None,
+    lost: Callable[[PointChunk, LostJobError], None] = lambda *_: None,
 ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
     """Yields the results of chunks as they arrive; at most `ahead` chunks are in flight.
 
@@ -180,6 +181,7 @@ def completed(
       is_over: returns whether to submit no more chunks; those that are running finish.
       is_wanted: returns whether chunks that have not begun are wanted back.
       give_back: receives these chunks.
+      lost: called with a chunk whose job of Slurm is lost, and whose points are submitted again.
 
     Raises:
       EngineEndedError: the engine has ended.
@@ -227,8 +229,9 @@ def completed(
                 if has_ended(error):
                     end = _reason(error)
                     continue
-                again.extend(parts := _tried_again(chunk, error))
-                if parts:
+                if isinstance(error, LostJobError) and (parts := _tried_again(chunk, error)):
+                    again.extend(parts)
+                    lost(chunk, error)
                     continue
                 reason = f"{error}" if isinstance(error, LostJobError) else _reason(error)
                 result = chunk.failed(f"the engine lost it: {reason}")
@@ -249,14 +252,12 @@ def _reason(error: Exception) -> str:
     return ": ".join(filter(None, [type(error).__name__, f"{error}".partition("\n")[0]]))
 
 
-def _tried_again(chunk: PointChunk, error: Exception) -> Sequence[PointChunk]:
-    """Returns what to simulate in place of a chunk that the engine has lost; nothing if its points have failed.
+def _tried_again(chunk: PointChunk, error: LostJobError) -> Sequence[PointChunk]:
+    """Returns what to simulate in place of the chunk of a lost job of Slurm; nothing if its points have failed.
 
-    Dask and Ray have tried it again by themselves. A job of Slurm that is lost is tried once more; one that reached its
-    time limit is divided as long as it has several points.
+    It is tried once more; a chunk that reached the time limit is divided as long as it has several points. Dask and Ray
+    have tried again by themselves.
     """
-    if not isinstance(error, LostJobError):
-        return []
     if not error.is_over_time:
         return [] if chunk.losses else [replace(chunk, losses=1)]
     middle = len(chunk.points) // 2

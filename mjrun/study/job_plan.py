@@ -104,7 +104,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
         prepared.numbers = points
         prepared.files.bounds = task_blocks(points)
         prepared.files.create()
-        prepared.warn_of_damaged(reporter)
+        prepared.warn(reporter)
         statuses = prepared.simulate(prepared.missing(study.retry_failed), study, reporter)
         missing = int(prepared.known.is_missing.sum())
     wall, count = time.perf_counter() - start, sum(statuses.values())

@@ -71,6 +71,7 @@ class LeaseContent:
       beat: number of renewals.
       points: number of points whose results the owner has published.
       seconds: wall time since the owner began [s].
+      losses: number of jobs of Slurm that were lost, and whose points the owner has submitted again.
     """
 
     host: str = ""
@@ -78,6 +79,7 @@ class LeaseContent:
     beat: int = 0
     points: int = 0
     seconds: float = 0.0
+    losses: int = 0
 
     @classmethod
     def read(cls, folder: Folder, name: str) -> "LeaseContent":
@@ -89,8 +91,8 @@ class LeaseContent:
         try:
             with folder.open(name) as stream:
                 values = json.loads(stream.read(MOST))
-            host, process = str(values["host"]), str(values["process"])
-            return cls(host, process, int(values["beat"]), int(values["points"]), float(values["seconds"]))
+            host, process, losses = str(values["host"]), str(values["process"]), int(values.get("losses", 0))
+            return cls(host, process, int(values["beat"]), int(values["points"]), float(values["seconds"]), losses)
         except FileNotFoundError:
             raise
         except (FileError, OSError, ValueError, TypeError, KeyError, OverflowError):
@@ -111,6 +113,9 @@ class Leases:
 
     Args:
       ranges: folders of the leases, of which the outermost exists.
+
+    Attributes:
+      points, losses: as in the content of its leases.
     """
 
     def __init__(self, ranges: RangeFolders) -> None:
@@ -118,7 +123,7 @@ class Leases:
         self._own = dict[Lease, int]()  # the points of each that are not published
         self._seen = dict[Lease, _Seen]()  # of others
         self._host, self._process = system.machine_name(), system.process_identity()
-        self._start, self._beat, self.points = time.monotonic(), 0, 0
+        self._start, self._beat, self.points, self.losses = time.monotonic(), 0, 0, 0
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._renew, name="leases", daemon=True)
 
@@ -252,8 +257,8 @@ class Leases:
 
     def _content(self) -> bytes:
         seconds = round(time.monotonic() - self._start, 3)
-        values = {"host": self._host, "process": self._process, "beat": self._beat}
-        return f"{json.dumps({**values, 'points': self.points, 'seconds': seconds})}\n".encode()
+        values = {"host": self._host, "process": self._process, "beat": self._beat, "points": self.points}
+        return f"{json.dumps({**values, 'seconds': seconds, 'losses': self.losses})}\n".encode()
 
 
 class LeasedPoints:

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, UsageError, clean
+from mjrun.errors import MjrunError, UsageError, clean, option
 from mjrun.experiment.design import Design, design
 from mjrun.experiment.design_points import texts_at
 from mjrun.experiment.results_table import (
@@ -27,6 +27,8 @@ from mjrun.model.variants import VariantLoader
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.outputs.end_condition import EndCondition
 from mjrun.probe.metric import Metric
+from mjrun.python_code import memory_warning
+from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
 from mjrun.study.chunk_files import point_keys, points_digest, study_digest, study_identity
@@ -68,14 +70,11 @@ class PreparedStudy(PreparedPoints):
       folder: folder of the study.
       columns: columns that the metrics read in the base model, except the time.
       units: units of parameters and metrics in the base model; empty where unknown.
-      has_own_memory: False if the user's code acts differently at the same start again.
 
     Raises:
       UsageError: a name is unknown, or a value is invalid.
       FileError: a file cannot be read.
     """
-
-    has_own_memory = True
 
     def __init__(self, options: StudyOptions, spec: StudySpec, points: Design | None = None) -> None:
         if not isinstance(spec.product, EpisodeSpec):
@@ -123,6 +122,20 @@ class PreparedStudy(PreparedPoints):
     @property
     def noun(self) -> str:
         return "episode" if isinstance(self.spec.product, EpisodeSpec) else "point"
+
+    def warn(self, reporter: Reporter) -> None:
+        super().warn(reporter)
+        if self.first.code and not self._acts_again_alike():
+            code = option("policy" if self.first.controller is None else "controller")
+            reporter.warn(memory_warning(code, f"{self.noun}s"))
+
+    def _acts_again_alike(self) -> bool:
+        """Returns whether the user's code acts in the same way at the same start again, unless it fails there."""
+        with suppress(MjrunError):
+            model = self.first.load()
+            first, again = (self.first.stepper(model).state() for _ in range(2))
+            return np.array_equal(first, again)
+        return True
 
     @cached_property
     def first(self) -> Simulation:
@@ -182,8 +195,7 @@ class PreparedStudy(PreparedPoints):
         try:
             model = self.first.load()
             self.first.timeline(model)
-            start = self.first.stepper(model).state()
-            self.has_own_memory = not self.first.code or np.array_equal(start, self.first.stepper(model).state())
+            self.first.stepper(model)
         except UsageError as error:
             match error.path:
                 case ("set", name, *rest) if name in self.points.names:

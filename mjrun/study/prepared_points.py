@@ -26,6 +26,7 @@ from mjrun.study.chunk_files import ChunkFiles, PartWriter
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.results import FailureReporter
+from mjrun.study.slurm import LostJobError
 from mjrun.study.spec import (
     ChunkResult,
     PointChunk,
@@ -112,8 +113,8 @@ class PreparedPoints(ABC):
         """The word for a point in messages."""
         return "point"
 
-    def warn_of_damaged(self, reporter: Reporter) -> None:
-        """Warns of parts that cannot be read, whose points count as not simulated."""
+    def warn(self, reporter: Reporter) -> None:
+        """Warns of parts that cannot be read, whose points count as not simulated, and of code that shares memory."""
         assert self.known
         for name in self.files.damaged:
             path = self.files.folder.path(name)
@@ -201,7 +202,7 @@ class PreparedPoints(ABC):
                 options.engine, options.jobs, Path(self.folder.path()), stack, options.slurm, reporter.note
             )
             leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
-            for arrived in self._completed(executor, leased, ahead, options, budget, reporter):
+            for arrived in self._completed(executor, leased, leases, ahead, options, budget, reporter):
                 for chunk, result in arrived:
                     places = [point.index for point in chunk.points]
                     keys = self._keys(places)
@@ -226,6 +227,8 @@ class PreparedPoints(ABC):
                     is_waiting = True
                     some = counted(leased.left, self.noun)
                     reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
+        if leases.losses > 1:
+            reporter.note(f"{counted(leases.losses, 'job')} of Slurm lost, whose points were submitted again")
         if leased.elsewhere:
             reporter.note(f"{counted(leased.elsewhere, self.noun)} were simulated by other processes in the meantime")
         if left := len(indices) - statuses.total() - leased.elsewhere:
@@ -236,12 +239,13 @@ class PreparedPoints(ABC):
         self,
         executor: Executor,
         leased: LeasedPoints,
+        leases: Leases,
         ahead: int,
         options: ExecutionOptions,
         budget: Budget,
         reporter: Reporter,
     ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
-        """Yields the results of chunks as `executors.completed`; warns of each reason to refuse some."""
+        """Yields the results of chunks as `executors.completed`; warns of each reason to refuse or to repeat some."""
         expected = WorkerVersions.here(self._spec.models(self.points.points))
         reported = set[str]()
 
@@ -262,9 +266,15 @@ class PreparedPoints(ABC):
         def give_back(chunks: Sequence[PointChunk]) -> None:
             leased.give_back([point.index for chunk in chunks for point in chunk.points])
 
+        def lost(chunk: PointChunk, error: LostJobError) -> None:
+            leases.losses += 1
+            if error.state not in reported:
+                reported.add(error.state)
+                reporter.warn(f"{counted(len(chunk.points), self.noun)} submitted again: {clean(str(error))}")
+
         is_over, is_wanted = lambda: bool(budget.reached), lambda: leased.is_wanted
         try:
-            for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back):
+            for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back, lost):
                 for _, result in arrived:
                     results = result.results
                     sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))

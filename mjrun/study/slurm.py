@@ -45,9 +45,9 @@ class LostJobError(Exception):
     """
 
     def __init__(self, state: str, log: Path) -> None:
-        self.is_over_time = state == TIMEOUT
+        self.state, self.is_over_time = state, state == TIMEOUT
         advice = f"; {ADVICE[state]}" if state in ADVICE else ""
-        super().__init__(f"its job ended as {state} without a result: see {log}{advice}")
+        super().__init__(f"the job ended as {state} without a result: see {log}{advice}")
 
 
 class SlurmExecutor(Executor):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, clean
+from mjrun.errors import FileError, clean, counted
 from mjrun.formats.folders import Folder, folder_at
 from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
@@ -56,6 +56,7 @@ class StudyStatus:
       running: ranges that processes work on.
       rate: points per second of all these processes since each began [1/s]; None if it is unknown.
       remaining: estimated time until all points have results [s]; None if it is unknown.
+      lost: number of jobs of Slurm that were lost, and whose points these processes have submitted again.
       schema: name of this schema.
     """
 
@@ -68,6 +69,7 @@ class StudyStatus:
     running: Sequence[RunningRange]
     rate: float | None
     remaining: float | None
+    lost: int = 0
     schema: str = "mjrun-sweep-status-1"
 
     @property
@@ -83,6 +85,8 @@ class StudyStatus:
             facts.append(f"{self.rate:,.0f} points/s" if self.rate >= 100 else f"{self.rate:.3g} points/s")
         if self.remaining:
             facts.append(f"about {span_of_time(self.remaining)} left")
+        if self.lost:
+            facts.append(f"{counted(self.lost, 'job')} of Slurm lost and submitted again")
         return f"{clean(self.path)}: {', '.join(facts)}"
 
 
@@ -105,13 +109,14 @@ def study_status(folder: str | Path) -> StudyStatus:
     files, known = ChunkFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
     leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease
     files.update(known, 0, points - 1)
-    running, rates = list[RunningRange](), dict[str, float]()
+    running, rates, lost = list[RunningRange](), dict[str, float](), dict[str, int]()
     for lease, content, silent in leases:
         left = int(known.is_missing[lease.first : lease.last + 1].sum())
         pid = content.process.split()[1:2]
         running.append(
             RunningRange(lease.first, lease.last, left, clean(content.host), "".join(pid), silent, lease.owner)
         )
+        lost[lease.owner] = content.losses
         rates[lease.owner] = content.points / content.seconds if content.seconds > 0 else 0.0
     missing, rate = int(known.is_missing.sum()), sum(rates.values()) or None
     return StudyStatus(
@@ -124,6 +129,7 @@ def study_status(folder: str | Path) -> StudyStatus:
         running=sorted(running, key=lambda each: each.first),
         rate=rate,
         remaining=missing / rate if rate else None,
+        lost=sum(lost.values()),
     )
 
 

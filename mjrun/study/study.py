@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean, option
+from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
@@ -36,7 +36,6 @@ from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.probe.verdict import Verdict
-from mjrun.python_code import memory_warning
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study import repeat_means
@@ -107,10 +106,7 @@ class Study(StudyOptions, ExecutionOptions):
                 check_runs(self.export_to, len(prepared.points.points))
             check_engine(self.engine, prepared.folder)
             prepared.files.create()
-            prepared.warn_of_damaged(reporter)
-            if not prepared.has_own_memory:
-                code = option("policy" if self.simulation.controller is None else "controller")
-                reporter.warn(memory_warning(code, "points"))
+            prepared.warn(reporter)
             self._report_changes(prepared, reporter)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
@@ -140,7 +136,7 @@ class Study(StudyOptions, ExecutionOptions):
         prepared = PreparedStudy(self, self.spec)
         if not prepared.files.exist():
             raise FileError(self.output, "contains no results of a study")
-        prepared.warn_of_damaged(reporter)
+        prepared.warn(reporter)
         return self._conclude(prepared, PointKeeper(self, prepared), 0, reporter, start)
 
     def preview(self) -> StudyPreview:

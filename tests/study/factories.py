@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mjrun.study.slurm import LostJobError
+
 
 def threads() -> Executor:
     return ThreadPoolExecutor(2)
@@ -29,6 +31,22 @@ class Forgetful(Executor):
             future.set_exception(RuntimeError("the machine is gone"))
         else:
             future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class Losing(Executor):
+    """Loses a node with its first task, as Slurm reports it."""
+
+    def __init__(self) -> None:
+        self._has_lost = False
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        future = Future[Any]()
+        if self._has_lost:
+            future.set_result(fn(*args, **kwargs))
+        else:
+            future.set_exception(LostJobError("NODE_FAIL", Path("log")))
+        self._has_lost = True
         return future
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 import mjrun.gym
-from mjrun.errors import FailedEpisodesError, FileError, UsageError
+from mjrun.errors import FailedEpisodesError, FileError, MjrunWarning, UsageError
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.reporter import WarningReporter
@@ -73,6 +73,14 @@ def table(folder: Path, episode: int | None = None) -> dict[str, np.ndarray]:
 def frames(path: Path) -> np.ndarray:
     with av.open(str(path)) as container:
         return np.array([frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)])
+
+
+def test_a_policy_with_a_memory_that_episodes_would_share_is_reported(tmp_path: Path, task: Task) -> None:
+    code = tmp_path / "remembering.py"
+    code.write_text("CALLS = []\ndef act(observation):\n    CALLS.append(0)\n    return [0.01 * len(CALLS)]\n")
+    simulation = mjrun.Simulation(task, policy=f"{code}:act", seed=3)
+    with pytest.warns(MjrunWarning, match=r"^policy acts differently .* depend on the order of episodes"):
+        made(simulation, tmp_path / "carts", format="minari", episodes=1)
 
 
 def test_episodes_are_those_of_the_environment_and_of_mjrun_eval(tmp_path: Path, task: Task, policy: str) -> None:

@@ -106,11 +106,14 @@ def test_lost_jobs_are_tried_again_once_and_those_over_time_in_parts(
     monkeypatch.setattr("mjrun.study.executors.run_chunk", _end)
     study, points = ShippedStudy.of(StudySpec(ball, ("seed",), ())), [StudyPoint(i, (str(i),)) for i in range(2)]
     chunk = PointChunk(study, tuple(points), contents={"cluster": str(cluster).encode()})
+    losses = list[tuple[PointChunk, LostJobError]]()
     with SlurmExecutor(tmp_path, (), 4, print) as executor:
-        arrived = [each for some in completed(executor, iter([chunk]), 4, lambda _: "") for each in some]
+        arriving = completed(executor, iter([chunk]), 4, lambda _: "", lost=lambda *loss: losses.append(loss))
+        arrived = [each for some in arriving for each in some]
+    assert [(len(part.points), error.state) for part, error in losses] == [(2, "TIMEOUT"), (1, "NODE_FAIL")]
     messages = {point.index: result.results[0].message for part, result in arrived for point in part.points}
     assert messages[0] == "simulated"
-    assert re.fullmatch(r"the engine lost it: its job ended as PREEMPTED without a result: see .*\.err", messages[1])
+    assert re.fullmatch(r"the engine lost it: the job ended as PREEMPTED without a result: see .*\.err", messages[1])
     assert sorted(states(cluster).values()) == ["COMPLETED", "NODE_FAIL", "PREEMPTED", "TIMEOUT"]
 
 

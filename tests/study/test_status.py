@@ -46,7 +46,9 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Pa
         content, lease = {"process": ""}, folder
         for number, lease in enumerate(sorted((folder / "parts").iterdir())):
             content = json.loads(lease.read_text())
-            lease.write_text(json.dumps({**content, "host": "node", "points": 10 * number, "seconds": 4.0}))
+            lease.write_text(
+                json.dumps({**content, "host": "node", "points": 10 * number, "seconds": 4.0, "losses": number})
+            )
         status = study_status(folder)
         assert [(each.first, each.last, each.left, each.host) for each in status.running] == [
             (0, 1, 2, "node"),
@@ -54,7 +56,8 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Pa
         ]
         assert len({each.owner for each in status.running}) == 2
         assert (status.rate, status.remaining) == (2.5, 6 / 2.5)
-        assert status.text.endswith("0 of 6 points, 2.5 points/s, about 2.4 s left")
+        counts = "0 of 6 points, 2.5 points/s, about 2.4 s left, 1 job of Slurm lost and submitted again"
+        assert (status.text.endswith(counts), status.lost) == (True, 1)
         lease.write_text(json.dumps({**content, "process": content["process"].replace(" ", " 9", 1)}))
         assert len(study_status(folder).running) == (1 if content["process"] else 2)  # the other has ended
 

@@ -18,7 +18,7 @@ import pyarrow.parquet
 import pytest
 
 from mjrun.cli.simulation_command import load_controller
-from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
+from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError, spelled
 from mjrun.options.sweep import EXTRAS
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
@@ -165,6 +165,14 @@ def test_points_that_an_engine_loses_have_failed_and_are_tried_again_on_request(
         study(simulation, tmp_path / "study", **options).run()
     result = study(simulation, tmp_path / "study", retry_failed=True, **options).run()
     assert (result.simulated, result.statuses) == (2, {"ok": 4})
+
+
+def test_a_lost_job_is_reported_and_submitted_again(simulation: Simulation, tmp_path: Path) -> None:
+    reporter = RecordingReporter()
+    options: dict[str, object] = {"vary": {"seed": "1..4:4"}, "chunk": 2}
+    lossy = study(simulation, tmp_path / "study", engine="tests.study.factories:Losing", **options)
+    assert lossy.run(reporter).statuses == {"ok": 4}
+    assert reporter.warnings == ["2 points submitted again: the job ended as NODE_FAIL without a result: see log"]
 
 
 @pytest.mark.parametrize(
@@ -341,7 +349,10 @@ def test_a_function_with_a_memory_that_points_would_share_is_reported(
     for name, is_known in (("count", False), ("push", True)):
         controlled = replace(simulation, controller=load_controller(f"{code}:{name}"))
         made = study(controlled, tmp_path / "study", vary={"seed": "1"})
-        assert PreparedStudy(made, made.spec).has_own_memory == is_known
+        reporter = RecordingReporter()
+        PreparedStudy(made, made.spec).warn(reporter)
+        warned = [spelled(text).partition(":")[0] for text in reporter.warnings]
+        assert warned == ([] if is_known else ["controller acts differently when it is called again at the same start"])
 
 
 def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) -> None:
