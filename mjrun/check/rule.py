@@ -107,7 +107,7 @@ class Violation(NamedTuple):
 
     Attributes:
       severity: a severity that overrides that of the rule, if not empty.
-      fix: makes the fix, or returns the reason why there is none; None without one.
+      fix: makes the fix, or returns the reason why it is impossible; None if it is never possible.
     """
 
     message: str

@@ -117,6 +117,7 @@ def test_the_document_holds_all_models_in_order(models: Command) -> None:
             "object": "joint 'j'",
             "remedy": REMEDY,
             "others": [],
+            "unfixed": "",
         }
     ]
 
