@@ -3,6 +3,7 @@
 import fcntl
 import functools
 import gc
+import inspect
 import os
 import re
 import shutil
@@ -52,11 +53,19 @@ sys.dont_write_bytecode = False
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Lets the workers of CI collect one after the other; in a new checkout, each would compile the same modules."""
+    """Lets the workers of CI collect one after the other; in a new checkout, each would compile the same modules.
+
+    Meanwhile, the garbage collector would scan what has been collected again and again.
+    """
+    gc.disable()
     with Path(__file__).open() as turn:
         if {"CI", "PYTEST_XDIST_WORKER"} <= os.environ.keys():
             fcntl.flock(turn, fcntl.LOCK_EX)
         return (yield)
+
+
+OF_ALL = {"tmp_path", "tmp_path_factory", "request"}  # fixtures that leave a folder empty
+OF_ALL |= {"workers_are_copies_of_prepared_interpreters", "warp_compiles_without_optimization"}
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -71,13 +80,17 @@ def pytest_pycollect_makeitem(collector: pytest.Module, name: str, obj: object) 
     if (test := merged(obj, marks)) is None:
         return None
     setattr(collector.obj, name, test)
-    return collector.ihook.pytest_pycollect_makeitem(collector=collector, name=name, obj=test)
+    (item,) = collector.ihook.pytest_pycollect_makeitem(collector=collector, name=name, obj=test)
+    if "tmp_path" in inspect.signature(test).parameters and {*item.fixturenames} - OF_ALL:
+        setattr(collector.obj, name, obj)  # another fixture may have filled the folder
+        return None
+    return item
 
 
 def pytest_collection_finish() -> None:
     """Keeps the garbage collector from scanning the collected tests, a million objects, again and again."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(100_000, 20, 100)
 
 

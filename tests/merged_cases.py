@@ -1,19 +1,22 @@
 """Tests of many cases as one item: an item costs 5 ms in all, a hundred times as much as most cases.
 
-The cases of a parametrized test are merged where its parameters are all that it takes. A test that names a fixture
-stays apart, with a new one for each case; so do slow tests, which the workers share. A command line that selects
-cases, by -k or by an id in brackets, merges nothing.
+The cases of a parametrized test are merged where its parameters are all that it takes, or it takes a folder too that no
+fixture fills: each case has one of its own in `tmp_path`. A test that names another fixture stays apart, with a new one
+for each case; so do slow tests, which the workers share. A command line that selects cases, by -k or by an id in
+brackets, merges nothing.
 """
 
 import functools
 import inspect
 from collections.abc import Callable, Collection
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 Test = Callable[..., None]
-Case = dict[str, object]
+Case = dict[str, Any]
 ONE = type(pytest.param())  # `pytest.param(...)`, whose type has no public name
 
 
@@ -28,15 +31,19 @@ def merged(test: Test, marks: list[pytest.Mark]) -> Test | None:
             if not cases:
                 return None
             families.insert(0, cases)
-    if not families or {*inspect.signature(test).parameters} - {name for cases in families for name in cases[0]}:
+    fixtures = {*inspect.signature(test).parameters} - {name for cases in families for name in cases[0]}
+    if not families or fixtures - {"tmp_path"}:
         return None
 
     @functools.wraps(test)
-    def all_cases() -> None:
+    def all_cases(tmp_path: Path | None = None) -> None:
         __tracebackhide__ = True
         skipped = list[str]()
-        for parts in product(*families):
+        for number, parts in enumerate(product(*families)):
             case = {name: value for part in parts for name, value in part.items()}
+            if tmp_path:
+                case["tmp_path"] = tmp_path / str(number)
+                case["tmp_path"].mkdir()
             try:
                 test(**case)
             except pytest.skip.Exception as reason:
@@ -47,7 +54,8 @@ def merged(test: Test, marks: list[pytest.Mark]) -> Test | None:
         if skipped:
             pytest.skip(f"{len(skipped)} cases: {skipped[0]}")
 
-    all_cases.__signature__ = inspect.Signature()  # type: ignore[attr-defined]
+    folder = inspect.Parameter("tmp_path", inspect.Parameter.KEYWORD_ONLY)
+    all_cases.__signature__ = inspect.Signature([folder] if fixtures else [])  # type: ignore[attr-defined]
     all_cases.pytestmark = [mark for mark in marks if mark.name != "parametrize"]  # type: ignore[attr-defined]
     return all_cases
 
