@@ -4,8 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from skimage.color import rgb2gray
-from skimage.metrics import mean_squared_error, peak_signal_noise_ratio, structural_similarity
+import skimage
 
 from mjrun.diff.images_and_videos import EQUAL, compare_frames, decibels
 from mjrun.diff.tolerances import Tolerance
@@ -23,13 +22,13 @@ def noisy(spread: int) -> np.ndarray:
 def test_measures_are_those_of_scikit_image(spread: int) -> None:
     other = noisy(spread)
     found = compare_frames(FRAME, other, EXACT)
-    assert found.mean_square == pytest.approx(mean_squared_error(FRAME, other))
-    assert found.psnr == pytest.approx(peak_signal_noise_ratio(FRAME, other))
+    assert found.mean_square == pytest.approx(skimage.metrics.mean_squared_error(FRAME, other))
+    assert found.psnr == pytest.approx(skimage.metrics.peak_signal_noise_ratio(FRAME, other))
     luma = [np.dot(frame, [0.299, 0.587, 0.114]) for frame in (FRAME, other)]
-    assert found.ssim == pytest.approx(structural_similarity(*luma, data_range=255), abs=1e-4)
+    assert found.ssim == pytest.approx(skimage.metrics.structural_similarity(*luma, data_range=255), abs=1e-4)
     assert found.changed == np.any(other != FRAME, axis=2).mean()
     assert found.maximum == np.abs(FRAME.astype(int) - other).max()
-    assert rgb2gray(FRAME).shape == luma[0].shape
+    assert skimage.color.rgb2gray(FRAME).shape == luma[0].shape
 
 
 def test_pixels_within_the_tolerance_have_not_changed() -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import skimage
 from PIL import Image
-from skimage.metrics import peak_signal_noise_ratio
 
 from mjrun.diff.images_and_videos import compare_images, compare_videos
 from mjrun.diff.tolerances import Tolerance
@@ -50,7 +50,7 @@ def test_the_measures_of_a_video_are_those_of_its_decoded_frames(tmp_path: Path,
     assert found.first.frame == np.flatnonzero(beyond)[0]
     assert (found.worst.frame, found.worst.time) == (square.argmax(), square.argmax() / 10)
     assert found.worst.psnr == pytest.approx(
-        peak_signal_noise_ratio(*(each[square.argmax()].astype(np.uint8) for each in decoded))
+        skimage.metrics.peak_signal_noise_ratio(*(each[square.argmax()].astype(np.uint8) for each in decoded))
     )
     assert found.most_changed.frame == beyond.argmax()
     assert worst

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import trim_mean
+import scipy
 
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.table import FILES
@@ -35,7 +35,7 @@ def test_the_page_shows_the_numbers_of_the_episodes(tmp_path: Path) -> None:
     count, mean, _, iqm, _, median, std, least, most = cells.texts[start + 1 : start + 10]
     shown = [float(text.replace("−", "-")) for text in (mean, iqm, median, std, least, most)]
     assert count == "7"
-    quarters = trim_mean(values, 0.25)
+    quarters = scipy.stats.trim_mean(values, 0.25)
     expected = [values.mean(), quarters, np.median(values), values.std(ddof=1), values.min(), values.max()]
     assert "48 % of samples of 7 episodes lack an event" in page
     np.testing.assert_allclose(shown, expected, rtol=1e-4)

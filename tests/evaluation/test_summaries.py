@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-import scipy.stats
+import scipy
 
 from mjrun.evaluation.player import EpisodePlayer
 from mjrun.evaluation.summaries import compared, doubts, summaries, summary_of

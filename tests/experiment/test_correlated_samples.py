@@ -4,14 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats as scipy_stats
+import scipy
 
 from mjrun.errors import UsageError
 from mjrun.experiment.design import Design, design
 from mjrun.options.sweep import VariationOptions
 from tests.experiment.test_design import MODEL
 
-stats: Any = scipy_stats
 VARY = {"a.mass": "uniform(1,3)", "b.x": "loguniform(1,100)", "c.y": "normal(2,0.5)", "d.n": "integers(0,99)"}
 
 
@@ -28,11 +27,12 @@ def columns(made: Design) -> np.ndarray:
 def test_samples_have_these_rank_correlations_and_unchanged_distributions(sampler: str) -> None:
     wanted = {"mass,x": 0.8, "x, c.y": -0.5, "mass,y": -0.3, "y,n": 0.2}
     values = columns(points(sampler=sampler, correlate=wanted))
-    found = stats.spearmanr(values.T)[0]
+    found = scipy.stats.spearmanr(values.T)[0]
     expected = np.array([[1, 0.8, -0.3, 0], [0.8, 1, -0.5, 0], [-0.3, -0.5, 1, 0.2], [0, 0, 0.2, 1]])
     np.testing.assert_allclose(found, expected, atol=0.05 if sampler in ("random", "lhs") else 0.01)
-    for column, own in zip(values, (stats.uniform(1, 2), stats.loguniform(1, 100), stats.norm(2, 0.5)), strict=False):
-        assert stats.kstest(column, own.cdf).statistic < (0.03 if sampler in ("random", "lhs") else 0.005)
+    distributions = scipy.stats.uniform(1, 2), scipy.stats.loguniform(1, 100), scipy.stats.norm(2, 0.5)
+    for column, own in zip(values, distributions, strict=False):
+        assert scipy.stats.kstest(column, own.cdf).statistic < (0.03 if sampler in ("random", "lhs") else 0.005)
     assert set(values[3]) == set(range(100))
 
 
@@ -45,7 +45,7 @@ def test_more_samples_keep_their_points_and_so_do_parameters_without_correlation
 
 
 def test_several_parameters_may_share_a_correlation() -> None:
-    found = stats.spearmanr(columns(points(correlate={"mass,x,y": 0.6})).T)[0]
+    found = scipy.stats.spearmanr(columns(points(correlate={"mass,x,y": 0.6})).T)[0]
     np.testing.assert_allclose(found[:3, :3][np.triu_indices(3, 1)], 0.6, atol=0.01)
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-import scipy.stats
+import scipy
 
 from mjrun.experiment.sample_designs import LEVELS, SAMPLES, STEP, morris, saltelli
 from mjrun.experiment.sensitivity import (

@@ -8,7 +8,6 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-import trimesh
 
 from mjrun.errors import UsageError
 from mjrun.formats.glb import linear, write_glb, xyzw
@@ -72,6 +71,8 @@ def test_nodes_share_meshes_and_materials() -> None:
 
 
 def test_geometry_is_where_it_belongs_with_z_turned_into_y(tmp_path: Path) -> None:
+    import trimesh
+
     (tmp_path / "a.glb").write_bytes(written(SceneGraph(NODES)))
     scene = trimesh.load_scene(tmp_path / "a.glb")
     points = scene.to_mesh().vertices

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from mjrun.errors import ControllerError, FileError, MjrunError, UsageError
 from mjrun.options.option import options_of
@@ -108,7 +108,7 @@ def drawn(seed: int, count: int = 500) -> np.ndarray:
 def test_random_actions_are_uniform_within_the_clip_or_one() -> None:
     actions = drawn(7)
     for column, (low, high) in zip(actions.T, [(-2, 5), (-1, 1), (3, 5)], strict=True):
-        assert stats.kstest(column, stats.uniform(low, high - low).cdf).pvalue > 1e-3
+        assert scipy.stats.kstest(column, scipy.stats.uniform(low, high - low).cdf).pvalue > 1e-3
 
 
 def test_they_depend_on_the_seed_alone() -> None:

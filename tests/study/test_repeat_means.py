@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.stats
+import scipy
 from markdown_it import MarkdownIt
 
 from mjrun.cli.sweep_report import study_markdown, study_report

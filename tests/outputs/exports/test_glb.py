@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-import trimesh
 
 import mjrun
 from mjrun.errors import MjrunError
@@ -56,6 +55,8 @@ def test_models_of_mujoco_are_valid(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("scene", ["humanoid", "arm"])
 def test_geoms_are_where_mujoco_puts_them(tmp_path: Path, scene: str) -> None:
+    import trimesh
+
     Export(mjrun.Simulation(f"scene:{scene}", steps=1), str(tmp_path / "a.glb"), geomgroup="all").run()
     model = mujoco.MjModel.from_xml_path(str(ROOT / "scenes" / f"{scene}.xml"))
     data = mujoco.MjData(model)
