@@ -19,7 +19,7 @@ from typing import cast
 from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEvent
 from mjrun.document.paths import Folders
 from mjrun.document.reader import read
-from mjrun.document.yaml_parser import number
+from mjrun.document.scalars import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import AnyKind, Key, Optional, ReadingContext, Text

@@ -7,8 +7,8 @@ from typing import cast
 from mjrun.camera.script import CameraScript, Event, InlineCamera
 from mjrun.document.paths import refusal
 from mjrun.document.run import OUTPUTS
+from mjrun.document.scalars import exact, meaning, number
 from mjrun.document.tree import Mapped, Plain
-from mjrun.document.yaml_parser import exact, meaning, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, File, Optional

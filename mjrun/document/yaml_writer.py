@@ -9,8 +9,9 @@ from typing import cast
 
 import yaml
 
+from mjrun.document.scalars import meaning
 from mjrun.document.tree import Plain
-from mjrun.document.yaml_parser import FORBIDDEN, meaning
+from mjrun.document.yaml_parser import FORBIDDEN
 from mjrun.errors import UsageError, quoted
 
 WIDTH = 110  # of a line, if it can be broken

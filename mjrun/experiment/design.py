@@ -219,7 +219,7 @@ def value_list(path: str, text: str, name: str) -> Sequence[str]:
     if (span := SPAN.fullmatch(text.strip())) and not {*text} & {*",;"}:
         values = _spaced(span, place)
         distinct = numbers(values)
-        if distinct is not None and len(np.unique(distinct)) == len(values):
+        if distinct is not None and len(set(distinct.tolist())) == len(values):
             return values
     values = list[str]()
     for part in text.removesuffix(";").split(";" if ";" in text else ","):

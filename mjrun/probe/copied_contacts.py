@@ -84,7 +84,7 @@ class RecordedContacts:
         starts = np.concatenate([[0], ends[:-1]])[self.instants]
         address, dims = self.fields["efc_address"], self.fields["dim"]
         wrenches = np.zeros((len(dims), 6))
-        for dim in np.unique(dims).tolist():
+        for dim in sorted(set(dims.tolist())):  # `np.unique` imports numpy.ma first
             chosen = np.flatnonzero((address >= 0) & (dims == dim))
             first = (starts[chosen] + address[chosen])[:, None]
             if dim == 1 or self._model.opt.cone == ELLIPTIC:

@@ -215,7 +215,7 @@ def visible_geoms(model: mujoco.MjModel, geoms: str | None) -> np.ndarray:
     if geoms == "both":
         return by_default | colliding
     visible = by_default.copy()
-    for body in np.unique(model.geom_bodyid[by_default & ~colliding]):
+    for body in sorted(set(model.geom_bodyid[by_default & ~colliding].tolist())):  # `np.unique` imports numpy.ma first
         own = by_default & (model.geom_bodyid == body)
         if geoms == "visual" or _covers(model, own & ~colliding, own & colliding):
             visible &= ~(own & colliding)

@@ -12,6 +12,7 @@ not begun, so that points that take much longer than expected do not wait for on
 """
 
 import json
+import random
 import secrets
 import threading
 import time
@@ -353,13 +354,15 @@ class LeasedPoints:
         The first contains the next place; the others are in random order, so that processes spread.
         """
         size = self._files.ranges.window
-        numbers = np.unique(self.points[self._is_open] // size)
+        numbers = self.points[self._is_open] // size  # ascending
+        numbers = numbers[np.diff(numbers, prepend=-1) > 0]
         if not len(numbers):
             return []
         here = self.points[min(self._next, len(self.points) - 1)] // size
         first = int(np.searchsorted(numbers, here)) % len(numbers)
-        others = np.random.default_rng().permutation(np.delete(numbers, first))
-        starts = [size * number for number in (int(numbers[first]), *others.tolist())]
+        others = np.delete(numbers, first).tolist()
+        random.shuffle(others)
+        starts = [size * number for number in (int(numbers[first]), *others)]
         return [PointRange("", start, start + size - 1) for start in starts]
 
     def _lease_in(self, window: PointRange, windows: int, size: Callable[[np.ndarray], int], *, shares: bool) -> bool:

@@ -352,7 +352,7 @@ def _summary(points: Design, numbers: np.ndarray) -> MetricSummary:
     mean, std = float(good.mean()), float(good.std())
     good.sort()
     places = np.array(QUANTILES) * (len(good) - 1)
-    around = np.unique([np.floor(places), np.ceil(places)]).astype(int)
+    around = np.array(sorted({*np.floor(places), *np.ceil(places)})).astype(int)
     return MetricSummary(
         count=len(good),
         mean=mean,
