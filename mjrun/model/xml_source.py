@@ -4,6 +4,7 @@ MuJoCo's parser stops at the first mistake, forgets the lines of included files,
 """
 
 import codecs
+import hashlib
 import re
 import stat
 from collections.abc import Callable, Iterator
@@ -250,6 +251,30 @@ def scan(
     parser.EndElementHandler = end
     with suppress(expat.ExpatError, ValueError, LookupError):
         parser.Parse(_without_dashes(text), True)
+
+
+def content_digest(text: bytes) -> str:
+    """Returns the SHA-256 of the elements and attributes of a model, which its comments and indentation do not change.
+
+    Text that is not well-formed, or declares entities, which MuJoCo does not read, is hashed byte by byte.
+    """
+    events = list[tuple[object, ...]]()
+    parser = expat.ParserCreate()
+    parser.ordered_attributes = parser.buffer_text = True
+    parser.XmlDeclHandler = parser.ProcessingInstructionHandler = lambda *declaration: events.append(declaration)
+    parser.StartElementHandler = lambda tag, attributes: events.append((tag, attributes))
+    parser.EndElementHandler = lambda _: events.append(())
+    parser.CharacterDataHandler = lambda content: events.append((content.strip(),)) if content.strip() else None
+    parser.StartDoctypeDeclHandler = _refuse
+    try:
+        parser.Parse(_without_dashes(text), True)
+    except (expat.ExpatError, ValueError, LookupError):
+        return hashlib.sha256(text).hexdigest()
+    return hashlib.sha256(repr(events).encode()).hexdigest()
+
+
+def _refuse(*_: object) -> None:
+    raise ValueError
 
 
 def _without_dashes(text: bytes) -> bytes:

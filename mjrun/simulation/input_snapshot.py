@@ -7,6 +7,7 @@ import weakref
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, Self
 
@@ -16,6 +17,7 @@ from mjrun.errors import FileError, MjrunError
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.referenced_files import with_absolute_paths
+from mjrun.model.xml_source import content_digest
 from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML
 
@@ -110,6 +112,12 @@ class InputSnapshot:
         """Returns the SHA-256 of an original file; empty if it is not part of the snapshot."""
         return self.digests.get(_absolute(path, self.cwd), "")
 
+    def content_digest(self, path: str | Path) -> str:
+        """Returns the SHA-256 of what MuJoCo reads in an original file: not of the comments of a model."""
+        absolute, digest = _absolute(path, self.cwd), self.digest(path)
+        is_xml = digest and Path(absolute).suffix in XML
+        return _content_digest(self._original(absolute, digest), digest) if is_xml else digest
+
     @property
     def fingerprint(self) -> str:
         """SHA-256 of all paths and contents."""
@@ -194,6 +202,12 @@ class InputSnapshot:
 
 class _Owner:
     """An owner of the folder of a snapshot, while the snapshot, or one derived from it, is in use."""
+
+
+@lru_cache(1024)
+def _content_digest(original: Path, digest: str) -> str:
+    """Returns the `content_digest` of the model at `original`, whose SHA-256 is `digest`."""
+    return content_digest(original.read_bytes())
 
 
 def _absolute(path: str | Path, cwd: str) -> str:

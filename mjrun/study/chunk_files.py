@@ -55,6 +55,9 @@ PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are fil
 def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[ModuleSource] = ()) -> dict[str, object]:
     """Returns everything that determines the results of a study except the values of its points, as plain values.
 
+    The elements of the files count in addition to the compiled model, which lacks what a value of a point can bring to
+    bear: the density of a geom that has a mass, or classes of defaults.
+
     Args:
       model: compiled base model.
       modules: the user's code as it will be executed.
@@ -67,7 +70,7 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[Mod
     return {
         **versions(),
         "model": content_fingerprint(model),
-        "files": [snapshot.digest(path) for _, path in base.inputs],
+        "files": [snapshot.content_digest(path) for _, path in base.inputs],
         "code": code_hash(base.code, modules),
         "environment": base.source.code,
         "controllers": {text: code_hash([controller], modules) for text, controller in spec.controllers},
@@ -142,7 +145,7 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
             code = varied.source.code if name == MODEL else ""
         except MjrunError:  # the point will fail with this error
             return text
-        return "".join(map(snapshot.digest, files)) + code or text
+        return "".join(map(snapshot.content_digest, files)) + code or text
 
     return hashed
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.model.xml_source import Element, read_xml, scan
+from mjrun.model.xml_source import Element, content_digest, read_xml, scan
 
 
 def test_an_included_circle_is_read_once() -> None:
@@ -53,3 +53,39 @@ def test_comments_that_mujoco_accepts_are_read_with_all_that_follows(comment: st
     tags = list[str]()
     scan(text.encode(), lambda tag, attributes, line: tags.append(tag))
     assert tags == ["mujoco", "worldbody", "geom"]
+
+
+MODEL = '<mujoco><worldbody><geom name="a" size=".1" mass="1" density="5"/></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        MODEL.replace("><", ">\n  <!-- a -- b -->\n<"),
+        MODEL.replace('name="a" ', "name = 'a'\n\t"),
+        MODEL.replace("/>", "></geom>"),
+        MODEL.replace('"a"', '"&#97;"'),
+    ],
+)
+def test_comments_and_layout_change_nothing_in_the_content_of_a_model(text: str) -> None:
+    assert content_digest(text.encode()) == content_digest(MODEL.encode())
+    mujoco.MjModel.from_xml_string(text)
+
+
+def test_all_else_changes_the_content_of_a_model() -> None:
+    others = [
+        MODEL.replace("5", "6"),  # which the compiled model lacks
+        MODEL.replace("5", "5.0"),
+        MODEL.replace("density", "gap"),
+        MODEL.replace("/></worldbody>", "/></worldbody><worldbody/>"),
+        MODEL.replace("<worldbody>", "<worldbody><body>").replace("</worldbody>", "</body></worldbody>"),
+        MODEL.replace("<worldbody>", "<worldbody><body/>"),
+        MODEL.replace("<worldbody>", "<worldbody>text"),
+        f"<?xml version='1.0' encoding='latin-1'?>{MODEL}",
+        f"<?xml version='1.0' encoding='utf-8'?>{MODEL}",
+        f"<!DOCTYPE mujoco>{MODEL}",
+        f"<!DOCTYPE mujoco>{MODEL} ",
+        MODEL[:-1],
+        MODEL[:-2],
+    ]
+    assert len({content_digest(text.encode()) for text in [MODEL, *others]}) == 1 + len(others)

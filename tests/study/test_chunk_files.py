@@ -212,7 +212,9 @@ def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: P
     others = [key(spec, values=("2", ".01")), key(spec, names=("seed", "opt.density"))]
     others += [key(replace(spec, every=2)), key(replace(spec, metrics=(("z", "max(qpos/ball/z)"),)))]
     others += [key(replace(spec, base=replace(spec.base, steps=10)))]
-    path.write_text(BALL.replace(".3", ".30"))  # another file, though it means the same
+    path.write_text(f"{BALL}<!-- a comment -->\n")
+    assert key(spec) == base
+    path.write_text(BALL.replace(".3", ".30"))  # another text, though it means the same
     others += [key(spec)]
     path.write_text(BALL.replace(".1", ".2"))
     others += [key(spec)]
