@@ -50,19 +50,20 @@ class TaskVecEnv(VecEnv):
 
         Returns:
           Observations, rewards `(num_envs,)`, the worlds whose episode has ended as 0 or 1, and extras: `time_outs`,
-          those that the time limit ended, and in `log` the mean of each term of the reward.
+          those that the time limit ended, and in `log` the mean of each term of the reward over all worlds.
         """
         result = self._worlds.step(actions.detach().cpu().numpy().astype(float))
         self._observations, rewards, terminated, truncated, infos = result
         over = torch.as_tensor(terminated | truncated, device=self.device)
         self.episode_length_buf = torch.where(over, 0, self.episode_length_buf + 1)
-        terms = {f"/{name}": _mean(name, infos) for name in infos if name.startswith("reward/")}
+        terms = {f"/reward/{name}": self._mean(f"reward/{name}", infos) for name in self._worlds.worlds.reward_names}
         extras = {"time_outs": torch.as_tensor(truncated & ~terminated, device=self.device), "log": terms}
         return self.get_observations(), self._tensor(rewards), over.long(), extras
 
+    def _mean(self, name: str, infos: dict[str, Any]) -> float:
+        """Returns the mean of a term over all worlds; `final_info` has it where the episode ended."""
+        parts = [part[name] for part in (infos, infos.get("final_info", {})) if name in part]
+        return float(sum(part.sum() for part in parts) / self.num_envs)
+
     def _tensor(self, values: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(values, dtype=torch.float32, device=self.device)
-
-
-def _mean(name: str, infos: dict[str, Any]) -> float:
-    return float(infos[name][infos[f"_{name}"]].mean())
