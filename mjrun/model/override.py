@@ -74,6 +74,8 @@ PARTIAL = {
     *("size", "friction", "damping", "stiffness", "gear", "gainprm", "biasprm", "dynprm", "solref", "solimp"),
     *("solref_limit", "solimp_limit", "solref_friction", "solimp_friction", "o_solref", "o_solimp"),
 }
+# Fields with the path of a file of an asset, or with the folder of such files.
+FILE_ATTRIBUTES = {"file", "meshdir", "texturedir"}
 # Internal fields and other elements, which MjSpec exposes as fields, and the two bit sets behind `opt.flag`.
 HIDDEN = {"id", "signature", "info", "name", "parent", "frame", "compiler", "classname", "plugin"}
 HIDDEN |= {"disableflags", "enableflags"}
@@ -136,6 +138,12 @@ class Override:
     def target(self) -> str:
         """The path of the field."""
         return _path_parts(self.path)[1]
+
+    @property
+    def file_attribute(self) -> str:
+        """The attribute of MJCF that it sets if its value is the path of a file or a folder; else empty."""
+        attribute = self.target.rpartition(".")[2]
+        return attribute if attribute in FILE_ATTRIBUTES else ""
 
     @property
     def option_value(self) -> str:

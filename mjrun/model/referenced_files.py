@@ -20,6 +20,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_paths import file_content, file_size
 from mjrun.model.mujoco_globals import drop_outdated_assets
+from mjrun.model.override import Override
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
@@ -62,7 +63,7 @@ class _NamedFiles:
     models: dict[str, bytes] = field(default_factory=dict[str, bytes])
 
 
-def require_regular_files(path: Path, text: bytes | None, member: str = "") -> None:
+def require_regular_files(path: Path, text: bytes | None, member: str = "", overrides: Iterable[Override] = ()) -> None:
     """Checks that no file named in the MJCF or URDF `text`, or in its includes, is a pipe, a socket or a device.
 
     MuJoCo will read the files again if they are not those of the model before.
@@ -72,11 +73,12 @@ def require_regular_files(path: Path, text: bytes | None, member: str = "") -> N
     Args:
       path: the path of the text; its files may be next to it, or in the working directory.
       member: the path of the text if it is in the archive `path`.
+      overrides: overrides of the model, which may name other files.
 
     Raises:
       BrokenModelError: a file is of such a kind, or outside.
     """
-    named = _collect(path, text or b"", member)
+    named = _collect(path, _with_files_of(overrides, text), member)
     if confinement():
         for file in named.files:
             _require_readable(file, path, named.folders)
@@ -88,14 +90,15 @@ def require_regular_files(path: Path, text: bytes | None, member: str = "") -> N
     drop_outdated_assets({place: status for place, status in seen.items() if status})
 
 
-def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Path]:
+def existing_files(path: Path, text: bytes | None, member: str = "", overrides: Iterable[Override] = ()) -> list[Path]:
     """Returns the regular files that MuJoCo may open for the MJCF or URDF `text`, each once, without `path` itself.
 
     Args:
       path: the path of the text, or of the archive that contains it.
       member: the path of the text if it is in the archive `path`.
+      overrides: overrides of the model, which may name other files.
     """
-    named = _collect(path, text or b"", member)
+    named = _collect(path, _with_files_of(overrides, text), member)
     places = (place for file in named.files for place in _places(file, path, named.folders, working=False))
     files = dict.fromkeys(filter(is_regular, map(Path, dict.fromkeys(places))))
     files.pop(path, None)
@@ -159,6 +162,17 @@ def foreign_file(path: Path, text: bytes | None) -> str | None:
         if not (root and root[1] in ROOTS) and not Path(place).resolve().is_relative_to(folder):
             return place
     return None
+
+
+def _with_files_of(overrides: Iterable[Override], text: bytes | None) -> bytes:
+    """Returns a text followed by the attributes with file names that overrides set."""
+    set_files = [(each.file_attribute, each.value) for each in overrides if each.file_attribute]
+    if not set_files:
+        return text or b""
+    from html import escape
+
+    attributes = "".join(f' {attribute}="{escape(value)}"' for attribute, value in set_files)
+    return (text or b"") + attributes.encode(errors="surrogateescape")
 
 
 def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:

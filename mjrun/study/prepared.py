@@ -22,6 +22,7 @@ from mjrun.experiment.results_table import (
     metric_units,
     parse_metrics,
 )
+from mjrun.model.override import Override
 from mjrun.model.units import setting_unit
 from mjrun.model.variants import VariantLoader
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
@@ -248,7 +249,7 @@ def checked_design(
 def varied_files(base: Simulation, points: Design) -> Iterator[Path]:
     """Yields the files that values of points name. A value that names no valid model fails at its points."""
     for index, name in enumerate(points.names):
-        if name in FILES:
+        if name in FILES or Override(name, "").file_attribute:
             for text in points.column(index).distinct:
                 with suppress(MjrunError):
                     yield from (path for _, path in simulation_at(base, (name,), (text,)).inputs)

@@ -495,6 +495,21 @@ def test_kept_files_are_those_of_the_study_whatever_becomes_of_its_model(tmp_pat
     assert str(tmp_path / "edited" / "model.xml") in json.dumps(facts)
 
 
+def test_points_with_other_meshes_are_bodies_of_their_masses(tmp_path: Path) -> None:
+    for edge in (1, 2):
+        corners = f"v 0 0 0\nv {edge} 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+        (tmp_path / f"{edge}.obj").write_text(corners)
+    model = tmp_path / "m.xml"
+    model.write_text(
+        '<mujoco><asset><mesh name="m" file="1.obj"/></asset><worldbody><body name="b"><freejoint/>'
+        '<geom type="mesh" mesh="m" density="6"/></body></worldbody></mujoco>'
+    )
+    options = {"vary": {"mesh/m.file": "1.obj,2.obj"}, "metric": {"weight": "-last(momentum/pz) / 9.81"}}
+    made = Study(Simulation(model, steps=500), str(tmp_path / "study"), jobs=1, **options).run()  # type: ignore[arg-type]
+    assert made.statuses == {"ok": 2}
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "study" / "results.csv")["weight"], [1, 2], rtol=1e-9)
+
+
 def test_warnings_of_mujoco_are_reported_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "part.xml").write_text('<mujoco><worldbody><body name="b"><geom size="1"/></body></worldbody></mujoco>')
     (tmp_path / "m.xml").write_text(

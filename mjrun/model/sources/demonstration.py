@@ -94,7 +94,9 @@ class DemonstrationSource(Source):
         overrides = [each for each in self.overrides if each.option != ASSETS]
         text, shown = model.text.decode("utf-8", "replace"), clean(shlex.quote(self.text))
         return compile_model(
-            lambda: parse_checked(self.path, model.text, str(self.path), lambda: mujoco.MjSpec.from_string(text)),
+            lambda: parse_checked(
+                self.path, model.text, str(self.path), lambda: mujoco.MjSpec.from_string(text), overrides
+            ),
             overrides,
             name,
             f"`mjrun info {shown} --xml > fixed.xml` writes its MJCF, `mjrun check --fix fixed.xml` corrects what is "

@@ -4,7 +4,7 @@ import shlex
 import stat
 import zipfile
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundE
 from mjrun.model import archive_paths
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.mujoco_globals import without_log
+from mjrun.model.override import Override
 from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.referenced_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.source import CollectionModelSource, Source
@@ -50,7 +51,7 @@ class FileSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        return (self.path, *existing_files(self.path, *archive_paths.main_text(self.path)))
+        return (self.path, *existing_files(self.path, *archive_paths.main_text(self.path), self.overrides))
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
         return replace(self, path=place(self.path), label=self.text)
@@ -125,7 +126,7 @@ class FileSource(Source):
 
     def _parse(self) -> mujoco.MjSpec:
         text, main = archive_paths.main_text(self.path)
-        return parse_checked(self.path, text, main, self._parse_file)
+        return parse_checked(self.path, text, main, self._parse_file, self.overrides)
 
     def _parse_file(self) -> mujoco.MjSpec:
         path = self.path
@@ -152,7 +153,7 @@ class CollectionFileSource(CollectionModelSource):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        return FileSource(self.main_file).files
+        return FileSource(self.main_file, overrides=self.overrides).files
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
         return FileSource(place(self.main_file), self.text, overrides=self.overrides)
@@ -161,18 +162,25 @@ class CollectionFileSource(CollectionModelSource):
         return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
-def parse_checked(path: Path, text: bytes | None, main: str, parse: Callable[[], mujoco.MjSpec]) -> mujoco.MjSpec:
+def parse_checked(
+    path: Path,
+    text: bytes | None,
+    main: str,
+    parse: Callable[[], mujoco.MjSpec],
+    overrides: Sequence[Override] = (),
+) -> mujoco.MjSpec:
     """Returns the specification that `parse` makes of a text, which is checked for hazards before.
 
     Args:
       path: the file that contains the text, or the archive.
       text: the MJCF or URDF; None for a compiled model.
       main: the path of the text, in the archive if it is in one; empty for a compiled model.
+      overrides: overrides that will be applied to the specification.
 
     Raises:
       BrokenModelError: the text would block or crash MuJoCo, or includes a foreign file.
     """
-    require_regular_files(path, text, main)
+    require_regular_files(path, text, main, overrides)
     if main:
         require_finite_nesting(path, main, text)
     try:

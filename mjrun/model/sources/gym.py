@@ -94,7 +94,7 @@ class GymSource(CollectionModelSource):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        return FileSource(file).files if (file := self.main_file) else ()
+        return FileSource(file, overrides=self.overrides).files if (file := self.main_file) else ()
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
         return replace(self, copy=place(file)) if (file := self.main_file) else self

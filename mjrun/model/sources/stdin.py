@@ -44,7 +44,7 @@ class StdinSource(Source):
     @property
     def files(self) -> tuple[Path, ...]:
         with suppress(MjrunError, OSError):  # loading raises it
-            return (DEVICE, *existing_files(LABEL, self._read().encode()))
+            return (DEVICE, *existing_files(LABEL, self._read().encode(), overrides=self.overrides))
         return (DEVICE,)
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
@@ -63,7 +63,7 @@ class StdinSource(Source):
         return confined_load(lambda: self._compile(xml))
 
     def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        require_regular_files(LABEL, xml.encode())
+        require_regular_files(LABEL, xml.encode(), overrides=self.overrides)
         require_finite_nesting(LABEL, str(LABEL), xml.encode())
         return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)
 

@@ -18,6 +18,7 @@ from mjrun.errors import (
     ModelNotFoundError,
     clean,
 )
+from mjrun.model.override import Override
 from mjrun.model.sources import load
 from mjrun.model.sources.file import FileSource
 from tests.model.model_files import MODEL, compiled, content, write
@@ -176,6 +177,13 @@ def test_its_files_are_the_model_and_what_it_names_and_outputs_are_called_after_
     source = FileSource(path)
     assert (source.text, source.stem, source.main_file) == (str(path), "arm.v2", path)
     assert source.files == (path, tmp_path / "part.xml", mesh)
+    other = write(tmp_path / "meshes" / "c & d.obj", "v 0 0 0\n")
+    assert source.with_overrides([Override("mesh/a.file", other.name)]).files == (
+        path,
+        tmp_path / "part.xml",
+        mesh,
+        other,
+    )
     assert FileSource(tmp_path / "gone.xml").files == (tmp_path / "gone.xml",)
     assert FileSource(compiled(tmp_path / "a.mjb")).files == (tmp_path / "a.mjb",)
 
