@@ -255,6 +255,7 @@ class Check(PolicyOptions, CheckOptions):
 
         Several tasks are executed at once.
         """
+        workers.left = len(tasks)
         jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), len(tasks))
         if jobs <= 1:
             return [finished(self._check(task, workers, cache, spelling)) for task in tasks]

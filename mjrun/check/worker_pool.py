@@ -34,6 +34,7 @@ PACKAGE = str(Path(__file__).parents[2])
 FIX_TIME = 600.0  # [s] in addition to the time limit of a check, for fixes that compute for minutes
 # glibc keeps what one model has freed for the next one, as the system maps and clears memory page by page.
 MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**30)}
+TRIAL = 0.1  # [s] of checking from which the time of other models is estimated
 END_GRACE = 1.0  # [s] for an idle process to end, so that its computing time is counted
 TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
@@ -90,17 +91,28 @@ class WorkerOutput:
 
 
 class CheckProcesses:
-    """A pool of processes, for use from any thread, which can end all of them at once."""
+    """A pool of processes, for use from any thread, which can end all of them at once.
+
+    A process takes as long to start as dozens of small models take to be checked: another one starts only if the
+    models that are left are expected to take longer than that.
+
+    Attributes:
+      left: the number of models that are left to check, as far as known.
+    """
 
     def __init__(self) -> None:
+        self.left = 0
         self._idle: list[CheckProcess] = []
         self._busy: set[CheckProcess] = set()
-        self._lock = threading.Lock()
+        self._changed = threading.Condition()
+        self._done = 0
         self._ended = False
 
     def run(self, task: WorkerTask) -> WorkerOutput:
-        """Checks one model in a process that is idle, or in a new one."""
-        with self._lock:
+        """Checks one model in a process that is idle, or in a new one if that pays."""
+        with self._changed:
+            while not (self._ended or self._idle or self._another_pays()):
+                self._changed.wait(POLL_INTERVAL)
             if self._ended:
                 return WorkerOutput((), ExitStatus(0, "ended"), "")
             process = self._idle.pop() if self._idle else CheckProcess()
@@ -108,16 +120,29 @@ class CheckProcesses:
         try:
             return process.run(task)
         finally:
-            with self._lock:
+            with self._changed:
                 self._busy.discard(process)
+                self._done += 1
+                self.left -= 1
                 if process.is_reusable and not self._ended:
                     self._idle.append(process)
                 else:
                     process.end()
+                self._changed.notify_all()
+
+    def _another_pays(self) -> bool:
+        """Returns whether the models that are left are worth the start of another process."""
+        if not self._busy:
+            return True
+        first = min((process for process in self._busy if process.ready), key=lambda each: each.ready, default=None)
+        checking = time.monotonic() - first.ready if first else 0.0
+        if first is None or checking < TRIAL:
+            return False
+        return not self._done or self.left * checking / self._done > len(self._busy) * (first.ready - first.created)
 
     def end(self) -> None:
         """Ends all processes, and starts no more."""
-        with self._lock:
+        with self._changed:
             self._ended = True
             for process in self._busy:
                 process.kill()
@@ -130,9 +155,12 @@ class CheckProcess:
 
     Attributes:
       is_reusable: it can check another model.
+      created: the time at which it was created [s].
+      ready: the time at which it had loaded its modules [s]; 0 before.
     """
 
     def __init__(self) -> None:
+        self.created, self.ready = time.monotonic(), 0.0
         # A folder of models may contain files that are named like modules.
         path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
         command = python_call("mjrun.check.worker:serve", path=[*path, PACKAGE])
@@ -161,6 +189,8 @@ class CheckProcess:
             self._process.feed(memoryview(f"{json.dumps(asdict(task))}\n".encode()))
         while (message := self._next_message()) is not None:
             self._checking = message.get("pid", self._checking)
+            if message and not self.ready:
+                self.ready = time.monotonic()
             if "exit" in message:
                 return self._finished(messages, int(message["exit"]))
             messages.append(message)

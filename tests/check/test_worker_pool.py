@@ -4,9 +4,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from mjrun.check import worker_pool
 from mjrun.check.worker_pool import CheckProcess, CheckProcesses, WorkerTask
 from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
@@ -34,6 +37,29 @@ def test_workers_that_were_ended_start_no_more() -> None:
     workers = CheckProcesses()
     workers.end()
     assert workers.run(WorkerTask("a.xml", (), 0, 1, 1)).messages == ()
+
+
+@pytest.mark.parametrize(
+    ("ready", "done", "left", "pays"),
+    [
+        ([0.0], 0, 9, False),  # it is still starting
+        ([8.0], 0, 9, True),  # the first model takes longer than the start
+        ([9.95], 0, 9, False),
+        ([8.0], 10, 4, False),  # 0.2 s each: 0.8 s are left, but a start takes 1 s
+        ([8.0], 10, 6, True),
+        ([8.0, 0.0], 10, 6, False),  # a second process starts already
+        ([8.0, 0.0], 10, 11, True),
+    ],
+)
+def test_another_process_starts_if_the_models_that_are_left_take_longer_than_its_start(
+    monkeypatch: pytest.MonkeyPatch, ready: list[float], done: int, left: int, pays: bool
+) -> None:
+    monkeypatch.setattr(worker_pool, "time", SimpleNamespace(monotonic=lambda: 10.0))
+    workers: Any = CheckProcesses()
+    assert workers._another_pays()
+    workers._busy = [SimpleNamespace(created=each - 1, ready=each) for each in ready]
+    workers._done, workers.left = done, left
+    assert workers._another_pays() == pays
 
 
 @pytest.mark.skipif(not system.CAN_FORK_LATE, reason="each process checks one model there")
