@@ -8,6 +8,7 @@ from mjrun.check.thresholds import described
 from mjrun.errors import UnknownNameError
 
 EXPLANATIONS = Path(__file__).with_name("explanations")
+SITE = ""  # the address of the published documentation, ending in a slash; empty until one exists
 TOPICS = {  # by the first digit of the code
     "0": "The check itself",
     "1": "Loading",
@@ -45,6 +46,16 @@ def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:
 def topic(code: str) -> str:
     """Returns the topic of a rule."""
     return TOPICS[code[2]]
+
+
+def published_page(code: str) -> str:
+    """Returns the address of the page of a rule; empty until the documentation is published."""
+    return f"{SITE}rules/{code}.html" if SITE else ""
+
+
+def local_page(code: str) -> str:
+    """Returns the address of the file with the explanation of a rule, on this machine."""
+    return (EXPLANATIONS / f"{code}.md").as_uri()
 
 
 def explanation(code: str) -> str:

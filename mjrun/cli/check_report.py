@@ -3,16 +3,18 @@
 import json
 import os
 import re
+import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult, ModelResult, worst_first
-from mjrun.check.codes import explanation, topic
+from mjrun.check.codes import explanation, local_page, published_page, topic
 from mjrun.check.model_result import without_repeats
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path
+from mjrun.cli.colors import linked, shows_links
 from mjrun.cli.console import Case, Report
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import clean
@@ -27,7 +29,7 @@ def check_report(result: CheckResult) -> Report:
     return Report(
         "check",
         result,
-        text=lambda: "\n".join(lines(result)),
+        text=lambda: "\n".join(lines(result, linked_code if shows_links(sys.stdout) else str)),
         summary=lambda: summary(result),
         forms={
             "sarif": lambda: sarif(result),
@@ -40,11 +42,17 @@ def check_report(result: CheckResult) -> Report:
     )
 
 
-def lines(result: CheckResult) -> Iterator[str]:
+def linked_code(code: str) -> str:
+    """Returns the code of a rule as a hyperlink to its page; without one, to its file, unless that is not at hand."""
+    address = published_page(code) or ("" if os.environ.get("SSH_CONNECTION") else local_page(code))
+    return linked(code, address) if address else code
+
+
+def lines(result: CheckResult, shown_code: Callable[[str], str] = str) -> Iterator[str]:
     """Yields a line per finding in the style of compilers, with its remedy below it, in the order of the models."""
     for finding, model in _shown(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
-        yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
+        yield f"{place}: {finding.severity} {shown_code(finding.code)}: {clean(full_message(finding, model))}"
         if finding.remedy:
             yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
     created, fixed, changed = "created", "fixed", "changed with it"
@@ -158,7 +166,7 @@ def rule_table() -> Mapping[str, Rule]:
 
 
 def _rule(rule: Rule) -> dict[str, object]:
-    text = explanation(rule.code)
+    text, page = explanation(rule.code), published_page(rule.code)
     name = "".join(word.capitalize() for word in re.findall(r"\w+", rule.title))
     return {
         "id": rule.code,
@@ -166,6 +174,7 @@ def _rule(rule: Rule) -> dict[str, object]:
         "shortDescription": {"text": rule.title},
         "fullDescription": {"text": text.partition("\n\n")[0].replace("`", "")},
         "help": {"text": text, "markdown": text},
+        **({"helpUri": page} if page else {}),
         "properties": {"tags": [topic(rule.code)]},
         "defaultConfiguration": {"level": rule.severity},
     }

@@ -1,11 +1,15 @@
 """Theorems about the reports of `mjrun check`."""
 
 import os
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
+from mjrun.check import codes
 from mjrun.check.check import CheckResult, ModelResult
+from mjrun.check.codes import explanation
 from mjrun.check.model_result import FixedFile
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
@@ -46,6 +50,27 @@ def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
     document: Any = check_report.sarif(result)
     place = document["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert place == {"artifactLocation": {"uri": uri}, "region": {"startLine": 1}}
+
+
+def test_a_code_links_to_the_page_of_its_rule_on_terminals_that_show_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    linked = result(finding("MJ301"))
+    for variable in ("SSH_CONNECTION", "FORCE_HYPERLINK"):
+        monkeypatch.delenv(variable, raising=False)
+    assert "\x1b" not in check_report.check_report(linked).text()
+    monkeypatch.setenv("FORCE_HYPERLINK", "1")
+    line = check_report.check_report(linked).text()
+    address, shown = line.removeprefix("a.xml:3: note \x1b]8;;").split("\x1b]8;;\x1b\\")[0].split("\x1b\\")
+    assert (shown, Path(unquote(urlsplit(address).path)).read_text("utf-8")) == ("MJ301", explanation("MJ301"))
+    monkeypatch.setenv("SSH_CONNECTION", "remote")  # files are out of reach there
+    assert "\x1b" not in check_report.check_report(linked).text()
+    document: Any = check_report.sarif(linked)
+    assert not any("helpUri" in rule for rule in document["runs"][0]["tool"]["driver"]["rules"])
+
+    monkeypatch.setattr(codes, "SITE", "https://example.org/mjrun/")
+    assert "\x1b]8;;https://example.org/mjrun/rules/MJ301.html\x1b\\MJ301" in check_report.check_report(linked).text()
+    document = check_report.sarif(linked)
+    pages = {rule["id"]: rule["helpUri"] for rule in document["runs"][0]["tool"]["driver"]["rules"]}
+    assert pages == {code: f"https://example.org/mjrun/rules/{code}.html" for code in RULES}
 
 
 def result(*findings: Finding, loads: bool = True, skipped: int = 0) -> CheckResult:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
-from mjrun.cli.colors import coloured_help, coloured_message
+from mjrun.cli.colors import coloured_help, coloured_message, shows_links
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -69,3 +70,31 @@ def test_only_the_first_words_of_a_message_are_coloured() -> None:
         == click.style("mjrun: error:", fg="red", bold=True) + " a: error: b"
     )
     assert coloured_message("a.mp4: made") == "a.mp4: made"
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("variables", "shown"),
+    [
+        ({}, False),
+        ({"TERM": "xterm-256color"}, False),
+        ({"VTE_VERSION": "7006"}, True),
+        ({"VTE_VERSION": "4803"}, False),
+        ({"TERM_PROGRAM": "vscode"}, True),
+        ({"TERM_PROGRAM": "Apple_Terminal"}, False),
+        ({"TERM": "xterm-kitty"}, True),
+        ({"TERM": "tmux-256color", "TMUX": "/tmp/tmux", "WT_SESSION": "1"}, False),
+        ({"WT_SESSION": "1"}, True),
+        ({"WT_SESSION": "1", "FORCE_HYPERLINK": "0"}, False),
+    ],
+)
+def test_links_are_shown_only_by_terminals_that_are_known_to(
+    monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], shown: bool
+) -> None:
+    monkeypatch.setattr(os, "environ", variables)
+    assert shows_links(Terminal()) == shown
+    assert not shows_links(io.StringIO())
