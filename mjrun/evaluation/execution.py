@@ -30,13 +30,11 @@ from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.python_code import Sealed
 from mjrun.reporter import Reporter
 from mjrun.study.chunk_files import point_keys, study_identity
-from mjrun.study.executors import SLURM, ChunkSizes
 from mjrun.study.prepared_points import PreparedPoints
 from mjrun.study.spec import PointResult, ShippedStudy, StudyPoint, StudySpec
 from mjrun.task.task import Task
 
 OUTCOME = "outcome"  # of a result, as an index of `OUTCOMES`; the message of a result is the ending
-FIRST = 8  # episodes of a chunk before their time is known: they share worlds
 MOST = 64  # episodes that are played at once in this process
 
 
@@ -170,11 +168,6 @@ class PreparedEpisodes(PreparedPoints):
     @property
     def noun(self) -> str:
         return "episode"
-
-    def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> ChunkSizes:
-        if options.engine == SLURM:
-            return super().chunk_sizes(options, ahead)
-        return ChunkSizes(options.chunk, ahead, first=FIRST)
 
     def taken_records(self) -> list[list[EpisodeRecord]]:
         """Returns the records of the episodes of each group."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.evaluation import execution, player
+from mjrun.evaluation import player
 from mjrun.evaluation.episode import EpisodeRecord
 from mjrun.evaluation.execution import PreparedEpisodes, play_all
 from mjrun.evaluation.player import player_of
@@ -144,6 +144,12 @@ def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path, monkeypa
             play(some, range(4), tmp_path / "out", **{name: limit})
 
 
+def test_a_run_begins_with_chunks_of_one_episode_so_that_a_kill_loses_few(tmp_path: Path) -> None:
+    some = prepared(tmp_path, "random")
+    sizes = PreparedEpisodes(some, some.groups, range(99), tmp_path / "out").chunk_sizes(ExecutionOptions(), 6)
+    assert sizes.next(np.zeros(99)) == 1
+
+
 def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Records survive the files, to the last bit."""
     simulate_here(monkeypatch)
@@ -152,4 +158,3 @@ def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: 
     played, _ = play(some, range(3), tmp_path / "out")
     assert repr(played) == repr([expected])
     assert repr(PreparedEpisodes(some, some.groups, range(3), tmp_path / "out").taken_records()) == repr([expected])
-    assert execution.FIRST <= player.SIDE_BY_SIDE
