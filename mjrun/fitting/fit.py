@@ -23,7 +23,7 @@ from mjrun.fitting.outputs import FitOutputs
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fitting.rotations_and_noise import first_noise, set_noise, shared, spread_of
-from mjrun.fitting.shooting_fit import EXPLAINED, SHORTEST, SearchResult, Shooting
+from mjrun.fitting.shooting_fit import SHORTEST, SearchResult, Shooting
 from mjrun.fitting.solution import Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.fitting.verdict import Misfit, all_at_bounds, improvement, misfit
@@ -171,8 +171,7 @@ class _Run:
             self._reporter.progress("stages of the fit", 0, 1)
 
         search = self._shooting.search(self._fitted.segments, starts, self._noise, advanced)
-        if search.best.reduced > EXPLAINED and not search.best.variances:
-            # Signals that the model explains well have more weight from here on.
+        if not search.best.variances:
             weighted = self._shooting.weighted(search.best)
             if weighted.cost <= with_noise(search.own, weighted.noise).cost:
                 search.best = weighted

@@ -36,6 +36,7 @@ CONTACT_EVALUATIONS = 24  # limit of evaluations from which ensembles continue b
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
+WEIGHTINGS = 4  # most searches with other weights of signals
 SHOTS = 3  # number of searches by ensembles
 WHOLE = 10**9  # rows
 
@@ -126,13 +127,19 @@ class Shooting:
         return ends
 
     def weighted(self, solution: Solution) -> Solution:
-        """Minimizes again from `solution`, with signals weighted by its residuals."""
-        noise = solution.noise_scale
-        values = np.concatenate([part.values for part in solution.chunks])
+        """Minimizes again from `solution`, with signals weighted by its residuals, until these are as large as assumed.
+
+        A signal whose noise was overestimated has had too little weight, so that others have pulled the solution.
+        """
         groups = self._predictor.rotations
+        values = np.concatenate([part.values for part in solution.chunks])
         least = LEAST_NOISE * shared(np.nanstd(values, axis=0), groups)
-        weighted = np.maximum(shared(noise, groups), least)
-        return self.solve(solution.chunks, solution.coordinates, solution.states, weighted)
+        for _ in range(WEIGHTINGS):
+            noise = np.maximum(shared(solution.noise_scale, groups), least)
+            if np.abs(np.log(noise / solution.noise)).max() < np.log(EXPLAINED):
+                break
+            solution = self.solve(solution.chunks, solution.coordinates, solution.states, noise)
+        return solution
 
     def search(
         self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None

@@ -12,7 +12,7 @@ from mjrun.fitting.fit import Fit
 from mjrun.model.sources.file import FileSource
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
-from tests.fitting.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
+from tests.fitting.logs import NOISE, PENDULUM, TRUTH, noisy, simulate, write_log, write_model
 from tests.fitting.problems import THREE
 
 
@@ -294,3 +294,23 @@ def test_a_parameter_that_shows_only_at_an_end_of_its_range_is_found(tmp_path: P
     (friction,) = Fit(Simulation(str(path)), data=[str(log)], free=free, starts=1, holdout=0).run().parameters
     assert friction.low < 0.2 < friction.high
     assert friction.high - friction.low < 0.15
+
+
+def test_a_precise_signal_decides_though_its_rows_are_too_few_to_show_its_noise(tmp_path: Path) -> None:
+    """High frequencies of a fast motion at 25 Hz look like noise of 0.1 rad/s; residuals show that it is 1e-5."""
+    free, names = (("joint/hinge.damping", "0.01..0.5"),), ("time", "qpos/hinge", "qvel/hinge")
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(**TRUTH))
+    data, generator = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[0] = 2.5
+    rows: list[np.ndarray] = []
+    for step in range(2000):
+        if step % 20 == 0:
+            rows.append(np.array([data.time, data.qpos[0], data.qvel[0]]))
+        mujoco.mj_step(model, data)
+    simulation = Simulation(str(write_model(tmp_path, **{**TRUTH, "damping": 0.08})))
+    for _ in range(2):
+        measured = np.array(rows) + generator.normal(0, 1, (len(rows), 3)) * [0, 0.02, 1e-5]
+        log = write_log(tmp_path / "log.csv", dict(zip(names, measured.T, strict=True)))
+        (found,) = Fit(simulation, data=[str(log)], free=free, confidence=0.99).run().parameters
+        assert found.low < TRUTH["damping"] < found.high
+        assert found.value == pytest.approx(TRUTH["damping"], abs=5e-7)
