@@ -103,7 +103,10 @@ class PeriodicController:
         """Calls the controller's own `reset`, if it has one, at the start of a simulation."""
         if self._reset is not None:
             arguments = (model, data) if _takes(self._reset, 2) else ()
-            self._call(lambda: "reset", self._reset, *arguments)
+            try:
+                self._reset(*arguments)
+            except (Exception, SystemExit) as error:
+                raise self._failed("reset", error) from error
 
     def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int, guarded: Sequence[str]) -> None:
         """Calls the controller, which sets the inputs in `data`.
@@ -114,20 +117,22 @@ class PeriodicController:
         Raises:
           ControllerError: it failed, returned invalid controls, or changed the state.
         """
-        before = [(name, getattr(data, name).tobytes()) for name in guarded]
-        time = data.time
+        before = [(name, values := getattr(data, name), values.tobytes()) for name in guarded]
+        time, ctrl = data.time, data.ctrl
 
         def when() -> str:
             return f"at step {step}, time {time:.9g} s"
 
-        controls = self._call(when, self._controller, model, data)
+        try:
+            controls = self._controller(model, data)
+        except (Exception, SystemExit) as error:
+            raise self._failed(when(), error) from error
         if controls is not None:
-            data.ctrl[:] = self._checked(model, controls, when)
-        for name, content in before:
-            if getattr(data, name).tobytes() != content:
-                self._put_back(name, getattr(data, name), content, when)
+            ctrl[:] = self._checked(model, controls, when)
+        for name, values, content in before:
+            if values.tobytes() != content:
+                self._put_back(name, values, content, when)
 
-        ctrl = data.ctrl
         if not mujoco.mju_norm(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
             actuator = control_names(model)[int(bad[0])]
             raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {ctrl[bad[0]]} {when()}")
@@ -157,11 +162,8 @@ class PeriodicController:
             + (f"actuators: {actuators}" if model.nu else "no actuators")
         )
 
-    def _call(self, when: Callable[[], str], function: Callable[..., Any], *arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except (Exception, SystemExit) as error:
-            raise ControllerError.of(f"the controller {self.name}, {when()},", error) from error
+    def _failed(self, when: str, error: BaseException) -> ControllerError:
+        return ControllerError.of(f"the controller {self.name}, {when},", error)
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:
