@@ -121,6 +121,11 @@ pip_install() {
   die "pip failed: its last lines are above."
 }
 
+uv_install() { # in a quarter of the time; it knows no index that pip is configured with, nor every proxy
+  ! .venv/bin/python -m pip config list | grep -q '\.index-url=' || return 1
+  pip_install 'uv>=0.8' && .venv/bin/uv pip install --quiet --python .venv/bin/python "$@" >"$log" 2>&1
+}
+
 set_up_python() {
   if ! usable; then
     find_python
@@ -135,7 +140,8 @@ set_up_python() {
   rm -f "$CAN_DRAW"
   .venv/bin/python -m compileall -q mjrun & # pip leaves a core idle
   pip_install 'pip>=25.1' # the first with --group
-  pip_install --editable '.[all]' --group dev
+  set -- --editable '.[all]' --group dev
+  uv_install "$@" || pip_install "$@"
   wait
   inputs >"$STAMP"
 }
