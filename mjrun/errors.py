@@ -689,7 +689,7 @@ class FailedEpisodesError(MjrunError):
         super().__init__("\n".join([f"{counts}; {rest}", *lines[:LOGGED]]))
 
 
-class LostFilesError(MjrunError):
+class UnmadeFilesError(MjrunError):
     """Files of points of a study that could not be made.
 
     Args:

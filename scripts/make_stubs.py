@@ -18,7 +18,7 @@ from typing import Any, ForwardRef, Union, get_args, get_origin
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
-from mjrun.options.kinds import AnyKind, Camera, Choice, Kind, Optional, Several
+from mjrun.options.kinds import AnyKind, CameraKind, Choice, Kind, Optional, Several
 from mjrun.options.number_kinds import Instant, Processes
 from mjrun.options.option import Options, options_of
 from mjrun.options.policy import PolicyKind
@@ -52,7 +52,7 @@ RETURNED = {"collections.abc.Iterator[numpy.ndarray]": "Iterator[np.ndarray]"}
 INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 # Kinds that accept objects of rooms that declarations do not know.
 ACCEPTED: dict[type[AnyKind], str] = {
-    Camera: "str | int | PathLike[str] | CameraScript",
+    CameraKind: "str | int | PathLike[str] | CameraScript",
     Instant: "float | str | Fraction | Event",
     Processes: "int | Literal['auto']",
     PolicyKind: "str | PathLike[str] | Policy | Callable[..., object]",

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from mjrun.bench.block_timing import Clock, RolloutInputs
+from mjrun.bench.control_noise import controls
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
-from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, SimulationError, option, spelled

@@ -23,7 +23,7 @@ from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import panel_files
 from mjrun.outputs.drawn_frames import check_drawing, scene_compositor
-from mjrun.outputs.scene_frames import camera_motions
+from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores

@@ -86,7 +86,7 @@ class CheckResult:
 
 
 @options
-class Check(PolicyOptions, CheckOptions):
+class ModelCheck(PolicyOptions, CheckOptions):
     """A check of models for errors, and for likely future ones.
 
     Args:

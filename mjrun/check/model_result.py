@@ -63,7 +63,7 @@ class FixedFile:
 
 
 class FixOutcome(NamedTuple):
-    """A model that was checked.
+    """The outcome of the fixes of a model.
 
     Attributes:
       changes: the fields of the compiled model that differ from those of the original, each with its object; None if

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from mjrun.check.check import Check
+from mjrun.check.check import ModelCheck
 from mjrun.confinement.confinement import is_readable
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats.input_file import is_file, opened
@@ -68,7 +68,7 @@ def _options(path: Path, section: Mapping[str, object]) -> dict[str, object]:
             if name not in declared:
                 raise UnknownNameError("option", key, [each.replace("_", "-") for each in declared])
             values[name] = _relative(name, value, "" if folder == os.curdir else folder)
-        checked = Check((), **{declared[name]: value for name, value in values.items()})
+        checked = ModelCheck((), **{declared[name]: value for name, value in values.items()})
     except UsageError as error:
         message, _, hint = str(error).partition("\n")
         raise FileError(path, message, hint) from error

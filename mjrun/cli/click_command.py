@@ -22,7 +22,7 @@ from mjrun.options.console import DOCUMENT_FORMS, ConsoleOptions, OpenOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings
+from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -376,7 +376,7 @@ def _help(declared: Option) -> str:
 
 def is_repeatable(declared: Option) -> bool:
     """Returns whether the command line accepts the option more than once."""
-    return isinstance(_given_kind(declared), Several | Settings | NamedNumbers | ColumnMap)
+    return isinstance(_given_kind(declared), Several | Settings | NamedNumbers | ColumnDefinitions)
 
 
 def _given_kind(declared: Option) -> AnyKind:

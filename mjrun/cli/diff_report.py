@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjrun.cli.console import Case, Report
 from mjrun.cli.result_summary import golden_summary
-from mjrun.cli.table_cells import Column
+from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.diff import sentences
 from mjrun.errors import clean, counted, flag, listing, spelled
@@ -164,21 +164,21 @@ def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDiff
     )
 
 
-def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") -> list[Column]:
+def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") -> list[ReportColumn]:
     firsts = [column.first for column in columns if column.first]
     cells = [sentences.cell_texts(column, column.first) for column in columns if column.first]
     by_step = table.aligned == "step"
     return [
-        Column("column", [clean(column.name) for column in columns]),
-        Column("unit", [clean(column.unit) for column in columns]),
-        Column("rows", [str(column.differing) for column in columns], right=True),
-        Column("maximum", [_size(column, column.maximum) for column in columns], right=True),
-        Column("rms", [_size(column, column.rms) for column in columns], right=True, extra=True),
-        Column("last", [_size(column, column.last) for column in columns], right=True, extra=True),
-        Column("first step" if by_step else "first row", [_row(cell, by_step) for cell in firsts], right=True),
-        Column("time", ["" if cell.at is None or by_step else repr(cell.at) for cell in firsts], "s", right=True),
-        Column("a", [a for a, _ in cells], right=True),
-        Column("b", [b for _, b in cells], right=True),
+        ReportColumn("column", [clean(column.name) for column in columns]),
+        ReportColumn("unit", [clean(column.unit) for column in columns]),
+        ReportColumn("rows", [str(column.differing) for column in columns], right=True),
+        ReportColumn("maximum", [_size(column, column.maximum) for column in columns], right=True),
+        ReportColumn("rms", [_size(column, column.rms) for column in columns], right=True, extra=True),
+        ReportColumn("last", [_size(column, column.last) for column in columns], right=True, extra=True),
+        ReportColumn("first step" if by_step else "first row", [_row(cell, by_step) for cell in firsts], right=True),
+        ReportColumn("time", ["" if cell.at is None or by_step else repr(cell.at) for cell in firsts], "s", right=True),
+        ReportColumn("a", [a for a, _ in cells], right=True),
+        ReportColumn("b", [b for _, b in cells], right=True),
     ]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjrun.cli.table_cells import (
-    Column,
+    ReportColumn,
     byte_size,
     common,
     number,
@@ -41,17 +41,17 @@ HIDDEN = ("nM", "nB", "nC", "nD")  # sizes that only the JSON document has
 NEGLIGIBLE = 1e-9  # relative to the extent of a model
 PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
 # A column, by the name of its attribute, or as a function of all rows.
-ColumnSource = str | Callable[[Sequence[Any]], Column]
+ColumnSource = str | Callable[[Sequence[Any]], ReportColumn]
 
 
 def object_columns(
     sources: Sequence[ColumnSource], rows: "Sequence[ModelObject]", model: "mujoco.MjModel"
-) -> list[Column]:
+) -> list[ReportColumn]:
     """Returns the columns of objects of one kind."""
     return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
 
 
-def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel") -> Column:
+def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel") -> ReportColumn:
     """Returns the column of an attribute, formatted by its declaration."""
     values = [getattr(row, name) for row in rows]
     some = next((value for value in values if value is not None), None)
@@ -71,7 +71,7 @@ def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel")
     return vectors(heading, values, unit, extra=fact.is_detail)
 
 
-def _tree(rows: "Sequence[Body]") -> Column:
+def _tree(rows: "Sequence[Body]") -> ReportColumn:
     """Returns the names of bodies as a tree."""
     last = {row.parent: row.id for row in rows}
     lines: list[str] = []
@@ -80,7 +80,7 @@ def _tree(rows: "Sequence[Body]") -> Column:
         stem, ends, root = stems[row.parent], last[row.parent] == row.id, row.parent < 0
         lines.append(clean(row.name) if root else f"{stem}{'└─' if ends else '├─'} {clean(row.name)}")
         stems[row.id] = "" if root else stem + ("   " if ends else "│  ")
-    return Column("body", lines, below=[stems[row.id] + ("│" if row.id in last else "") for row in rows])
+    return ReportColumn("body", lines, below=[stems[row.id] + ("│" if row.id in last else "") for row in rows])
 
 
 def _grouped(objects: Sequence[str], types: Sequence[str]) -> str:
@@ -98,17 +98,17 @@ def _tally(types: Sequence[str]) -> str:
     return ", ".join(kind if count == 1 else f"{count} {kind}" for kind, count in counts.items())
 
 
-def _gears(rows: "Sequence[Actuator]") -> Column:
+def _gears(rows: "Sequence[Actuator]") -> ReportColumn:
     gears = [common(vector(gear) or "0" for gear in row.gear) for row in rows]
-    return Column("gear", [] if set(gears) == {"1"} else gears, right=True, extra=True)
+    return ReportColumn("gear", [] if set(gears) == {"1"} else gears, right=True, extra=True)
 
 
-def _targets(rows: "Sequence[Actuator]") -> Column:
+def _targets(rows: "Sequence[Actuator]") -> ReportColumn:
     """Returns the targets of actuators, with their kind if it varies."""
     kinds = {row.target_kind for row in rows}
     is_one = len(kinds) == 1
     heading = f"acts on {next(iter(kinds))}" if is_one else "acts on"
-    return Column(heading, [_target(row, bare=is_one) for row in rows])
+    return ReportColumn(heading, [_target(row, bare=is_one) for row in rows])
 
 
 def _target(row: "Actuator", *, bare: bool) -> str:
@@ -127,19 +127,19 @@ def _law(kind: str, usual: str, parameters: Sequence[float]) -> str:
     return "" if kind == "none" else " ".join(filter(None, ("" if kind == usual else kind, vector(parameters))))
 
 
-def _contact_bits(rows: "Sequence[Geom]") -> Column:
+def _contact_bits(rows: "Sequence[Geom]") -> ReportColumn:
     """Returns contype and conaffinity, if any geom has values other than 1 and 1."""
     bits = [f"{row.contype} {row.conaffinity}" for row in rows]
-    return Column("contact bits", bits if set(bits) != {"1 1"} else [], extra=True)
+    return ReportColumn("contact bits", bits if set(bits) != {"1 1"} else [], extra=True)
 
 
 def _resolution(row: "Camera") -> str:
     return "x".join(map(str, row.resolution)) if row.resolution != (1, 1) else ""
 
 
-def _outputs(rows: "Sequence[Camera]") -> Column:
+def _outputs(rows: "Sequence[Camera]") -> ReportColumn:
     has_resolution = any(map(_resolution, rows))
-    return Column("outputs", [" ".join(row.outputs) if has_resolution else "" for row in rows], extra=True)
+    return ReportColumn("outputs", [" ".join(row.outputs) if has_resolution else "" for row in rows], extra=True)
 
 
 def _mode(row: "Camera | Light") -> str:
@@ -153,7 +153,7 @@ def _point(point: "PathPoint") -> str:
     return name if point.coefficient is None else f"{number(point.coefficient)} {name}"
 
 
-def _lengths(rows: "Sequence[Tendon]") -> Column:
+def _lengths(rows: "Sequence[Tendon]") -> ReportColumn:
     return numbers("length", [row.length0 for row in rows], stacked(row.unit for row in rows))
 
 
@@ -161,16 +161,16 @@ def _plugin_settings(row: "Plugin") -> str:
     return clean(", ".join(f"{key}={value}" for key, value in row.settings.items()))
 
 
-def _cells(heading: str, cell: Callable[[Any], str], **options: Any) -> Callable[[Sequence[Any]], Column]:
+def _cells(heading: str, cell: Callable[[Any], str], **options: Any) -> Callable[[Sequence[Any]], ReportColumn]:
     """Returns a column with a text per row."""
-    return lambda rows: Column(heading, [cell(row) for row in rows], **options)
+    return lambda rows: ReportColumn(heading, [cell(row) for row in rows], **options)
 
 
-def _settings(rows: "Sequence[NonDefaultSetting]", model: "mujoco.MjModel") -> list[Column]:
+def _settings(rows: "Sequence[NonDefaultSetting]", model: "mujoco.MjModel") -> list[ReportColumn]:
     return [
         texts("setting", [row.path for row in rows]),
-        Column("value", [_value(row.value) for row in rows]),
-        Column("default", [_value(row.default) for row in rows]),
+        ReportColumn("value", [_value(row.value) for row in rows]),
+        ReportColumn("default", [_value(row.default) for row in rows]),
         texts("unit", [row.unit for row in rows]),
     ]
 
@@ -179,14 +179,14 @@ def _value(value: "Value") -> str:
     return vector(value) if isinstance(value, tuple) else value if isinstance(value, str) else number(value)
 
 
-def _assets(rows: "Sequence[Asset]", model: "mujoco.MjModel") -> list[Column]:
+def _assets(rows: "Sequence[Asset]", model: "mujoco.MjModel") -> list[ReportColumn]:
     own = next((row.path for row in rows if row.kind == "model" and row.path), None)
     return [
         texts("kind", [row.kind for row in rows]),
         texts("name", [row.name for row in rows]),
-        Column("size", ["" if row.path is None else byte_size(row.bytes) for row in rows], right=True),
-        Column("content", [_content(row) for row in rows]),
-        Column(
+        ReportColumn("size", ["" if row.path is None else byte_size(row.bytes) for row in rows], right=True),
+        ReportColumn("content", [_content(row) for row in rows]),
+        ReportColumn(
             "file" if own is None else "file, from the model's folder",
             [_beside(own, row.path) for row in rows],
             whole=True,
@@ -217,7 +217,7 @@ class TableSection:
       is_news: returns whether the rows add anything to the summary.
     """
 
-    columns: "Callable[[Sequence[Any], mujoco.MjModel], list[Column]]"
+    columns: "Callable[[Sequence[Any], mujoco.MjModel], list[ReportColumn]]"
     is_detail: bool = False
     is_news: Callable[[Sequence[Any]], bool] = bool
 
@@ -240,7 +240,7 @@ class LineSection:
 def _objects(*sources: ColumnSource, is_detail: bool = False) -> TableSection:
     """Returns the section of a kind of objects."""
 
-    def columns(rows: Sequence[Any], model: "mujoco.MjModel") -> list[Column]:
+    def columns(rows: Sequence[Any], model: "mujoco.MjModel") -> list[ReportColumn]:
         return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
 
     return TableSection(columns, is_detail)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.console import flag
 from mjrun.cli.report_formats.markdown import escaped, markdown_table
-from mjrun.cli.table_cells import Column, byte_size, interval_text, number
+from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number
 from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
@@ -59,10 +59,10 @@ def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
     lines = _verdicts(result)
     parts = [f"### mjrun sweep: {escaped(simulation.source.text)}", escaped(_last_line(result))]
     parts.append("\n".join(f"- **{escaped(name)}** {escaped(text)}" for name, text in lines))
-    tables = list[list[Column]]()
+    tables = list[list[ReportColumn]]()
     if result.failures:
         first = [f"{each.point}: {_where(each.values)}" for each in result.failures]
-        tables.append(_first_rows([*_failures(result), Column("first of them", first)]))
+        tables.append(_first_rows([*_failures(result), ReportColumn("first of them", first)]))
     if result.metrics:
         tables += [_metrics(result), _extremes(result)]
     if result.repeats:
@@ -77,12 +77,12 @@ def status_report(status: "StudyStatus") -> str:
     page, ranges = TerminalLayout(), status.running
     if ranges:
         columns = [
-            Column("first", [f"{each.first:,}" for each in ranges], right=True),
-            Column("last", [f"{each.last:,}" for each in ranges], right=True),
-            Column("left", [f"{each.left:,}" for each in ranges], right=True),
-            Column("machine", [each.host for each in ranges]),
-            Column("process", [each.process for each in ranges]),
-            Column("", [age(each) for each in ranges]),
+            ReportColumn("first", [f"{each.first:,}" for each in ranges], right=True),
+            ReportColumn("last", [f"{each.last:,}" for each in ranges], right=True),
+            ReportColumn("left", [f"{each.left:,}" for each in ranges], right=True),
+            ReportColumn("machine", [each.host for each in ranges]),
+            ReportColumn("process", [each.process for each in ranges]),
+            ReportColumn("", [age(each) for each in ranges]),
         ]
         page.table("running", columns, len(ranges), SHOWN, "--json has all")
     page.note(status.text)
@@ -99,7 +99,7 @@ def unused_report(unused: "UnusedFiles") -> str:
     return "\n".join(lines)
 
 
-def _first_rows(columns: Sequence[Column]) -> list[Column]:
+def _first_rows(columns: Sequence[ReportColumn]) -> list[ReportColumn]:
     """Returns the rows of a table that a report shows."""
     return [replace(column, cells=column.cells[:SHOWN]) for column in columns]
 
@@ -140,14 +140,15 @@ def preview_report(preview: "StudyPreview") -> str:
     return page.text()
 
 
-def _sample(preview: "StudyPreview") -> list[Column]:
+def _sample(preview: "StudyPreview") -> list[ReportColumn]:
     """Returns the first and the last points, with a row for the omitted ones between them."""
     rows = [[str(each.point), *(clean(each.values.get(name, "")) for name in preview.names)] for each in preview.sample]
     if len(rows) < preview.points:
         rows.insert(len(rows) // 2, ["…"] * len(rows[0]))
     headings = ["point", *map(clean, preview.names)]
     return [
-        Column(heading, cells, right=True) for heading, cells in zip(headings, zip(*rows, strict=True), strict=True)
+        ReportColumn(heading, cells, right=True)
+        for heading, cells in zip(headings, zip(*rows, strict=True), strict=True)
     ]
 
 
@@ -158,22 +159,24 @@ def _kept(result: "StudyResult") -> str:
     return f"{clean(result.path)}/points: files of {count:,} point{'' if count == 1 else 's'}{known}"
 
 
-def _metrics(result: "StudyResult") -> list[Column]:
+def _metrics(result: "StudyResult") -> list[ReportColumn]:
     summaries = list(result.metrics.values())
-    columns = [Column("metric", [clean(with_unit(name, each.unit)) for name, each in result.metrics.items()])]
+    columns = [ReportColumn("metric", [clean(with_unit(name, each.unit)) for name, each in result.metrics.items()])]
     columns += [
-        Column(heading, [number(summary.quantiles[i]) for summary in summaries], right=True, extra=i in (1, 2, 4, 5))
+        ReportColumn(
+            heading, [number(summary.quantiles[i]) for summary in summaries], right=True, extra=i in (1, 2, 4, 5)
+        )
         for i, heading in enumerate(HEADINGS)
     ]
     columns += [
-        Column("mean", [number(summary.mean) for summary in summaries], right=True),
+        ReportColumn("mean", [number(summary.mean) for summary in summaries], right=True),
     ]
     if any(summary.count < result.points for summary in summaries):
-        columns.insert(1, Column("points", [str(summary.count) for summary in summaries], right=True))
+        columns.insert(1, ReportColumn("points", [str(summary.count) for summary in summaries], right=True))
     return columns
 
 
-def _extremes(result: "StudyResult") -> list[Column]:
+def _extremes(result: "StudyResult") -> list[ReportColumn]:
     """Yields the points with the lowest and highest value of each metric and their parameters, except of constants."""
     rows = [
         (name, word, number(value), str(point), _where(values))
@@ -189,43 +192,45 @@ def _extremes(result: "StudyResult") -> list[Column]:
         return []
     names, words, values, points, where = (list(cells) for cells in zip(*rows, strict=True))
     return [
-        Column("metric", names),
-        Column("", words),
-        Column("value", values, right=True),
-        Column("point", points, right=True),
-        Column("where", where),
+        ReportColumn("metric", names),
+        ReportColumn("", words),
+        ReportColumn("value", values, right=True),
+        ReportColumn("point", points, right=True),
+        ReportColumn("where", where),
     ]
 
 
-def _repeats(result: "StudyResult") -> list[Column]:
+def _repeats(result: "StudyResult") -> list[ReportColumn]:
     """Returns the first means over repeats, with a row for each combination of the other parameters."""
     from mjrun.study.repeat_means import SEED
 
     groups, level = result.repeats, f"{100 * result.confidence:g} %"
     columns = [
-        Column(clean(name), [clean(_short(group.values.get(name, ""))) for group in groups], right=True)
+        ReportColumn(clean(name), [clean(_short(group.values.get(name, ""))) for group in groups], right=True)
         for name in result.names
         if name != SEED
     ]
-    columns.append(Column("points", [str(group.points) for group in groups], right=True))
+    columns.append(ReportColumn("points", [str(group.points) for group in groups], right=True))
     for name, summary in result.metrics.items():
         means = [group.metrics[name] for group in groups]
-        columns.append(Column(clean(with_unit(name, summary.unit)), [number(each.mean) for each in means], right=True))
-        columns.append(Column(level, [interval_text(each.interval) for each in means], right=True))
+        columns.append(
+            ReportColumn(clean(with_unit(name, summary.unit)), [number(each.mean) for each in means], right=True)
+        )
+        columns.append(ReportColumn(level, [interval_text(each.interval) for each in means], right=True))
     return columns
 
 
-def _sensitivities(result: "StudyResult") -> list[Column]:
+def _sensitivities(result: "StudyResult") -> list[ReportColumn]:
     """Returns the indices of each metric and parameter, and the intervals of those that have one."""
     made, level = result.sensitivities, f"{100 * result.confidence:g} %"
     columns = [
-        Column("metric", [clean(each.metric) for each in made]),
-        Column("parameter", [clean(each.parameter) for each in made]),
+        ReportColumn("metric", [clean(each.metric) for each in made]),
+        ReportColumn("parameter", [clean(each.parameter) for each in made]),
     ]
     for name in made[0].indices:
         estimates = [each.indices[name] for each in made]
-        columns.append(Column(name, [number(each.value) for each in estimates], right=True))
-        columns.append(Column(level, [interval_text(each.interval) for each in estimates], right=True))
+        columns.append(ReportColumn(name, [number(each.value) for each in estimates], right=True))
+        columns.append(ReportColumn(level, [interval_text(each.interval) for each in estimates], right=True))
     return columns
 
 
@@ -243,12 +248,12 @@ def _short(text: str) -> str:
         return text
 
 
-def _failures(result: "StudyResult") -> list[Column]:
+def _failures(result: "StudyResult") -> list[ReportColumn]:
     failures = result.failures
     return [
-        Column("points", [str(failure.count) for failure in failures], right=True),
-        Column("status", [failure.status for failure in failures]),
-        Column("reason", [clean(spelled(failure.message, flag).partition("\n")[0]) for failure in failures]),
+        ReportColumn("points", [str(failure.count) for failure in failures], right=True),
+        ReportColumn("status", [failure.status for failure in failures]),
+        ReportColumn("reason", [clean(spelled(failure.message, flag).partition("\n")[0]) for failure in failures]),
     ]
 
 

@@ -13,7 +13,7 @@ UNITS = ("B", "KiB", "MiB", "GiB")
 
 
 @dataclass(frozen=True)
-class Column:
+class ReportColumn:
     """One column of a table, which is hidden if all its cells are blank.
 
     Attributes:
@@ -79,31 +79,33 @@ def common(texts: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(texts))
 
 
-def texts(heading: str, values: Sequence[str | None], *, extra: bool = False) -> Column:
+def texts(heading: str, values: Sequence[str | None], *, extra: bool = False) -> ReportColumn:
     """Returns a column of names or words."""
-    return Column(heading, ["" if value is None else clean(value) for value in values], extra=extra)
+    return ReportColumn(heading, ["" if value is None else clean(value) for value in values], extra=extra)
 
 
 def numbers(
     heading: str, values: Sequence[float | None], unit: str = "", *, extra: bool = False, usual: float = 0
-) -> Column:
+) -> ReportColumn:
     """Returns a column of numbers; blank if every row has the usual value."""
     is_usual = all(value is None or value == usual for value in values)
-    return Column(heading, ["" if is_usual else number(value) for value in values], unit, right=True, extra=extra)
+    return ReportColumn(heading, ["" if is_usual else number(value) for value in values], unit, right=True, extra=extra)
 
 
-def vectors(heading: str, values: Sequence[Iterable[float] | None], unit: str = "", *, extra: bool = False) -> Column:
+def vectors(
+    heading: str, values: Sequence[Iterable[float] | None], unit: str = "", *, extra: bool = False
+) -> ReportColumn:
     """Returns a column of vectors."""
-    return Column(heading, [vector(value) for value in values], unit, extra=extra)
+    return ReportColumn(heading, [vector(value) for value in values], unit, extra=extra)
 
 
 def ranges(
     heading: str, limits: Sequence[Sequence[float] | None], units: Sequence[str | None] = (), *, extra: bool = False
-) -> Column:
+) -> ReportColumn:
     """Returns a column of ranges, each with the unit of its row, if any."""
     spans = [span(each) for each in limits]
     occurring = [unit for unit, text in zip(units, spans, strict=False) if text]
-    return Column(heading, spans, stacked(occurring), right=True, extra=extra)
+    return ReportColumn(heading, spans, stacked(occurring), right=True, extra=extra)
 
 
 def stacked(units: Iterable[str | None]) -> str:

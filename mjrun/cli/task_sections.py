@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.table_cells import Column, number, numbers, ranges, texts
+from mjrun.cli.table_cells import ReportColumn, number, numbers, ranges, texts
 from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.errors import clean, counted
 
@@ -45,10 +45,10 @@ def _length(task: "TaskSummary") -> str:
     return f"{number(task.duration)} s, {counted(task.periods, 'control period')}"
 
 
-def _observations(task: "TaskDescription") -> list[Column]:
+def _observations(task: "TaskDescription") -> list[ReportColumn]:
     rows = task.observations
     return [
-        Column("index", [str(row.index) for row in rows], right=True),
+        ReportColumn("index", [str(row.index) for row in rows], right=True),
         texts("name", [row.name for row in rows]),
         texts("source", [row.source for row in rows]),
         texts("unit", [row.unit for row in rows]),
@@ -61,10 +61,10 @@ def _observations(task: "TaskDescription") -> list[Column]:
     ]
 
 
-def _actions(task: "TaskDescription") -> list[Column]:
+def _actions(task: "TaskDescription") -> list[ReportColumn]:
     rows = task.actions
     return [
-        Column("index", [str(row.index) for row in rows], right=True),
+        ReportColumn("index", [str(row.index) for row in rows], right=True),
         texts("name", [row.name for row in rows]),
         texts("target", [row.target for row in rows]),
         texts("unit", [row.unit for row in rows]),
@@ -80,16 +80,16 @@ def _actions(task: "TaskDescription") -> list[Column]:
     ]
 
 
-def _commands(task: "TaskDescription") -> list[Column]:
+def _commands(task: "TaskDescription") -> list[ReportColumn]:
     rows = task.commands
     return [
         texts("name", [row.name for row in rows]),
-        Column("numbers", [str(row.size) for row in rows], right=True),
+        ReportColumn("numbers", [str(row.size) for row in rows], right=True),
         texts("source", [row.source for row in rows]),
     ]
 
 
-def _rewards(task: "TaskDescription") -> list[Column]:
+def _rewards(task: "TaskDescription") -> list[ReportColumn]:
     rows = task.rewards
     return [
         texts("name", [row.name for row in rows]),
@@ -98,7 +98,7 @@ def _rewards(task: "TaskDescription") -> list[Column]:
     ]
 
 
-def _terminations(task: "TaskDescription") -> list[Column]:
+def _terminations(task: "TaskDescription") -> list[ReportColumn]:
     rows = task.terminations
     return [
         texts("name", [row.name for row in rows]),
@@ -107,7 +107,7 @@ def _terminations(task: "TaskDescription") -> list[Column]:
     ]
 
 
-def _reset(task: "TaskDescription") -> list[Column]:
+def _reset(task: "TaskDescription") -> list[ReportColumn]:
     rows = task.reset
     return [
         texts("", [row.what for row in rows]),
@@ -122,7 +122,7 @@ def _limits(low: float | None, high: float | None) -> tuple[float, float] | None
     return -math.inf if low is None else low, math.inf if high is None else high
 
 
-TABLES: "Mapping[str, Callable[[TaskDescription], list[Column]]]" = {
+TABLES: "Mapping[str, Callable[[TaskDescription], list[ReportColumn]]]" = {
     "observations": _observations,
     "actions": _actions,
     "commands": _commands,

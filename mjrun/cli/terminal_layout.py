@@ -12,7 +12,7 @@ from rich.console import Console as Terminal
 from rich.padding import Padding
 from rich.text import Text
 
-from mjrun.cli.table_cells import Column
+from mjrun.cli.table_cells import ReportColumn
 
 GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values
@@ -33,7 +33,9 @@ class TerminalLayout:
         self._empty = True
         self._text = ""
 
-    def table(self, title: str, columns: Sequence[Column], rows: int, shown: int | None = None, hint: str = "") -> None:
+    def table(
+        self, title: str, columns: Sequence[ReportColumn], rows: int, shown: int | None = None, hint: str = ""
+    ) -> None:
         """Adds a table with its title and number of rows; `shown` limits the rows."""
         cut = rows if shown is None else min(rows, shown)
         self._title(title, str(rows) if rows else "none")
@@ -77,7 +79,7 @@ class TerminalLayout:
         lines = self._text.removesuffix("\n").split("\n")
         return "\n".join(lines if self._terminal.is_terminal else [line.rstrip() for line in lines])
 
-    def _rows(self, columns: Sequence[Column], widths: Sequence[int]) -> None:
+    def _rows(self, columns: Sequence[ReportColumn], widths: Sequence[int]) -> None:
         """Adds a table without its title; cells that are wider than their column are folded."""
         height = max(len(column.unit.split("\n")) if column.unit else 0 for column in columns)
         folded = [self._folded(_heading(column, height), width) for column, width in zip(columns, widths, strict=True)]
@@ -114,7 +116,7 @@ class TerminalLayout:
         self._text += printed.get()
 
 
-def _lines(columns: Sequence[Column], widths: Sequence[int], cells: Sequence[Sequence[str]]) -> list[str]:
+def _lines(columns: Sequence[ReportColumn], widths: Sequence[int], cells: Sequence[Sequence[str]]) -> list[str]:
     """Returns the lines of a row, each of whose cells has some lines, from its top."""
     made = list[str]()
     for parts in zip_longest(*cells, fillvalue=""):
@@ -127,7 +129,7 @@ def _lines(columns: Sequence[Column], widths: Sequence[int], cells: Sequence[Seq
     return made
 
 
-def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:
+def _fitting(columns: Sequence[ReportColumn], width: int) -> tuple[list[ReportColumn], list[ReportColumn]]:
     """Returns the columns that are not blank: those that fit, and those that do not."""
     filled = [column for column in columns if any(column.cells)]
     main = [column for column in filled if not column.extra]
@@ -153,16 +155,16 @@ def _total(widths: Iterable[int]) -> int:
     return sum(width + GAP for width in widths) - GAP
 
 
-def _readable_width(column: Column) -> int:
+def _readable_width(column: ReportColumn) -> int:
     """Returns the width at which a column is easy to read."""
     return _width(column) if column.right else min(_width(column), NARROW)
 
 
-def _width(column: Column) -> int:
+def _width(column: ReportColumn) -> int:
     return max(cell_len(text) for text in (*_heading(column, 0).split("\n"), *column.cells))
 
 
-def _widths(columns: Sequence[Column], room: int) -> list[int]:
+def _widths(columns: Sequence[ReportColumn], room: int) -> list[int]:
     """Returns the widths of the columns; texts that do not fit are folded, those of the first column last."""
     widths = [_width(column) for column in columns]
     texts = [i for i, column in enumerate(columns) if i and not column.right and not column.whole]
@@ -175,7 +177,7 @@ def _widths(columns: Sequence[Column], room: int) -> list[int]:
     return widths
 
 
-def _heading(column: Column, height: int) -> str:
+def _heading(column: ReportColumn, height: int) -> str:
     """Formats a heading over `height` lines of units."""
     units = [f"[{unit}]" for unit in column.unit.split("\n")] if column.unit else []
     return "\n".join([column.heading, *units, *[""] * (height - len(units))])

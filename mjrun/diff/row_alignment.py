@@ -60,7 +60,7 @@ class Pairs:
 
 
 @dataclass(frozen=True)
-class EqualRows:
+class SkippedRows:
     """A run of rows skipped unparsed because their bytes are identical."""
 
     count: int
@@ -162,7 +162,7 @@ class RowStream:
         self._last = keys[-1]
 
 
-def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | EqualRows]:
+def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | SkippedRows]:
     """Yields the rows with the same number; unmatched rows are counted."""
     while True:
         yield from _equal_rows(a, b, skip)
@@ -175,7 +175,7 @@ def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | Equ
             _pass_over(a, b)
 
 
-def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -> Iterator[Pairs | EqualRows]:
+def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -> Iterator[Pairs | SkippedRows]:
     """Yields the rows whose keys agree, several with one key in their order; unmatched rows are counted."""
     while True:
         yield from _equal_rows(a, b, skip)
@@ -190,14 +190,14 @@ def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -
             yield from _merged(a, b, tolerance)
 
 
-def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[EqualRows]:
+def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[SkippedRows]:
     """Skips equal rows if no loaded rows of either wait."""
     if len(a) or len(b):
         return
     if count := skip():
         a.pass_over(count)
         b.pass_over(count)
-        yield EqualRows(count)
+        yield SkippedRows(count)
 
 
 def _fill(a: RowStream, b: RowStream) -> bool:

@@ -143,7 +143,7 @@ def compare_rows(
     comparison = ColumnDifferences(columns, [tolerances.of(name) for name in columns])
     rows = 0
     for pairs in all_pairs:
-        if isinstance(pairs, row_alignment.EqualRows):
+        if isinstance(pairs, row_alignment.SkippedRows):
             rows += pairs.count
             comparison.add_equal(pairs.count)
         else:

@@ -107,7 +107,7 @@ def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None
 Made = TypeVar("Made")
 
 
-class Request(Generic[Made]):
+class LocatedRequest(Generic[Made]):
     """The contents of a document, with a context that locates its errors.
 
     Attributes:
@@ -146,7 +146,7 @@ class SimulationDocument(Generic[Made]):
         values: Mapping[str, object],
         defaults: Mapping[str, object],
         code: CodeOptions,
-    ) -> Request[Made]:
+    ) -> LocatedRequest[Made]:
         """Reads the document at `path`.
 
         Input files are relative to the folder of the document, output files to the current one.
@@ -164,7 +164,7 @@ class SimulationDocument(Generic[Made]):
         folders = DocumentContext(Path(path).parent)
         document, tree = read(path, self.record, folders, assignments, variables=True)
         made = self.made(tree, folders, document, defaults, values, code)
-        return Request(made, lambda: located_errors(tree, self.declared_at))
+        return LocatedRequest(made, lambda: located_errors(tree, self.declared_at))
 
     def made(
         self,

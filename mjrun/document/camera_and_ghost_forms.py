@@ -186,8 +186,8 @@ def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
 
 
 FORMS: dict[type[AnyKind], AnyKind] = {
-    kinds.Camera: CameraForm(),
-    kinds.Ghost: GhostForm(),
+    kinds.CameraKind: CameraForm(),
+    kinds.GhostKind: GhostForm(),
     number_kinds.Instant: InstantOrEvent(zero=True),
 }
 

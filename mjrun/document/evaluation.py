@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import DocumentBuilder, Request, Values, located_errors, values_of
+from mjrun.document.builder import DocumentBuilder, LocatedRequest, Values, located_errors, values_of
 from mjrun.document.camera_and_ghost_forms import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
@@ -59,7 +59,7 @@ EVALUATION = OptionsMapping[Values](
 )
 
 
-class EvaluationRequest(Request[Evaluation]):
+class EvaluationRequest(LocatedRequest[Evaluation]):
     """The evaluation in a document, with a context that locates its errors.
 
     Attributes:

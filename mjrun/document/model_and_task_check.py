@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.check.check import Check as ModelCheck
+from mjrun.check.check import ModelCheck
 from mjrun.options.option import options
 
 

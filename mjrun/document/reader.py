@@ -82,7 +82,7 @@ def unchecked_document(path: Path | str, suffixes: Sequence[str] = ()) -> tree.M
             text = file.read(LARGEST).decode("utf-8-sig")
     except (FileError, OSError, UnicodeDecodeError):
         return None
-    node, _ = compose(text, lambda index: tree.Mark(0, 0, 0, str(path)))
+    node, _ = compose(text, lambda index: tree.DocumentPlace(0, 0, 0, str(path)))
     return node if isinstance(node, tree.MappingNode) else None
 
 
@@ -116,7 +116,7 @@ def assign(
 
     faults: list[tree.Fault] = []
     for i, assignment in enumerate(assignments):
-        mark = tree.Mark(order + i, 0, 0, tree.shortened(assignment, SHOWN))
+        mark = tree.DocumentPlace(order + i, 0, 0, tree.shortened(assignment, SHOWN))
         key, equals, text = assignment.partition("=")
         try:
             if not equals:
@@ -242,7 +242,7 @@ class _Reader:
         self.files.append(str(path))
         from mjrun.document.yaml_parser import LineIndex, compose  # PyYAML is slow to import
 
-        top = tree.Mark(order, 0, 0, str(path))
+        top = tree.DocumentPlace(order, 0, 0, str(path))
         if len(data) > LARGEST:
             self.faults.append(tree.Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))
             return None
@@ -250,11 +250,11 @@ class _Reader:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             before = error.object[: error.start].decode("utf-8")  # after the byte order mark
-            mark = tree.Mark(order, *LineIndex(before).at(len(before)), str(path))
+            mark = tree.DocumentPlace(order, *LineIndex(before).at(len(before)), str(path))
             self.faults.append(tree.Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
             return None
         lines = LineIndex(text)
-        node, faults = compose(text, lambda index: tree.Mark(order, *lines.at(index), str(path)))
+        node, faults = compose(text, lambda index: tree.DocumentPlace(order, *lines.at(index), str(path)))
         self.faults += faults
         if node is None and not faults:
             self.faults.append(tree.Fault(top, "", "the document is empty"))

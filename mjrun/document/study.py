@@ -20,10 +20,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar, cast
 
-from mjrun.document.builder import Request, SimulationDocument, Values
+from mjrun.document.builder import LocatedRequest, SimulationDocument, Values
 from mjrun.document.camera_and_ghost_forms import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
-from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Node, document_error, misfit_faults, node_of
+from mjrun.document.tree import DocumentPlace, Fault, Mapped, MappingNode, Node, document_error, misfit_faults, node_of
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.folders import folder_at, opened_at
@@ -58,7 +58,7 @@ def read_study(
     values: Mapping[str, object] | None = None,
     code: CodeOptions | None = None,
     command: str = "",
-) -> Request[Study]:
+) -> LocatedRequest[Study]:
     """Reads the study document at `path`; by default, its folder has the name of the document.
 
     Args:
@@ -191,7 +191,7 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
         return None
     plan = _line(path, *lines[0])
     if len(lines) > 1:
-        raise document_error([Fault(Mark(0, lines[1][0], 1, path), "", "a plan is one line")])
+        raise document_error([Fault(DocumentPlace(0, lines[1][0], 1, path), "", "a plan is one line")])
     folder = Path(path).parent
     values = dict(given or {})
     if "output" not in values:
@@ -235,7 +235,7 @@ def _study_folder(folder: Path, path: str) -> str:
 
 
 def _line(path: str, number: int, text: bytes) -> _PlannedStudy:
-    mark = Mark(0, number, 1, path)
+    mark = DocumentPlace(0, number, 1, path)
     try:
         value = json.loads(text[:LARGEST])
         tree = node_of(value, mark)
@@ -250,7 +250,7 @@ def _line(path: str, number: int, text: bytes) -> _PlannedStudy:
 
 def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) -> Study:
     """Returns the study in `value`, a document in `folder`."""
-    tree = node_of(value, Mark(0, 1, 1, path))
+    tree = node_of(value, DocumentPlace(0, 1, 1, path))
     folders = DocumentContext(folder, lexical=True)
     document = _read(STUDY.record, value, tree, folders)
     assert isinstance(tree, MappingNode)

@@ -21,7 +21,7 @@ Place = tuple[str | int, ...]  # keys of mappings and indices of lists, from the
 
 
 @dataclasses.dataclass(frozen=True, order=True)
-class Mark:
+class DocumentPlace:
     """A place in a document.
 
     Attributes:
@@ -43,7 +43,7 @@ class Mark:
 class Fault:
     """A problem at a place of a document; faults are reported in order."""
 
-    mark: Mark
+    mark: DocumentPlace
     path: str
     message: str
 
@@ -52,7 +52,7 @@ class Fault:
 class ScalarNode:
     """A single value; `text` is its source without quotes, and `origin` the variable that it came from."""
 
-    mark: Mark
+    mark: DocumentPlace
     value: bool | int | float | str | None
     text: str
     origin: str = ""
@@ -62,7 +62,7 @@ class ScalarNode:
 class ListNode:
     """A list of nodes."""
 
-    mark: Mark
+    mark: DocumentPlace
     items: Sequence["Node"] = ()
 
 
@@ -70,11 +70,11 @@ class ListNode:
 class MappingNode:
     """A mapping; `keys` are the places of its keys."""
 
-    mark: Mark
+    mark: DocumentPlace
     entries: Mapping[str, "Node"] = field(default_factory=dict[str, "Node"])
-    keys: Mapping[str, Mark] = field(default_factory=dict[str, Mark])
+    keys: Mapping[str, DocumentPlace] = field(default_factory=dict[str, DocumentPlace])
 
-    def with_entry(self, key: str, mark: Mark, value: "Node") -> "MappingNode":
+    def with_entry(self, key: str, mark: DocumentPlace, value: "Node") -> "MappingNode":
         """Returns a copy with one entry set."""
         return MappingNode(self.mark, {**self.entries, key: value}, {**self.keys, key: mark})
 
@@ -87,7 +87,7 @@ class MappingNode:
 class InvalidNode:
     """A value whose fault is already reported."""
 
-    mark: Mark
+    mark: DocumentPlace
 
 
 Node = ScalarNode | ListNode | MappingNode | InvalidNode
@@ -106,7 +106,7 @@ def plain(node: Node) -> object:
             return INVALID
 
 
-def node_of(value: object, mark: Mark) -> Node:
+def node_of(value: object, mark: DocumentPlace) -> Node:
     """Converts plain Python values to a tree with one place for all nodes."""
     match value:
         case dict():
@@ -132,7 +132,7 @@ def find(node: Node, path: Place) -> Node:
     return node
 
 
-def key_mark(node: Node, path: Place) -> Mark:
+def key_mark(node: Node, path: Place) -> DocumentPlace:
     """Returns the place of the last key in `path`."""
     parent = find(node, path[:-1])
     return parent.keys.get(str(path[-1]), parent.mark) if isinstance(parent, MappingNode) else parent.mark

@@ -96,7 +96,7 @@ class _Resolver:
         text = "".join([*parts, text[end:]])
         return tree.ScalarNode(node.mark, text, text)
 
-    def _value(self, match: re.Match[str], mark: tree.Mark, path: tree.Place) -> tree.ScalarNode | None:
+    def _value(self, match: re.Match[str], mark: tree.DocumentPlace, path: tree.Place) -> tree.ScalarNode | None:
         """Returns the variable that `match` refers to; None if it does not exist."""
         name = match[1]
         if name is None:
@@ -107,7 +107,7 @@ class _Resolver:
         value = self.variables.get(name)
         return value if isinstance(value, tree.ScalarNode) else None
 
-    def _fault(self, mark: tree.Mark, path: tree.Place, message: str) -> None:
+    def _fault(self, mark: tree.DocumentPlace, path: tree.Place, message: str) -> None:
         self.faults.append(tree.Fault(mark, tree.path_text(path), message))
 
 

@@ -63,7 +63,7 @@ PROBLEMS = {
 
 NODES = 50_000  # values per document
 
-MarkAt = Callable[[int], tree.Mark]  # of the character at an index
+MarkAt = Callable[[int], tree.DocumentPlace]  # of the character at an index
 
 # YAML's printable characters, except byte order marks and line ends that only some programs recognize.
 FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
@@ -137,7 +137,7 @@ class _Composer:
         self.faults.append(tree.Fault(self.place(index), "", message))
         raise _UnreadableError
 
-    def _fault(self, mark: tree.Mark, path: tree.Place, message: str) -> None:
+    def _fault(self, mark: tree.DocumentPlace, path: tree.Place, message: str) -> None:
         self.faults.append(tree.Fault(mark, tree.path_text(path), message))
 
     def _check_directives(self, start: events.DocumentStartEvent) -> None:
@@ -165,28 +165,28 @@ class _Composer:
         self.depth -= 1
         return node
 
-    def _check_properties(self, event: events.NodeEvent, mark: tree.Mark, path: tree.Place) -> None:
+    def _check_properties(self, event: events.NodeEvent, mark: tree.DocumentPlace, path: tree.Place) -> None:
         """Reports YAML's node properties, anchors and tags, as faults."""
         if event.anchor is not None:
             self._fault(mark, path, NO_ANCHORS)
         if getattr(event, "tag", None) is not None:
             self._fault(mark, path, NO_TAGS)
 
-    def _scalar(self, event: events.ScalarEvent, mark: tree.Mark, path: tree.Place) -> tree.Node:
+    def _scalar(self, event: events.ScalarEvent, mark: tree.DocumentPlace, path: tree.Place) -> tree.Node:
         if found := _SURROGATE.search(event.value):
             self._fault(mark, path, f"the escape {quoted(found[0])} is half a character")
             return tree.InvalidNode(mark)
         return tree.ScalarNode(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
 
-    def _list(self, mark: tree.Mark, path: tree.Place) -> tree.ListNode:
+    def _list(self, mark: tree.DocumentPlace, path: tree.Place) -> tree.ListNode:
         items: list[tree.Node] = []
         while not isinstance(event := self._event(), events.SequenceEndEvent):
             items.append(self._node(event, (*path, len(items))))
         return tree.ListNode(mark, items)
 
-    def _mapping(self, mark: tree.Mark, path: tree.Place) -> tree.MappingNode:
+    def _mapping(self, mark: tree.DocumentPlace, path: tree.Place) -> tree.MappingNode:
         entries: dict[str, tree.Node] = {}
-        keys: dict[str, tree.Mark] = {}
+        keys: dict[str, tree.DocumentPlace] = {}
         while not isinstance(event := self._event(), events.MappingEndEvent):
             key, key_mark = self._key(event, path), self.place(event.start_mark.index)
             value = self._node(self._event(), path if key is None else (*path, key))
@@ -217,7 +217,7 @@ class _Composer:
         return None
 
 
-def _first(mark: tree.Mark) -> str:
+def _first(mark: tree.DocumentPlace) -> str:
     return f"; first in line {mark.line}" if mark.line else ""
 
 

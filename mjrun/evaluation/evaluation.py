@@ -38,7 +38,7 @@ from mjrun.model.source import Source
 from mjrun.options.evaluation import MANIFEST, EvaluationOptions
 from mjrun.options.option import options
 from mjrun.options.sweep import PARTS, ExecutionOptions
-from mjrun.plotting.table import Table
+from mjrun.plotting.plottable_table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.executors import WARP, check_engine

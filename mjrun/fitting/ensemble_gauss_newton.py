@@ -13,7 +13,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.gauss_newton import NormalEquations, Slopes, normal_equations
-from mjrun.fitting.shooting_problem import Point, ShootingProblem, Simulating
+from mjrun.fitting.shooting_problem import ShootingProblem, Simulating, Unknowns
 from mjrun.fitting.solution import Floats, Solution, loss_weights
 
 LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # least, one more if no longer stretches follow, and most
@@ -66,7 +66,7 @@ class EnsembleSearch:
     def __init__(self, problem: ShootingProblem, seed: int, scatter: StandardErrors | None = None) -> None:
         self._problem, self._scatter = problem, scatter
         self._generator = np.random.default_rng(seed)
-        self._rounds: list[tuple[list[Point], list[list[Floats]]]] = []
+        self._rounds: list[tuple[list[Unknowns], list[list[Floats]]]] = []
 
     def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, StandardErrors]]:
         """Searches from the start of the problem; returns a solution and standard errors.
@@ -95,13 +95,13 @@ class EnsembleSearch:
         pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
         return replace(problem.solution(best, residuals, list(pairs)), variances=variances), scatter
 
-    def _first_scatter(self, point: Point) -> Simulating[StandardErrors]:
+    def _first_scatter(self, point: Unknowns) -> Simulating[StandardErrors]:
         (residuals,) = yield from self._problem.residuals([point])
         slopes = Slopes(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
         weights = [np.ones_like(each) for each in residuals]
         return _scatter(normal_equations(self._problem, point, residuals, slopes, weights))
 
-    def _simulate(self, middle: Point, scatter: StandardErrors) -> Simulating[None]:
+    def _simulate(self, middle: Unknowns, scatter: StandardErrors) -> Simulating[None]:
         """Adds points around the centre, in opposite directions that are orthogonal in standard errors."""
         size = self._problem.free + self._problem.size
         turned, _ = np.linalg.qr(self._generator.normal(size=(size, size)))
@@ -110,7 +110,7 @@ class EnsembleSearch:
         residuals = yield from self._problem.residuals(points)
         self._rounds = [*self._rounds[1 - POOLED :], (points, residuals)]
 
-    def _regressed(self, middle: Point) -> tuple[list[Floats], Slopes, list[Floats]]:
+    def _regressed(self, middle: Unknowns) -> tuple[list[Floats], Slopes, list[Floats]]:
         """Fits residuals at the centre, slopes, and variances of residuals to the points of the last rounds."""
         free = self._problem.free
         points = [each for points, _ in self._rounds for each in points]
@@ -135,7 +135,9 @@ class EnsembleSearch:
             of_states.append(of_unknowns[..., free:])
         return at_middle, Slopes(of_coordinates, of_states), variances
 
-    def _nearest(self, middle: Point, scatter: StandardErrors, batches: int) -> Simulating[tuple[Point, list[Floats]]]:
+    def _nearest(
+        self, middle: Unknowns, scatter: StandardErrors, batches: int
+    ) -> Simulating[tuple[Unknowns, list[Floats]]]:
         """Searches states near a point for the simulation nearest to the log, with constant coordinates."""
         size, best = self._problem.size, middle
         (residuals,) = yield from self._problem.residuals([middle])
@@ -143,17 +145,17 @@ class EnsembleSearch:
             directions = self._generator.normal(size=(2 * size, size)) / np.sqrt(size)
             widths = NEAREST ** self._generator.random((2 * size, 1))
             moves = np.einsum("cij,bj->bci", scatter.states, SPREAD * widths * directions)
-            points = [Point(best.coordinates, best.deviations + move) for move in moves]
+            points = [Unknowns(best.coordinates, best.deviations + move) for move in moves]
             all_residuals = yield from self._problem.residuals(points)
             candidates = [(best, residuals), *zip(points, all_residuals, strict=True)]
             best, residuals = min(candidates, key=lambda each: self._problem.cost(*each))
         return best, residuals
 
 
-def _moved(point: Point, turn: Floats, moves: Floats) -> Point:
+def _moved(point: Unknowns, turn: Floats, moves: Floats) -> Unknowns:
     coordinates = point.coordinates.copy()
     coordinates[: len(turn)] = np.clip(coordinates[: len(turn)] + turn, 0, 1)
-    return Point(coordinates, point.deviations + moves)
+    return Unknowns(coordinates, point.deviations + moves)
 
 
 def _scatter(normal: NormalEquations) -> StandardErrors:

@@ -26,7 +26,7 @@ from mjrun.fitting.rotations_and_noise import first_noise, set_noise, shared, sp
 from mjrun.fitting.shooting_fit import SHORTEST, SearchResult, Shooting
 from mjrun.fitting.solution import Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
-from mjrun.fitting.verdict import Misfit, all_at_bounds, improvement, misfit
+from mjrun.fitting.verdict import NoiseRatios, all_at_bounds, improvement, misfit
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
@@ -271,7 +271,7 @@ class _Run:
         self,
         last: Solution,
         sensitivities: Sensitivity,
-        left: Misfit,
+        left: NoiseRatios,
         comparisons: Solutions,
         ways: Sequence[str],
         hints: Sequence[str],
@@ -307,7 +307,7 @@ class _Run:
             partial,
         )
 
-    def _signals(self, last: Solution, left: Misfit, comparisons: Solutions) -> list[FittedSignal]:
+    def _signals(self, last: Solution, left: NoiseRatios, comparisons: Solutions) -> list[FittedSignal]:
         errors = {key: _errors(solution, self._measurements.rotations) for key, solution in comparisons.items()}
         missing = np.full(len(self._measurements.signals), np.nan)
         rows = [

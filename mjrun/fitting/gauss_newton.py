@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.fitting.shooting_problem import STATE_SCALE, Advanced, Point, ShootingProblem, Simulating
+from mjrun.fitting.shooting_problem import STATE_SCALE, Advanced, ShootingProblem, Simulating, Unknowns
 from mjrun.fitting.solution import Floats, Solution, loss_weights
 
 ROUNDING = 1e-14  # eigenvalues of normal equations below this share of the largest are ignored
@@ -70,7 +70,7 @@ class NormalEquations:
 
 def normal_equations(
     problem: ShootingProblem,
-    point: Point,
+    point: Unknowns,
     residuals: Sequence[Floats],
     slopes: Slopes,
     weights: Sequence[Floats],
@@ -129,7 +129,7 @@ def _within(matrix: Floats, gradient: Floats, coordinates: Floats) -> Floats:
 class _Place:
     """A point with the residuals of each chunk, `(n, signals)`, and half the sum of squares."""
 
-    point: Point
+    point: Unknowns
     residuals: list[Floats]
     cost: float
 
@@ -169,7 +169,7 @@ class GaussNewton:
         """Returns the start of the problem, with slopes."""
         return self._solution(*(yield from self._descended(evaluations=0, tolerance=0.0)))
 
-    def _places(self, points: Sequence[Point]) -> Simulating[list[_Place]]:
+    def _places(self, points: Sequence[Unknowns]) -> Simulating[list[_Place]]:
         all_residuals = yield from self._problem.residuals(points)
         return [_Place(p, r, self._problem.cost(p, r)) for p, r in zip(points, all_residuals, strict=True)]
 
@@ -247,7 +247,7 @@ class GaussNewton:
             of_states.append(slope + change[..., None] * scaled / size if size > 0 else slope)
         return Slopes(of_coordinates, of_states, is_fresh=False)
 
-    def _step(self, place: _Place, slopes: Slopes, damping: float) -> tuple[Point, float]:
+    def _step(self, place: _Place, slopes: Slopes, damping: float) -> tuple[Unknowns, float]:
         """Returns a damped step within bounds and the decrease of the cost that it promises."""
         problem, free = self._problem, self._problem.free
         weights = [loss_weights(problem.loss, r) for r in place.residuals]
@@ -255,7 +255,7 @@ class GaussNewton:
         turn, moves = normal.step(place.point.coordinates[:free])
         coordinates = place.point.coordinates.copy()
         coordinates[:free] = np.clip(coordinates[:free] + turn, 0, 1)
-        point = Point(coordinates, place.point.deviations + moves)
+        point = Unknowns(coordinates, place.point.deviations + moves)
         expected = [
             r + a @ turn + b @ move
             for r, a, b, move in zip(place.residuals, slopes.of_coordinates, slopes.of_states, moves, strict=True)

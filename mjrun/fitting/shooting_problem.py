@@ -46,7 +46,7 @@ def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Unknowns:
     """Values of the unknowns.
 
     Attributes:
@@ -94,14 +94,14 @@ class ShootingProblem:
         self._is_nominal = coordinates is None
         self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), states.size
         first = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
-        self.start = Point(first, np.zeros((len(parts), states.size)))
+        self.start = Unknowns(first, np.zeros((len(parts), states.size)))
         self.known = [np.isfinite(part.values) for part in parts]
 
-    def states(self, point: Point) -> Floats:
+    def states(self, point: Unknowns) -> Floats:
         """Returns the integration states at the beginning of the chunks, `(chunks, nstate)`."""
         return np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, point.deviations, strict=True)])
 
-    def residuals(self, points: Sequence[Point]) -> Simulating[list[list[Floats]]]:
+    def residuals(self, points: Sequence[Unknowns]) -> Simulating[list[list[Floats]]]:
         """Computes residuals of each chunk at each point, `(n, signals)`, in standard deviations of the noise."""
         starts = [(i, p.coordinates, p.deviations[i]) for p in points for i in range(len(self.parts))]
         left = yield from self._left(starts)
@@ -109,7 +109,7 @@ class ShootingProblem:
         return [left[i * count : (i + 1) * count] for i in range(len(points))]
 
     def slopes(
-        self, point: Point, residuals: Sequence[Floats], *, of_states: bool = True, wider: float = 1.0
+        self, point: Unknowns, residuals: Sequence[Floats], *, of_states: bool = True, wider: float = 1.0
     ) -> Simulating[tuple[list[Floats], list[Floats]]]:
         """Computes slopes of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
 
@@ -138,14 +138,16 @@ class ShootingProblem:
         slopes = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
         return [each[..., : self.free] for each in slopes], [each[..., self.free :] for each in slopes if size]
 
-    def cost(self, point: Point, residuals: Sequence[Floats]) -> float:
+    def cost(self, point: Unknowns, residuals: Sequence[Floats]) -> float:
         """Returns half the sum of squares under the loss, including the priors of states and parameters."""
         loss = LOSSES[self.loss]
         squares = sum(float(loss(r[k] ** 2).sum()) for r, k in zip(residuals, self.known, strict=True))
         priors, _ = self.priors(point.coordinates)
         return 0.5 * (squares + float(((point.deviations / STATE_SCALE) ** 2).sum()) + float(priors @ priors))
 
-    def solution(self, point: Point, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]) -> Solution:
+    def solution(
+        self, point: Unknowns, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]
+    ) -> Solution:
         """Returns a point as a solution; `slopes` has those to the coordinates and to the state for each chunk."""
         shown = [np.where(known, r, np.nan) for r, known in zip(residuals, self.known, strict=True)]
         return Solution(self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss)

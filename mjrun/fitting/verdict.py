@@ -19,7 +19,7 @@ CERTAIN = 2.0  # standard deviations that a gain must exceed
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class NoiseRatios:
     """Residuals of a fit compared with the noise of the log.
 
     Attributes:
@@ -65,7 +65,7 @@ class Misfit:
         )
 
 
-def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]) -> Misfit:
+def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]) -> NoiseRatios:
     """Compares the residuals of a solution with the noise of the log."""
     values = np.concatenate([part.values for part in solution.chunks])
     spread = shared(spread_of(values, solution.loss), rotations)
@@ -73,7 +73,7 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
     ratios = left / np.maximum(noise, LEAST * spread)
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
-    return Misfit(ratios, left / np.where(spread > 0, spread, np.nan), reduced, bool(solution.variances))
+    return NoiseRatios(ratios, left / np.where(spread > 0, spread, np.nan), reduced, bool(solution.variances))
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:

@@ -18,11 +18,11 @@ from mjrun.formats.image_encoding import UINT16_MAX, ImageData, png
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
-    Light,
     Material,
     Mesh,
     Node,
     SceneGraph,
+    SceneLight,
     SceneMotion,
     Skin,
     Texture,
@@ -374,7 +374,7 @@ def _camera(lens: CameraLens, name: str) -> dict[str, Any]:
     return {"name": name, "type": "perspective", "perspective": shape}
 
 
-def _light(light: Light, name: str) -> dict[str, Any]:
+def _light(light: SceneLight, name: str) -> dict[str, Any]:
     color = [linear(part) for part in light.color]
     made: dict[str, Any] = {"name": name, "type": light.kind, "color": color, "intensity": light.intensity}
     if light.range > 0 and light.kind != "directional":

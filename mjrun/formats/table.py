@@ -17,7 +17,7 @@ SHOWN_COLUMNS, SHOWN_ROWS = 20, 5  # in a notebook; the rows at either end
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class NumericTable:
     """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
 
     Iterating yields the names of the columns, in the order of the file.

@@ -19,7 +19,7 @@ from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean
 from mjrun.formats.folders import open_url
 from mjrun.formats.input_file import cut, require_file
-from mjrun.formats.table import Table
+from mjrun.formats.table import NumericTable
 from mjrun.formats.table_contents import CellKinds, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
 from mjrun.suffixes import is_url
@@ -172,7 +172,7 @@ def open_table(
 
 def read_table(
     path: str | Path, columns: Collection[str] | ColumnFilter | None = None, *, missing: Missing = "error"
-) -> Table:
+) -> NumericTable:
     """Reads columns of numbers from a table.
 
     Args:
@@ -196,7 +196,7 @@ def read_table(
                     require_expandable(table.path, size, table.file)
                 for name, column in zip(table.names, block.T, strict=True):
                     parts[name].append(column.copy())
-            return Table({name: np.concatenate(parts.pop(name)) for name in table.names}, table.units)
+            return NumericTable({name: np.concatenate(parts.pop(name)) for name in table.names}, table.units)
         except MemoryError:
             raise FileError(table.path, "its columns do not fit in memory") from None
 

@@ -20,11 +20,11 @@ from mjrun.formats.image_encoding import ImageData, png
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
-    Light,
     Material,
     Mesh,
     Node,
     SceneGraph,
+    SceneLight,
     SceneMotion,
     Texture,
 )
@@ -188,7 +188,7 @@ class _Writer:
         coordinates.ConnectToSource(reader.CreateOutput("result", Sdf.ValueTypeNames.Float2))
         return image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
 
-    def _light(self, path: str, light: Light) -> Any:
+    def _light(self, path: str, light: SceneLight) -> Any:
         """Returns a light; intensities are those of UsdLux, whose lights with a place are spheres."""
         if light.kind == "directional":
             made = UsdLux.DistantLight.Define(self.stage, path)

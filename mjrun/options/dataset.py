@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Kind, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Size
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.rendering import GEOMS, STAGE, RendererOptions
@@ -56,7 +56,7 @@ class LabelOptions(RendererOptions):
 
     size: tuple[int, int] = option(converter=Size(), default=(640, 480), help="Width and height of an image [pixels].")
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()),
+        converter=Several(CameraKind()),
         default="auto",
         help="Cameras, as for mjrun video. The settings of a rig can vary: --vary 'camera.azimuth=uniform(0,360)', "
         "camera.distance, camera.lookat, camera.fovy, …",

@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Key, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Key, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.rendering import SceneOptions
@@ -95,7 +95,7 @@ class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
         help="Values to observe, as in a trace: qpos, sensor/imu, xpos[hand], …",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()),
+        converter=Several(CameraKind()),
         default=(),
         usual="none: a dataset without images",
         help="Camera of the images, as in a video; each use adds a camera.",

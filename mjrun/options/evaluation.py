@@ -24,7 +24,7 @@ NO_THRESHOLDS: dict[str, Numbers] = {}
 FAILURES = "failures"
 
 
-class Thresholds(NamedNumbers):
+class LowestValues(NamedNumbers):
     """Lowest accepted values by name: `success=90%`, `return=200`."""
 
     metavar = "NAME=VALUE"
@@ -145,7 +145,7 @@ class EvaluationOptions(
         "quantile(return, 0.05) > 100.",
     )
     fail_below: Mapping[str, Numbers] = option(
-        converter=Thresholds(),
+        converter=LowestValues(),
         default=NO_THRESHOLDS,
         help="Exit with code 1 if a value is below its threshold: the success rate, success=90%; the mean return, "
         "return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the lower end of a confidence "

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
 from mjrun.options.option import option, options, required
 from mjrun.options.output import EXPORT_FOLDERS, EXPORTS, OutputOptions
@@ -90,7 +90,7 @@ class ExportOptions(SceneOptions, OutputOptions):
         help="Encoding of the images of cameras, in MCAP: a video in H.264, or separate images.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()),
+        converter=Several(CameraKind()),
         default=(),
         usual="free in glb",
         help=f"Camera to add to those of the model: one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "

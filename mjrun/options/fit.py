@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Optional, Several
 from mjrun.options.number_kinds import Integer, Real, Size
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
@@ -62,7 +62,7 @@ class FitOptions(Options):
         help=f"Video of the fitted model with the measured motion as a ghost: {VIDEOS}.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="auto", help="Camera of the video: a camera of the model, or a rig."
+        converter=Several(CameraKind()), default="auto", help="Camera of the video: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the video [pixels].")
     noise: tuple[tuple[str, str], ...] = option(

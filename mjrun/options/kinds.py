@@ -144,7 +144,7 @@ class MujocoName(Text):
         self.of = of
 
 
-class Ghost(Text):
+class GhostKind(Text):
     """The settings of a ghost as text; documents also accept a mapping."""
 
     metavar = "SETTING,…"
@@ -246,7 +246,7 @@ class PythonFunction(Kind[Callable[..., object] | None, Callable[..., object] | 
         return value
 
 
-class Camera(Kind[object, object]):
+class CameraKind(Kind[object, object]):
     """A camera as text, a document of shots, or the value of such a document."""
 
     metavar = "SPEC"

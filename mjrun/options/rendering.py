@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Ghost, MujocoName, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, GhostKind, MujocoName, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
@@ -79,7 +79,7 @@ class SceneOptions(RendererOptions):
 
     size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()),
+        converter=Several(CameraKind()),
         default="auto",
         help=f"Camera of the model, by name or index; or one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "
         f"{' '.join(RIG_EXAMPLES.values())}; or a camera script, camera.yaml, with a sequence of shots.",
@@ -149,7 +149,7 @@ class SceneOptions(RendererOptions):
         help="Duration of the motion that a trail shows [s].",
     )
     ghost: tuple[str, ...] = option(
-        converter=Several(Ghost()),
+        converter=Several(GhostKind()),
         default=(),
         help="Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe, key=NAME; "
         "the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, with "

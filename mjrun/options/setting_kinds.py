@@ -154,7 +154,7 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         return dict(value)
 
 
-class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str], tuple[str, ...]]):
+class ColumnDefinitions(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str], tuple[str, ...]]):
     """Definitions of columns as texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines."""
 
     metavar = "COLUMN=EXPRESSION"

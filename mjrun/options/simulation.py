@@ -10,7 +10,7 @@ from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
-from mjrun.options.setting_kinds import ColumnMap, JointNumbers, NamedNumbers
+from mjrun.options.setting_kinds import ColumnDefinitions, JointNumbers, NamedNumbers
 
 INTERPOLATIONS = ("hold", "linear")
 NO_VALUES: dict[str, Numbers] = {}
@@ -130,7 +130,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         help="Unwrap hinge angles: treat a jump of more than half a turn between rows as a continued rotation.",
     )
     map: tuple[str, ...] = option(
-        converter=ColumnMap(),
+        converter=ColumnDefinitions(),
         default=(),
         help="Column of mjrun and its value, an expression over the columns of a table that is replayed or that a "
         "ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching columns "

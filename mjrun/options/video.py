@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Key, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Key, Optional, Several, Text
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
@@ -77,7 +77,7 @@ class SelectedVideoOptions(Options):
     section: ClassVar[str] = "Videos"
 
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
+        converter=Several(CameraKind()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(
         converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."

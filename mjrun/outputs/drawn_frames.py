@@ -22,7 +22,7 @@ from mjrun.outputs.camera_panels import (
 from mjrun.outputs.drawing_processes import DrawingProcesses
 from mjrun.outputs.output import Context, EventSteps, OutputResult, PassRenderers, RendererRequest
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
-from mjrun.outputs.scene_frames import (
+from mjrun.outputs.recorded_scene import (
     R_co,
     RecordedFrames,
     SceneJob,

@@ -12,7 +12,7 @@ from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.drawn_frames import check_drawing, scene_compositor
 from mjrun.outputs.frame_schedule import shot_spans
-from mjrun.outputs.scene_frames import camera_motions
+from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, SceneCompositor

@@ -28,7 +28,7 @@ from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_contacts import ContactRecorder, FrameContacts
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.scene_frames import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
+from mjrun.outputs.recorded_scene import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import RowFile
 from mjrun.physics.simulation_loop import AnyTap, Tap

@@ -21,7 +21,7 @@ from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import Page, PageFigure, PageFile, PageTable, page_file
+from mjrun.plotting.html_page import Page, PageFigure, PageFile, TableStatistics, page_file
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
@@ -97,7 +97,7 @@ class _Contents:
     path: str
     limit: float
     figures: list[PageFigure] = field(default_factory=list[PageFigure])
-    tables: list[PageTable] = field(default_factory=list[PageTable])
+    tables: list[TableStatistics] = field(default_factory=list[TableStatistics])
     verdicts: list[tuple[str, Verdict]] = field(default_factory=list[tuple[str, Verdict]])
     files: list[PageFile] = field(default_factory=list[PageFile])
     manifests: list[FileManifest] = field(default_factory=list[FileManifest])
@@ -125,7 +125,7 @@ class _Contents:
             summary = TableSummary(path, figure.units[path], None, ())
             figure.read([summary])
         self.figures.append(figure.for_page())
-        self.tables.append(PageTable(path, summary.rows, summary.statistics()))
+        self.tables.append(TableStatistics(path, summary.rows, summary.statistics()))
 
 
 def _paths(result: OutputResult, files: Sequence[Path]) -> list[str]:

@@ -17,8 +17,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources
-from mjrun.physics.divided_step import is_bounded
 from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, RolloutBlock, block_steps, models_of
+from mjrun.physics.step_stages import is_bounded
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper
 from mjrun.timeline import rational
 

@@ -13,8 +13,8 @@ from mjrun.errors import ContactMemoryError, ControllerError, FailedStepError, S
 from mjrun.model import state
 from mjrun.model.names import names
 from mjrun.physics.control import NEVER, ControlSources, PeriodicController
-from mjrun.physics.divided_step import Integrate, integrator_of, is_bounded, need_only_motion
 from mjrun.physics.push_forces import PushForces
+from mjrun.physics.step_stages import Integrate, integrator_of, is_bounded, need_only_motion
 from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %

@@ -68,7 +68,7 @@ class PageFigure:
 
 
 @dataclass(frozen=True)
-class PageTable:
+class TableStatistics:
     """The statistics of a table."""
 
     path: str
@@ -154,7 +154,7 @@ class Page:
     figures: Sequence[PageFigure] = ()
     verdicts: Sequence[tuple[str, Verdict]] = ()
     files: Sequence[PageFile] = ()
-    tables: Sequence[PageTable] = ()
+    tables: Sequence[TableStatistics] = ()
     manifests: Sequence[FileManifest] = ()
     facts: Sequence[PageFactTable] = ()
     cards: Sequence[PageCard] = ()
@@ -377,7 +377,7 @@ def _links(files: Sequence[PageFile]) -> Iterator[Markup]:
         yield element("ul", *items)
 
 
-def _columns(table: PageTable) -> Markup:
+def _columns(table: TableStatistics) -> Markup:
     """Returns the columns of a table, folded if they are many."""
     gaps = any(column.missing for column in table.columns)
     rows: list[Markup] = []

@@ -16,7 +16,7 @@ from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
 from mjrun.plotting import page_writer
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
-from mjrun.plotting.html_page import Page, PageFigure, PageTable, media_html
+from mjrun.plotting.html_page import Page, PageFigure, TableStatistics, media_html
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.study.figure_data import study_grid
@@ -108,7 +108,7 @@ class TablePlot(TablePlotOptions):
             figures=[figure.for_page()],
             verdicts=[*verdicts, *((path, each) for path, each in recorded if (path, each.text) not in known)],
             files=files,
-            tables=[PageTable(each.path, each.rows, each.statistics()) for each in summaries],
+            tables=[TableStatistics(each.path, each.rows, each.statistics()) for each in summaries],
             manifests=[_origin(self, self.paths), *manifests, *embedded],
         )
 

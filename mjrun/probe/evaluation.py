@@ -105,7 +105,7 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
         case tree.Reduction(name=name, operands=operands):
             reduced, numbers = tree.REDUCED[name], _side_by_side(operands)
             return lambda columns, known: reduced(numbers(columns, known), axis=-1)
-        case tree.Choice(condition=condition, operands=operands):
+        case tree.ConditionalValue(condition=condition, operands=operands):
             return _choice(truth_evaluation(condition), *_aligned(operands), is_vector=value.width > 0)
     raise TypeError(value)
 

@@ -154,7 +154,7 @@ class Reduction(NumericExpression):
 
 
 @dataclass(frozen=True, eq=False)
-class Choice(NumericExpression):
+class ConditionalValue(NumericExpression):
     """A choice: the first operand where the condition holds, else the second."""
 
     condition: "BooleanExpression"
@@ -232,7 +232,7 @@ def parts(node: Node) -> tuple[Node, ...]:
             return nodes
         case BooleanOperation(parts=nodes):
             return nodes
-        case Choice(condition=condition, operands=nodes):
+        case ConditionalValue(condition=condition, operands=nodes):
             return (condition, *nodes)
         case PreviousValue(operand=node):
             return (node,)
@@ -337,7 +337,7 @@ def _unit(node: Node, units: Mapping[str, str]) -> str | None:
             return _common([units.get(name, "") for name in names])
         case FunctionCall(functions=functions, operands=operands) if KEEPING_UNITS.issuperset(functions):
             return _common([_unit(operand, units) for operand in operands])
-        case Reduction(operands=operands) | Choice(operands=operands):
+        case Reduction(operands=operands) | ConditionalValue(operands=operands):
             return _common([_unit(operand, units) for operand in operands])
         case AggregateCall(name=name, operand=operand):
             return "" if name in OF_CONDITIONS else _unit(operand, units)

@@ -105,7 +105,7 @@ class NodeBuilder:
         condition, first, second = self.truth(arguments[0]), self.value(arguments[1]), self.value(arguments[2])
         self._check_widths((first, second))
         kind = self._kind([*tree.sides(condition), first, second])
-        return tree.Choice(name.start, end, kind, condition, (first, second))
+        return tree.ConditionalValue(name.start, end, kind, condition, (first, second))
 
     def _finiteness(self, name: Token, value: tree.NumericExpression, end: int) -> tree.BooleanExpression:
         """Builds `isfinite(x)`; a vector is finite if all its numbers are."""

@@ -85,7 +85,7 @@ class CameraLens:
 
 
 @dataclass(frozen=True)
-class Light:
+class SceneLight:
     """A light, which shines along −z.
 
     Attributes:
@@ -149,7 +149,7 @@ class Node:
     mesh: Mesh | None = None
     material: Material | None = None
     lens: CameraLens | None = None
-    light: Light | None = None
+    light: SceneLight | None = None
     skin: Skin | None = None
     visible: bool = True
     layer: str = ""

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 
 from mjrun.model.names import enum_name
-from mjrun.scene_graph.graph import Light, Vector
+from mjrun.scene_graph.graph import SceneLight, Vector
 
 KINDS = ("directional", "point", "spot")
 DAYLIGHT = 80_000.0  # illuminance of a bright surface where lights have intensities [lx]
 
 
-def light_of(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> Light | None:
+def light_of(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> SceneLight | None:
     """Returns a light of the model; None if it is dark or only surrounds the scene.
 
     Lights of the classic renderer do not get weaker with distance. Here those with a place have the brightness of their
@@ -32,7 +32,7 @@ def light_of(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> Light | 
     red, green, blue = (float(part) for part in color / color.max())
     hue: Vector = (red, green, blue)
     cutoff = math.radians(float(model.light_cutoff[index])) if kind == "spot" else 0.0
-    return Light(kind, hue, intensity, cutoff=cutoff)
+    return SceneLight(kind, hue, intensity, cutoff=cutoff)
 
 
 def lit_distance(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> float:

@@ -27,7 +27,7 @@ from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
 from mjrun.outputs.labelled_images import AcceptConditions, LabelledObject, labelled_objects
-from mjrun.outputs.scene_frames import camera_motions
+from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
 from mjrun.rendering.drawn_model import stage_parts, stage_remark
@@ -222,7 +222,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
         sites = names(prepared.model, "site")
         described = [(each.name, each.category, tuple(sites[i] for i in each.keypoints)) for each in objects]
-        dataset = datasets.Dataset(parts, described, self.polygons, self.yolo_task)
+        dataset = datasets.DatasetRecords(parts, described, self.polygons, self.yolo_task)
         for name in self.format:
             if name != "folder":
                 self._write(import_module(f"mjrun.formats.datasets.{name}").files(dataset))

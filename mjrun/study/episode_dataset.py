@@ -27,7 +27,7 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideos, Episode, EpisodeLayout, stored
+from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows, stored
 from mjrun.formats.input_file import exists, is_folder
 from mjrun.model.demonstrations import errors_of_models, open_demonstrations
 from mjrun.model.mujoco_globals import reported_warnings
@@ -38,7 +38,7 @@ from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.outputs.drawn_frames import check_drawing
 from mjrun.outputs.exports import export_format
-from mjrun.outputs.scene_frames import camera_motions
+from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import AUTO, GL, BackendDetection
@@ -419,7 +419,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         layout: EpisodeLayout,
         made: list[dict[str, Any]],
         reporter: Reporter,
-    ) -> Iterator[Episode]:
+    ) -> Iterator[EpisodeRows]:
         """Yields the episodes that wait, and adds facts about each to `made`."""
         names = [camera.name for camera in layout.cameras]
         for done, index in enumerate(indices, 1):

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean, listing, option
-from mjrun.formats.episodes import Episode, stored
+from mjrun.formats.episodes import EpisodeRows, stored
 from mjrun.formats.mp4_joining import read_samples
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
@@ -63,7 +63,7 @@ class EpisodeFileMaker:
             rollout = self._simulated(simulation, stack)
             folder = stack.enter_context(scratch_folder())
             videos, colors = self._videos(simulation, rollout, folder)
-            episode = Episode(
+            episode = EpisodeRows(
                 task=self._spec.task or rollout.task,
                 seed=simulation.seed if simulation.replay is None else None,
                 observations=rollout.observations,
@@ -338,7 +338,7 @@ def _infos(rollout: EpisodeCourse) -> dict[str, np.ndarray]:
     return {name: np.array([row[slices[name]] for row in rows]) for name in ("qpos", "qvel")}
 
 
-def _require_finite(episode: Episode, spec: EpisodeSpec, rollout: EpisodeCourse) -> None:
+def _require_finite(episode: EpisodeRows, spec: EpisodeSpec, rollout: EpisodeCourse) -> None:
     """Raises InvalidEpisodeError if a number is not finite: readers of the dataset could not train with it."""
     named = {"observation": spec.observed, "action": spec.acted, "reward": ("",)}
     for (what, names), rows in zip(

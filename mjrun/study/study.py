@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
+from mjrun.errors import FailedPointsError, FileError, UnmadeFilesError, clean
 from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
@@ -50,7 +50,7 @@ from mjrun.study.spec import StudySpec, versions, with_end
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.plotting.table import Table
+    from mjrun.plotting.plottable_table import Table
 
 SCHEMA = "mjrun-sweep-1"
 READ = (*versions(), "model", "files", "code", "environment", "controllers")  # parts of an identity beside options
@@ -246,11 +246,11 @@ class Study(StudyOptions, ExecutionOptions):
         if self.export_to is not None:
             write_runs(self.export_to, prepared.folder.path(), table, points.names, {})
 
-        error: FailedPointsError | LostFilesError | None = None
+        error: FailedPointsError | UnmadeFilesError | None = None
         if results.status.any():
             error = FailedPointsError(result.statuses)
         elif kept.failures:
-            error = LostFilesError(kept.failures)
+            error = UnmadeFilesError(kept.failures)
         raise_failures(result, verdicts, error)
         return result
 
@@ -309,7 +309,7 @@ class StudyResult:
         Raises:
           FileError: the folder has been removed.
         """
-        from mjrun.plotting.table import Table
+        from mjrun.plotting.plottable_table import Table
 
         results = read_study(self.path)
         return Table(dict(results.numbers), dict(results.units))

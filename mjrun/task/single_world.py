@@ -12,7 +12,7 @@ import numpy as np
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.physics.divided_step import is_bounded
+from mjrun.physics.step_stages import is_bounded
 from mjrun.task.batch_columns import ALL, NONE
 from mjrun.task.expressions import RUNNING, Inputs
 from mjrun.task.task import Task

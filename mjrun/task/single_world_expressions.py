@@ -19,10 +19,10 @@ from mjrun.probe.expression import (
     REDUCED,
     BooleanExpression,
     BooleanOperation,
-    Choice,
     ColumnReference,
     ColumnVector,
     Comparison,
+    ConditionalValue,
     Function,
     FunctionCall,
     NumberLiteral,
@@ -97,7 +97,7 @@ class RowProgram:
                 return self._call(node, [self._number(operand) for operand in node.operands])
             case Reduction():
                 return self._reduction(node)
-            case Choice(condition=condition, operands=(first, second)):
+            case ConditionalValue(condition=condition, operands=(first, second)):
                 holds, one, other = self._truth(condition), self._number(first), self._number(second)
                 if node.width:
                     return self._numpy(np.where, holds, one, other)

@@ -31,7 +31,7 @@ from mjrun.viewer.window import (
     PHYSICS_SETTINGS,
     Action,
     Pull,
-    Reset,
+    ResetSimulation,
     SetPaused,
     SetSpeed,
     Status,
@@ -119,12 +119,12 @@ class StudioActionPlugin(plugin.SimPlugin):
     @messages.handler(priority=FIRST)
     def on_reset(self, event: messages.ResetEvent) -> bool:
         key = event.key if event.key is not None and event.key >= 0 else None
-        self.actions.append(Reset(key))
+        self.actions.append(ResetSimulation(key))
         return True
 
     @messages.handler(priority=FIRST)
     def on_load_model(self, event: messages.LoadModelEvent) -> bool:
-        self.actions.append(DROPPED if event.path else Reset())
+        self.actions.append(DROPPED if event.path else ResetSimulation())
         return True
 
     @messages.handler(priority=FIRST)

@@ -28,7 +28,7 @@ from mjrun.viewer.window import (
     Action,
     Edit,
     Pull,
-    Reset,
+    ResetSimulation,
     SetPaused,
     SetSpeed,
     Status,
@@ -257,7 +257,7 @@ class _Session:
             case SetSpeed(speed):
                 self._pace.speed = speed
                 self._pause(self._paused)
-            case Reset(key):
+            case ResetSimulation(key):
                 live.reset(key)
                 self._pause(self._paused)
             case Pull():

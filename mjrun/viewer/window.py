@@ -53,7 +53,7 @@ class SetSpeed:
 
 
 @dataclass(frozen=True)
-class Reset:
+class ResetSimulation:
     """An action that restarts from time 0.
 
     Attributes:
@@ -97,7 +97,7 @@ class UnsupportedAction:
 PHYSICS_SETTINGS = UnsupportedAction(
     f"physics settings cannot change while a simulation runs: start it with {option('set')}, as in opt.gravity=0,0,-1"
 )
-Action = SetPaused | TakeStep | SetSpeed | Reset | Pull | Edit | UnsupportedAction
+Action = SetPaused | TakeStep | SetSpeed | ResetSimulation | Pull | Edit | UnsupportedAction
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class NativeWindow:
         """Yields the viewer's changes to the state `shown` `(nstate,)`."""
         now = state.save(self._model, self._data)
         if now[0] != shown[0]:  # time is first
-            yield Reset(self._loaded_keyframe())
+            yield ResetSimulation(self._loaded_keyframe())
             return
         yield Pull(self._data.xfrc_applied.copy())
         changed = now != shown

@@ -15,7 +15,7 @@ from mjrun.bench.block_timing import (
     phases,
     profile,
 )
-from mjrun.bench.testspeed_noise import controls
+from mjrun.bench.control_noise import controls
 from mjrun.errors import UnstableError
 from tests.bench.bench_clocks import BlockClock
 

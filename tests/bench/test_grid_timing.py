@@ -10,9 +10,9 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import RolloutInputs
+from mjrun.bench.control_noise import controls
 from mjrun.bench.grid_timing import distance_from_finer, position_distance, simulate_to
 from mjrun.bench.step_timing import StepTimer
-from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import BadValueError, UnstableError
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource

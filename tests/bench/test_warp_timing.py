@@ -12,7 +12,7 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
-from mjrun.bench.testspeed_noise import controls
+from mjrun.bench.control_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from mjrun.check.check import Check, CheckResult, ModelResult
+from mjrun.check.check import CheckResult, ModelCheck, ModelResult
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
@@ -92,7 +92,7 @@ def write(name: str, text: str) -> str:
 
 def checked(*models: str, **options: Any) -> CheckResult:
     """The result of `mjrun check`, each model in a process of its own."""
-    return Check(models, **{"timeout": PATIENCE, "memory": 1024, **options}).run()
+    return ModelCheck(models, **{"timeout": PATIENCE, "memory": 1024, **options}).run()
 
 
 def codes(result: ModelResult) -> list[str]:

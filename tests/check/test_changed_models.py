@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.check.changed_models import ChangedModels
-from mjrun.check.check import Check
+from mjrun.check.check import ModelCheck
 from mjrun.errors import UsageError
 from tests.check.models import MESH, hinged, mjcf, write
 
@@ -81,7 +81,7 @@ def test_a_model_changes_with_the_target_of_a_link() -> None:
 
 
 def test_models_that_have_not_changed_are_counted_and_not_checked() -> None:
-    result = Check(["."], changed_since="main").run()
+    result = ModelCheck(["."], changed_since="main").run()
     assert (result.models, result.unchanged, result.code) == ((), 3, 0)
 
 

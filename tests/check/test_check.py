@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mjrun.check import check as check_module
-from mjrun.check.check import Check, CheckResult, ModelResult, find_models, root_tag
+from mjrun.check.check import CheckResult, ModelCheck, ModelResult, find_models, root_tag
 from mjrun.check.codes import matching_codes
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
@@ -44,7 +44,7 @@ def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
 @pytest.mark.parametrize(("fail_on", "code"), [("error", 0), ("warning", 1), ("note", 1)])
 def test_the_exit_code_is_1_from_the_chosen_severity_on(fail_on: Any, code: int) -> None:
     warned = ModelResult("a", True, (Finding("MJ302", "warning", "", "a.xml"),))
-    check = Check(["a.xml"], fail_on=fail_on)
+    check = ModelCheck(["a.xml"], fail_on=fail_on)
     assert check._exit_code([warned]) == code
     assert check._exit_code([warned, ModelResult("b", False, ())]) == 3
 
@@ -52,8 +52,10 @@ def test_the_exit_code_is_1_from_the_chosen_severity_on(fail_on: Any, code: int)
 @pytest.mark.slow
 def test_codes_are_chosen_by_their_beginnings() -> None:
     chosen = {code for code in RULES if code.startswith("MJ3")}
-    assert Check(["a.xml"], select=["mj3", "MJ201"]).codes == chosen | {"MJ201"}
-    assert Check(["a.xml"], ignore=["MJ2", "MJ601"]).codes == {c for c in RULES if not c.startswith(("MJ2", "MJ601"))}
+    assert ModelCheck(["a.xml"], select=["mj3", "MJ201"]).codes == chosen | {"MJ201"}
+    assert ModelCheck(["a.xml"], ignore=["MJ2", "MJ601"]).codes == {
+        c for c in RULES if not c.startswith(("MJ2", "MJ601"))
+    }
     name = write("two.xml", PASSIVE.format('range="2 1"').replace("</worldbody>", "<camera/></worldbody>"))
     assert codes(checked(name, select=["MJ3", "MJ201"], ignore=["MJ302"]).models[0]) == ["MJ201"]
 
@@ -82,7 +84,7 @@ def test_all_codes_begin_with_nothing_short_of_a_letter() -> None:
 )
 def test_what_cannot_be_meant_is_refused(settings: dict, message: str) -> None:
     with pytest.raises(UsageError) as error:
-        Check(["a.xml"], **settings)
+        ModelCheck(["a.xml"], **settings)
     assert message in str(error.value)
 
 
@@ -150,6 +152,6 @@ def test_a_result_is_reported_before_those_of_slower_models_and_returned_in_orde
     reported: list[ModelResult] = []
     for name in ("slow.xml", "fast.xml"):
         write(name, PASSIVE.format(""))
-    result = Check(["slow.xml", "fast.xml"], jobs=2, steps=0, cache=False).run(finished=finished)
+    result = ModelCheck(["slow.xml", "fast.xml"], jobs=2, steps=0, cache=False).run(finished=finished)
     assert [each.model for each in reported] == ["fast.xml", "slow.xml"]
     assert list(result.models) == reported[::-1]

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from mjrun.check import finding_pictures
-from mjrun.check.check import Check, CheckResult
+from mjrun.check.check import CheckResult, ModelCheck
 from mjrun.check.check_page import FindingCards, write_check_page
 from mjrun.check.finding_pictures import PicturedModel
 from mjrun.check.model_result import ModelResult
@@ -62,7 +62,7 @@ def test_the_object_is_red_and_others_that_a_message_names_are_blue() -> None:
 def test_a_page_has_a_card_for_each_finding_the_worst_first() -> None:
     write("a.xml", hinged('range="2 1"'))
     write("broken.xml", hinged("limited='true'"))
-    result = Check(["a.xml", "broken.xml"], steps=0).run()
+    result = ModelCheck(["a.xml", "broken.xml"], steps=0).run()
     reporter = Warnings()
     write_check_page("page.html", result, "2 models", FindingCards(reporter), "mjrun check a.xml")
     page = Path("page.html").read_text()
@@ -85,7 +85,9 @@ def test_a_fix_has_a_card_with_pictures_of_both_models_if_it_can_be_seen(dry_run
         keyed('qpos="1.5"', 'range="-1 1" actuatorfrcrange="9 -9"').replace('size=".1"', 'size=".1" pos=".3 0 0"'),
     )
     cards = FindingCards(Warnings())
-    result = Check(["a.xml"], steps=0, fix=True, unsafe_fixes=True, dry_run=dry_run).run(before_fix=cards.add_fixes)
+    result = ModelCheck(["a.xml"], steps=0, fix=True, unsafe_fixes=True, dry_run=dry_run).run(
+        before_fix=cards.add_fixes
+    )
     write_check_page("page.html", result, "", cards, "")
     page = Path("page.html").read_text()
     assert re.findall(r"fix</span> (MJ\d+)", page) == ["MJ302", "MJ402"]

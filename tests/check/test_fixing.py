@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.check import Check, _with_reason
+from mjrun.check.check import ModelCheck, _with_reason
 from mjrun.check.model_result import Copy, FixOutcome
 from mjrun.check.rule import NOT_CERTAIN
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
@@ -160,7 +160,7 @@ def test_a_model_without_text_is_reported_and_not_fixed(suffix: str) -> None:
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("model.xml", hinged(SWAPPED))
     content = path.read_bytes()
-    result = Check([path], fix=True, steps=0).run()
+    result = ModelCheck([path], fix=True, steps=0).run()
     (finding,) = result.models[0].findings
     assert (finding.code, result.fixed, path.read_bytes()) == ("MJ302", (), content)
     assert finding.remedy.endswith("fix changes the text of MJCF, not that of URDF, archives and compiled models")
@@ -195,7 +195,7 @@ def test_a_urdf_is_reported_and_not_fixed(name: str) -> None:
 
 def test_fixes_of_the_command_are_those_of_the_processes() -> None:
     model = write("model.xml", hinged(SWAPPED, before='<option mpr_iterations="5"/>'))
-    result = Check([model], fix=True, steps=0).run()
+    result = ModelCheck([model], fix=True, steps=0).run()
     assert (result.code, result.written) == (0, True)
     assert result.fixed[0].fixes == {"MJ105": 1, "MJ302": 1}
     assert codes(result.models[0]) == []
@@ -207,7 +207,7 @@ def test_reasons_name_options_as_the_caller_does() -> None:
     Path("robots").mkdir()
     write("model.xml", hinged(SWAPPED))
     Path("robots/model.xml").symlink_to("../model.xml")
-    result = Check(["robots"], fix=True, steps=0).run(spelling=lambda name: f"--{name}")
+    result = ModelCheck(["robots"], fix=True, steps=0).run(spelling=lambda name: f"--{name}")
     (reason,) = (finding.message for finding in result.models[0].findings if finding.code == "MJ007")
     assert reason.endswith("with --fix")
 
@@ -222,7 +222,7 @@ def test_safe_fixes_go_on_if_unsafe_ones_take_too_long(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(CheckProcesses, "run", late)
     model = write("model.xml", hinged(SWAPPED))
-    result = Check([model], fix=True, unsafe_fixes=True, steps=0, cache=False).run()
+    result = ModelCheck([model], fix=True, unsafe_fixes=True, steps=0, cache=False).run()
     assert [dict(file.fixes) for file in result.fixed] == [{"MJ302": 1}]
     (reason,) = result.models[0].findings
     assert (reason.code, reason.file) == ("MJ007", model)
@@ -231,8 +231,8 @@ def test_safe_fixes_go_on_if_unsafe_ones_take_too_long(monkeypatch: pytest.Monke
 
 def test_known_findings_are_not_fixed() -> None:
     model = write("model.xml", text := hinged(SWAPPED))
-    Check([model], baseline="known.json", update_baseline=True, steps=0).run()
-    result = Check([model], baseline="known.json", fix=True, steps=0).run()
+    ModelCheck([model], baseline="known.json", update_baseline=True, steps=0).run()
+    result = ModelCheck([model], baseline="known.json", fix=True, steps=0).run()
     assert (result.fixed, result.models[0].known) == ((), 1)
     assert Path(model).read_text() == text
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.check import Check
+from mjrun.check.check import ModelCheck
 from mjrun.check.context import LintContext
 from mjrun.check.rule_table import apply
 from mjrun.check.thresholds import Thresholds, threshold_values
@@ -49,7 +49,7 @@ def test_thresholds_reach_the_process_that_checks() -> None:
     write("a.xml", OVERLAP)
     write("mjrun.toml", "[check.threshold]\npenetration-share = 0.01\npenetration = 0.004\n")
     for threshold, count in (({}, 0), ({"penetration-share": 0.01}, 1)):
-        (model,) = Check(["a.xml"], select=["MJ501"], threshold=threshold, steps=0).run().models
+        (model,) = ModelCheck(["a.xml"], select=["MJ501"], threshold=threshold, steps=0).run().models
         assert len(model.findings) == count
 
 
@@ -57,6 +57,6 @@ def test_values_have_either_spelling_and_mistakes_suggest_what_is_valid() -> Non
     assert threshold_values([("energy-gain", "0.5"), ("energy_gain", "1")]) == {"energy_gain": 1}
     for value in ("0", "-1", "inf", "nan", "x"):
         with pytest.raises(UsageError, match="is not a positive number"):
-            Check(["a.xml"], threshold={"energy-gain": value})
+            ModelCheck(["a.xml"], threshold={"energy-gain": value})
     with pytest.raises(UsageError, match=r"no threshold 'energy-gian' \(did you mean 'energy-gain'\?\)\nthresholds: "):
-        Check(["a.xml"], threshold={"energy-gian": 1})
+        ModelCheck(["a.xml"], threshold={"energy-gian": 1})

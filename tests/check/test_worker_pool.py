@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("new_interpreters")
 def test_nothing_is_written_and_nothing_is_read_from_stdin() -> None:
     write("nan.xml", PASSIVE.format('damping="nan"'))
     before = sorted(Path().iterdir())
-    code = "from mjrun.check.check import Check; print(Check(['nan.xml']).run().models[0].findings[0].code)"
+    code = "from mjrun.check.check import ModelCheck; print(ModelCheck(['nan.xml']).run().models[0].findings[0].code)"
     done = subprocess.run([sys.executable, "-c", code], input="unread", capture_output=True, text=True)
     assert done.stdout == "MJ110\n"
     assert sorted(Path().iterdir()) == before

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.cli.commands.info import info
 from mjrun.cli.info_sections import SECTIONS, LineSection
-from mjrun.cli.table_cells import Column
+from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.task_sections import TABLES
 from mjrun.model.description.model_description import SECTIONS as DESCRIBED
 from mjrun.model.description.model_description import ModelDescription
@@ -47,7 +47,7 @@ MODEL = """
 """
 
 
-def table(section: str, text: str = MODEL, path: Path | None = None) -> dict[str, Column]:
+def table(section: str, text: str = MODEL, path: Path | None = None) -> dict[str, ReportColumn]:
     """The columns of a section by their headings."""
     model = mujoco.MjModel.from_xml_string(text) if path is None else mujoco.MjModel.from_xml_path(str(path))
     table_section = SECTIONS[section]

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from mjrun.cli.table_cells import Column
+from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalLayout
 
 WORDS = st.text("ab字_", min_size=1, max_size=60)
@@ -31,7 +31,7 @@ def test_no_line_is_wider_than_the_terminal_and_no_character_of_the_first_column
 ) -> None:
     with pytest.MonkeyPatch.context() as monkeypatch:
         written = page(monkeypatch, width)
-        columns = [Column(heading, texts) for heading, texts in zip("xyz", zip(*cells, strict=True), strict=True)]
+        columns = [ReportColumn(heading, texts) for heading, texts in zip("xyz", zip(*cells, strict=True), strict=True)]
         written.table("title", columns, len(cells))
     lines = written.text().splitlines()
     assert max(map(cell_len, lines)) <= width
@@ -42,7 +42,7 @@ def test_no_line_is_wider_than_the_terminal_and_no_character_of_the_first_column
 
 def test_in_a_pipe_every_row_is_one_line_without_spaces_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, None)
-    written.table("title", [Column("name", ["a" * 300, "b"]), Column("value", ["1", ""], right=True)], 2)
+    written.table("title", [ReportColumn("name", ["a" * 300, "b"]), ReportColumn("value", ["1", ""], right=True)], 2)
     gaps = r" {298,300}", r" {6,8}"  # rich before 14.3 takes two spaces more for the last column
     assert re.fullmatch(rf"title  2\n  name{gaps[0]}value\n  a{{300}}{gaps[1]}1\n  b", written.text())
 
@@ -56,7 +56,9 @@ def test_paths_are_never_broken(monkeypatch: pytest.MonkeyPatch, width: int | No
     written = page(monkeypatch, width)
     written.lines("model", [("file", path), ("about", text), ("blank", "")])
     written.table(
-        "assets", [Column("name", ["mesh"]), Column("size", ["1 KiB"]), Column("file", [path], whole=True)], 1
+        "assets",
+        [ReportColumn("name", ["mesh"]), ReportColumn("size", ["1 KiB"]), ReportColumn("file", [path], whole=True)],
+        1,
     )
     lines = written.text().splitlines()
     assert sum(path in line for line in lines) == 2
@@ -66,13 +68,17 @@ def test_paths_are_never_broken(monkeypatch: pytest.MonkeyPatch, width: int | No
 
 def test_columns_that_say_nothing_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, 80)
-    written.table("title", [Column("name", ["a"]), Column("blank", [""]), Column("value", ["1"])], 1)
+    written.table("title", [ReportColumn("name", ["a"]), ReportColumn("blank", [""]), ReportColumn("value", ["1"])], 1)
     assert "blank" not in written.text()
 
 
 def test_what_has_no_room_is_named_and_extra_columns_go_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    columns = [Column("name", ["a" * 10]), Column("kind", ["b" * 10]), Column("size", ["c" * 10], right=True)]
-    columns += [Column("extra", ["d" * 30], extra=True)]
+    columns = [
+        ReportColumn("name", ["a" * 10]),
+        ReportColumn("kind", ["b" * 10]),
+        ReportColumn("size", ["c" * 10], right=True),
+    ]
+    columns += [ReportColumn("extra", ["d" * 30], extra=True)]
     wide, narrow = page(monkeypatch, 80), page(monkeypatch, 40)
     wide.table("title", columns, 1)
     narrow.table("title", columns, 1)
@@ -84,13 +90,13 @@ def test_what_has_no_room_is_named_and_extra_columns_go_first(monkeypatch: pytes
 
 def test_a_table_that_is_cut_counts_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, 80)
-    written.table("title", [Column("name", ["a", "b", "c"])], 3, shown=1, hint="ask")
+    written.table("title", [ReportColumn("name", ["a", "b", "c"])], 3, shown=1, hint="ask")
     assert written.text().splitlines() == ["title  3", "  name", "  a", "  … 2 more: ask"]
 
 
 def test_units_stand_under_headings_at_one_height(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, 80)
-    written.table("title", [Column("name", ["a"]), Column("range", ["1"], "rad\nm", right=True)], 1)
+    written.table("title", [ReportColumn("name", ["a"]), ReportColumn("range", ["1"], "rad\nm", right=True)], 1)
     assert [line.split() for line in written.text().splitlines()[1:]] == [
         ["name", "range"],
         ["[rad]"],
@@ -104,12 +110,12 @@ def test_sections_are_parted_by_a_blank_line_and_lines_without_a_value_are_left_
 ) -> None:
     written = page(monkeypatch, 80)
     written.lines("one", [("mass", "1 kg"), ("file", "")])
-    written.table("two", [Column("name", [])], 0)
+    written.table("two", [ReportColumn("name", [])], 0)
     written.note("noted")
     assert written.text() == "one\n  mass  1 kg\n\ntwo  none\n\nnoted"
 
 
-NAMED = Column("name", ["a", "b"])
+NAMED = ReportColumn("name", ["a", "b"])
 CELLS = st.lists(st.text("ab 字", max_size=60), min_size=2, max_size=2)
 
 
@@ -120,7 +126,7 @@ def test_whatever_the_columns_no_line_is_wider_than_the_terminal(
 ) -> None:
     made = [
         NAMED,
-        *(Column(f"h{i}", cells, right=right, extra=extra) for i, (cells, right, extra) in enumerate(columns)),
+        *(ReportColumn(f"h{i}", cells, right=right, extra=extra) for i, (cells, right, extra) in enumerate(columns)),
     ]
     written = page(monkeypatch, width)
     written.table("title", [NAMED, *made], 2)
@@ -136,7 +142,7 @@ def test_verbatim_lines_are_never_folded(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_cell_of_a_million_characters_is_cut_in_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, 80)
-    written.table("bodies", [Column("body", ["a" + "x" * 10**6 + "z"]), Column("type", ["box"])], 1)
+    written.table("bodies", [ReportColumn("body", ["a" + "x" * 10**6 + "z"]), ReportColumn("type", ["box"])], 1)
     written.lines("file", [("path", "a" + "x" * 10**6 + "z")])
     shown = written.text()
     assert len(shown) < 4000

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.diff import row_alignment
-from mjrun.diff.row_alignment import EqualRows, KeyedRows, Pairs, RowStream, pairs_by_columns
+from mjrun.diff.row_alignment import KeyedRows, Pairs, RowStream, SkippedRows, pairs_by_columns
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
 
@@ -149,7 +149,7 @@ def test_equal_rows_are_passed_over_where_none_wait() -> None:
     counts = iter([7, 0, 5, 0])
     one, other = stream(times, [2, 2]), stream(times, [2, 2])
     found = list(row_alignment.pairs_by_key(one, other, Tolerance(), lambda: next(counts)))
-    shown = [pair.count if isinstance(pair, EqualRows) else pair.rows_a.tolist() for pair in found]
+    shown = [pair.count if isinstance(pair, SkippedRows) else pair.rows_a.tolist() for pair in found]
     assert shown == [7, [7, 8], [9, 10], 5]
     assert (one.row, other.row) == (16, 16)
 

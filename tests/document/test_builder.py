@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.document.builder import DocumentBuilder
 from mjrun.document.paths import Folders, OutputFolder
-from mjrun.document.tree import MappingNode, Mark, option_fault
+from mjrun.document.tree import DocumentPlace, MappingNode, option_fault
 from mjrun.document.yaml_parser import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.option import Options
@@ -16,7 +16,7 @@ from mjrun.options.trace import TraceOptions
 
 def tree(text: str) -> MappingNode:
     lines = LineIndex(text)
-    node, faults = compose(text, lambda index: Mark(0, *lines.at(index), "d.yaml"))
+    node, faults = compose(text, lambda index: DocumentPlace(0, *lines.at(index), "d.yaml"))
     assert isinstance(node, MappingNode)
     assert not faults
     return node

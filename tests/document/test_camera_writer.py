@@ -9,7 +9,7 @@ from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_and_ghost_forms import CameraForm
 from mjrun.document.run_writer import plain_value
 from mjrun.document.yaml_writer import yaml_text
-from mjrun.options.kinds import Camera, ReadingContext
+from mjrun.options.kinds import CameraKind, ReadingContext
 from mjrun.options.number_kinds import Instant
 from tests.document.camera_strategies import events, scripts
 from tests.document.documents import Anything, put, read
@@ -19,7 +19,7 @@ from tests.document.documents import Anything, put, read
 @given(scripts())
 @settings(max_examples=25, deadline=None)
 def test_a_script_is_read_back_as_it_was(script: CameraScript) -> None:
-    written = read(put(yaml_text({"a": plain_value(Camera(), script)})), Anything).a
+    written = read(put(yaml_text({"a": plain_value(CameraKind(), script)})), Anything).a
     assert CameraForm().read(written, ReadingContext()) == script
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import mjrun
-from mjrun.check.check import Check as ModelCheck
+from mjrun.check.check import ModelCheck
 from mjrun.document.model_and_task_check import Check
 from mjrun.errors import UsageError
 from tests.check.tasks import HEAD, SLIDER

@@ -16,7 +16,7 @@ from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.disturbance import PushKind
-from mjrun.options.evaluation import EvaluationOptions, Thresholds, VideoCount
+from mjrun.options.evaluation import EvaluationOptions, LowestValues, VideoCount
 from mjrun.options.fit import FitOptions
 from mjrun.options.kinds import Kind
 from mjrun.options.model import ServoGains
@@ -89,11 +89,11 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
         case ColumnTolerances():
             least = st.floats(0, 1e9)
             return st.dictionaries(names, least | st.lists(least, min_size=1, max_size=2), max_size=3)
-        case Thresholds():
+        case LowestValues():
             return st.dictionaries(names, numbers, max_size=3)
         case setting_kinds.NamedNumbers():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
-        case setting_kinds.ColumnMap():
+        case setting_kinds.ColumnDefinitions():
             pairs = st.dictionaries(st.sampled_from(["time", "qpos/a", "é"]), st.sampled_from(["t", "b * pi/180", "1"]))
             files = st.lists(st.sampled_from(["@a.map", "@b/c.txt", "time=t", "qpos/a=2*b"]), min_size=1, max_size=4)
             return pairs | files
@@ -118,7 +118,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return numbers | st.lists(numbers, min_size=1, max_size=4)
         case setting_kinds.Settings():
             return st.dictionaries(names, texts | numbers | st.booleans(), max_size=3)
-        case kinds.Ghost():
+        case kinds.GhostKind():
             return st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", ""])
         case PushKind():
             return st.sampled_from(
@@ -130,7 +130,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(["random", "zero", "a.onnx", "b/leapp"])
         case NormalizationKind():
             return st.sampled_from(["none", "a.npz"])
-        case kinds.Camera():
+        case kinds.CameraKind():
             return st.sampled_from(["free", "top", "orbit:lookat=box", 2])
         case ServoGains():
             return st.sampled_from(["auto", "kp=5", "kd=1e-3,kp=2"]) | st.just(True)

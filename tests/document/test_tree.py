@@ -4,10 +4,10 @@ import pytest
 
 from mjrun.document.tree import (
     INVALID,
+    DocumentPlace,
     InvalidNode,
     ListNode,
     MappingNode,
-    Mark,
     Node,
     Place,
     ScalarNode,
@@ -25,7 +25,7 @@ TEXT = "camera: [top, {shots: [{orbit: {lookat: box}}]}]\ntrail: box\nempty:\n"
 
 
 def tree(text: str = TEXT) -> MappingNode:
-    node, faults = compose(text, lambda index: Mark(0, 1, index, "d.yaml"))
+    node, faults = compose(text, lambda index: DocumentPlace(0, 1, index, "d.yaml"))
     assert isinstance(node, MappingNode)
     assert not faults
     return node
@@ -76,18 +76,18 @@ def test_plain_values_are_pythons_own() -> None:
         "trail": "box",
         "empty": None,
     }
-    assert plain(InvalidNode(Mark(0, 1, 1, ""))) is INVALID
+    assert plain(InvalidNode(DocumentPlace(0, 1, 1, ""))) is INVALID
 
 
 def test_a_changed_mapping_leaves_the_first_as_it_was() -> None:
     first = tree("a: 1\nb: 2")
-    mark = Mark(1, 0, 0, "b=3")
+    mark = DocumentPlace(1, 0, 0, "b=3")
     changed = first.with_entry("b", mark, ScalarNode(mark, 3, "3")).without("a")
     assert (plain(first), plain(changed)) == ({"a": 1, "b": 2}, {"b": 3})
     assert changed.keys["b"] == mark
 
 
-HERE = Mark(0, 1, 1, "d.yaml")
+HERE = DocumentPlace(0, 1, 1, "d.yaml")
 
 
 @pytest.mark.parametrize(
@@ -115,9 +115,14 @@ def test_paths_are_spelled_as_on_the_command_line() -> None:
 
 
 def test_marks_sort_by_source_line_and_column() -> None:
-    marks = [Mark(0, 2, 1, "d.yaml"), Mark(0, 2, 9, "d.yaml"), Mark(0, 10, 1, "d.yaml"), Mark(1, 1, 1, "below.yaml")]
+    marks = [
+        DocumentPlace(0, 2, 1, "d.yaml"),
+        DocumentPlace(0, 2, 9, "d.yaml"),
+        DocumentPlace(0, 10, 1, "d.yaml"),
+        DocumentPlace(1, 1, 1, "below.yaml"),
+    ]
     assert sorted([marks[2], marks[3], marks[1], marks[0]]) == marks
-    assert [str(mark) for mark in (marks[0], Mark(2, 0, 0, "fps=3"))] == ["d.yaml:2:1", "fps=3"]
+    assert [str(mark) for mark in (marks[0], DocumentPlace(2, 0, 0, "fps=3"))] == ["d.yaml:2:1", "fps=3"]
 
 
 def test_text_is_cut_to_a_length() -> None:

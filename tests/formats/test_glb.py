@@ -15,10 +15,10 @@ from mjrun.scene_graph import shapes
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
-    Light,
     Material,
     Node,
     SceneGraph,
+    SceneLight,
     SceneMotion,
     Skin,
     Texture,
@@ -34,7 +34,7 @@ NODES = [
     Node("ball", "geom", 0, 1, (0.0, 0.0, 1.0), scale=(0.1, 0.2, 0.3), mesh=BALL, material=RED, layer="visual"),
     Node("ball 2", "geom", 1, 0, mesh=BALL, material=RED),
     Node("eye", "camera", 0, 1, lens=CameraLens(0.8, 1.5, 0.01, 50)),
-    Node("sun", "light", 0, 0, light=Light("spot", (1.0, 1.0, 1.0), 3.0, cutoff=0.5)),
+    Node("sun", "light", 0, 0, light=SceneLight("spot", (1.0, 1.0, 1.0), 3.0, cutoff=0.5)),
 ]
 TIMES = np.arange(4) / 30
 POSITIONS = np.array([[[0.1 * k, 1.0, 1 / 3]] for k in range(4)])

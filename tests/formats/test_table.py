@@ -8,16 +8,16 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import MissingExtraError
-from mjrun.formats.table import SHOWN_COLUMNS, SHOWN_ROWS, Table
+from mjrun.formats.table import SHOWN_COLUMNS, SHOWN_ROWS, NumericTable
 
-TABLE = Table({"time": np.arange(12) / 10, "a<b>": np.array([np.nan, *range(11)])}, {"time": "s"})
+TABLE = NumericTable({"time": np.arange(12) / 10, "a<b>": np.array([np.nan, *range(11)])}, {"time": "s"})
 
 
 def test_a_table_in_words_has_its_size_and_the_range_of_each_column() -> None:
     assert repr(TABLE) == "Table of 12 rows and 2 columns\n  time [s]  0 to 1.1\n  a<b>      0 to 10"
-    assert repr(Table({"x": np.full(1, np.nan)})) == "Table of 1 row and 1 column\n  x  no numbers"
-    assert repr(Table({})) == "Table of 0 rows and 0 columns"
-    wide = Table({str(i): np.zeros(1) for i in range(SHOWN_COLUMNS + 3)})
+    assert repr(NumericTable({"x": np.full(1, np.nan)})) == "Table of 1 row and 1 column\n  x  no numbers"
+    assert repr(NumericTable({})) == "Table of 0 rows and 0 columns"
+    wide = NumericTable({str(i): np.zeros(1) for i in range(SHOWN_COLUMNS + 3)})
     assert repr(wide).endswith("… and 3 columns more")
 
 
@@ -26,7 +26,7 @@ def test_a_notebook_shows_the_rows_at_both_ends_and_escapes_names() -> None:
     assert ["".join(cell.itertext()) for cell in head.iter("th")] == ["times", "a<b>"]
     rows = [[cell.text for cell in row] for row in body]
     assert [row[0] for row in rows] == ["0", "0.1", "0.2", "0.3", "0.4", "…", "0.7", "0.8", "0.9", "1", "1.1"]
-    short = Table({"x": np.arange(2 * SHOWN_ROWS)})
+    short = NumericTable({"x": np.arange(2 * SHOWN_ROWS)})
     shown = ElementTree.fromstring(f"<div>{short._repr_html_()}</div>").findall("table/tbody/tr/td")
     assert [cell.text for cell in shown] == [str(i) for i in range(2 * SHOWN_ROWS)]
 

@@ -15,10 +15,10 @@ from mjrun.scene_graph import shapes
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
-    Light,
     Material,
     Node,
     SceneGraph,
+    SceneLight,
     SceneMotion,
     Skin,
     Texture,
@@ -34,8 +34,8 @@ NODES = [
     Node("ball", "geom", 0, 1, (0.0, 0.0, 1.0), scale=(0.1, 0.2, 0.3), mesh=PLAIN, material=RED),
     Node("ball", "geom", 1, 0, mesh=PLAIN, material=RED),
     Node("eye", "camera", 0, 1, lens=CameraLens(0.8, 1.5, 0.01, 50)),
-    Node("sun", "light", 0, 0, light=Light("directional", (1.0, 1.0, 1.0), 3.0)),
-    Node("lamp", "light", 1, 0, light=Light("spot", (1.0, 1.0, 1.0), 3.0, cutoff=0.5)),
+    Node("sun", "light", 0, 0, light=SceneLight("directional", (1.0, 1.0, 1.0), 3.0)),
+    Node("lamp", "light", 1, 0, light=SceneLight("spot", (1.0, 1.0, 1.0), 3.0, cutoff=0.5)),
 ]
 TIMES = np.arange(4) * 1001 / 30000
 POSITIONS = np.array([[[0.1 * k, 1.0, 1 / 3]] for k in range(4)])

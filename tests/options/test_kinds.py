@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Key, Kind, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Key, Kind, Optional, Several, Text
 from mjrun.options.number_kinds import (
     GROUPS,
     ExactNumber,
@@ -22,7 +22,7 @@ from mjrun.options.number_kinds import (
     Size,
 )
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings, setting_text
+from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings, setting_text
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings, setti
         (Key(), 3, "3"),
         (File(), Path("a/b.npz"), "a/b.npz"),
         (File(written=True, streamed=True), "-", "-"),
-        (Camera(), 0, "0"),
+        (CameraKind(), 0, "0"),
         (NamedNumbers(), {"hip": 0.3, "root": [0, 0, 1]}, {"hip": (0.3,), "root": (0.0, 0.0, 1.0)}),
         (NamedNumbers(), {"root": np.zeros(2)}, {"root": (0.0, 0.0)}),
         (
@@ -66,10 +66,10 @@ from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings, setti
             {"opt.cone": "elliptic", "opt.gravity": [0, 0, -1]},
             (("opt.cone", "elliptic"), ("opt.gravity", "0,0,-1")),
         ),
-        (ColumnMap(), "time=t", ("time=t",)),
-        (ColumnMap(), Path("a/names.map"), ("@a/names.map",)),
-        (ColumnMap(), {"time": "t/1e3", "qpos/hip": 0.5}, ("time=t/1e3", "qpos/hip=0.5")),
-        (ColumnMap(), ["time=t", "@names.map"], ("time=t", "@names.map")),
+        (ColumnDefinitions(), "time=t", ("time=t",)),
+        (ColumnDefinitions(), Path("a/names.map"), ("@a/names.map",)),
+        (ColumnDefinitions(), {"time": "t/1e3", "qpos/hip": 0.5}, ("time=t/1e3", "qpos/hip=0.5")),
+        (ColumnDefinitions(), ["time=t", "@names.map"], ("time=t", "@names.map")),
         (Several(Text()), "one", ("one",)),
         (Several(Text()), ["one", "two"], ("one", "two")),
         (Several(Size()), (640, 480), ((640, 480),)),
@@ -114,8 +114,8 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (Range(), (4, 0.5), "two numbers, the smaller first"),
         (Processes(), 0, "a number of processes, at least 1, or auto"),
         (Groups(), [6], "a list of groups from 0 to 5, all or none"),
-        (ColumnMap(), ["time=t", "time"], "COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180, or @FILE"),
-        (ColumnMap(), {"time": True}, "an expression or a number"),
+        (ColumnDefinitions(), ["time=t", "time"], "COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180, or @FILE"),
+        (ColumnDefinitions(), {"time": True}, "an expression or a number"),
     ],
 )
 def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object, message: str) -> None:
@@ -171,9 +171,9 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
         (NamedNumbers(), "hip=nan"),
         (NamedNumbers(), "=1"),
         (Settings(), "opt.cone="),
-        (ColumnMap(), "time="),
-        (ColumnMap(), "=t"),
-        (ColumnMap(), "@"),
+        (ColumnDefinitions(), "time="),
+        (ColumnDefinitions(), "=t"),
+        (ColumnDefinitions(), "@"),
     ],
 )
 def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], text: str) -> None:

@@ -16,7 +16,7 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, FramePlan, check_drawing, check_view, plan_frames
 from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.output import Context, PassRenderers
-from mjrun.outputs.scene_frames import Scheduler
+from mjrun.outputs.recorded_scene import Scheduler
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper

@@ -17,7 +17,7 @@ from mjrun.plotting.html_page import (
     PageFactTable,
     PageFigure,
     PageFile,
-    PageTable,
+    TableStatistics,
     html_page,
     inline_svg,
     page_file,
@@ -48,7 +48,7 @@ PAGE = Page(
         PageFile(f"{EVIL}.png", "image/png", "./%3Cb.png", 12_345_678),
         PageFile("frames", None, "./frames", None),
     ],
-    [PageTable(EVIL, 12345, [ColumnStatistics(EVIL, "m/s²", -1.0, 2.5, 0.1, float("nan"), 1)])],
+    [TableStatistics(EVIL, 12345, [ColumnStatistics(EVIL, "m/s²", -1.0, 2.5, 0.1, float("nan"), 1)])],
     [FileManifest("m.json", {"command": EVIL, "options": {EVIL: [EVIL]}})],
     [PageFactTable("What was found", EVIL, ["Name", EVIL], [(EVIL, "1.25"), ("b", EVIL)], [1])],
 )

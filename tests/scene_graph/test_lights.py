@@ -5,11 +5,11 @@ import math
 import mujoco
 import pytest
 
-from mjrun.scene_graph.graph import Light
+from mjrun.scene_graph.graph import SceneLight
 from mjrun.scene_graph.lights import light_of
 
 
-def lights(*elements: str) -> list[Light | None]:
+def lights(*elements: str) -> list[SceneLight | None]:
     xml = f"<mujoco><worldbody><geom type='plane' size='9 9 1'/>{''.join(elements)}</worldbody></mujoco>"
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -27,7 +27,7 @@ def test_a_spot_gives_the_floor_the_brightness_of_its_colour() -> None:
 
 def test_the_sun_is_the_same_everywhere() -> None:
     (light,) = lights("<light type='directional' pos='0 0 7' diffuse='1 1 1'/>")
-    assert light == Light("directional", (1.0, 1.0, 1.0), math.pi)
+    assert light == SceneLight("directional", (1.0, 1.0, 1.0), math.pi)
 
 
 def test_lights_that_are_off_or_dark_are_left_out() -> None:

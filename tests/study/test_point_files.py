@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.errors import BadValueError, FailedPointsError, LostFilesError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, FailedPointsError, UnknownNameError, UnmadeFilesError, UsageError
 from mjrun.formats.study_reader import read_point, read_study
 from mjrun.formats.video_reader import read_video
 from mjrun.options.sweep import KEPT, KeepOptions
@@ -152,7 +152,7 @@ def test_names_are_checked_before_the_first_point(study: dict[str, object]) -> N
 def test_a_file_that_cannot_be_made_is_told_and_costs_nothing_else(study: dict[str, object], tmp_path: Path) -> None:
     (tmp_path / "study" / "points").mkdir(parents=True)
     (tmp_path / "study" / "points" / "000001").write_text("in the way")
-    with pytest.raises(LostFilesError, match="files of point 1") as failure:
+    with pytest.raises(UnmadeFilesError, match="files of point 1") as failure:
         Study(**{**study, "vary": {"qpos/ball/z": "0.2,0.5"}}, keep=("trace",)).run()  # type: ignore[arg-type]
     assert failure.value.exit_code == 8
     assert len(failure.value.results[0].kept.files) == 1

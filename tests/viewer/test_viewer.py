@@ -15,7 +15,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
 from mjrun.viewer.viewer import WATCHED, Pace, Viewer
-from mjrun.viewer.window import Action, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
+from mjrun.viewer.window import Action, Pull, ResetSimulation, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
 from tests.reporters import RecordingReporter
 
 
@@ -82,7 +82,7 @@ def test_it_ends_after_its_duration_with_the_recording_that_every_command_makes(
 
 def test_pause_step_speed_and_reset(window: Opened, swing: Path, tmp_path: Path) -> None:
     steps = [[TakeStep()]] * 3
-    shown = window([], [SetPaused(True), Reset()], *steps, [SetSpeed(0.5)], [], None)
+    shown = window([], [SetPaused(True), ResetSimulation()], *steps, [SetSpeed(0.5)], [], None)
     result = Viewer(Simulation(str(swing)), paused=True, recording=str(tmp_path / "seen.npz")).run()
     times = [round(status.time / 0.002) for status in shown.statuses]
     assert times == [0, 0, 0, 1, 2, 3, 3, 3]

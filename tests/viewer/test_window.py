@@ -8,13 +8,13 @@ import pytest
 
 from mjrun.errors import UsageError, spelled
 from mjrun.viewer import window
-from mjrun.viewer.window import PHYSICS_SETTINGS, BrowserWindow, Pull, Reset
+from mjrun.viewer.window import PHYSICS_SETTINGS, BrowserWindow, Pull, ResetSimulation
 
 
 def test_actions_are_values() -> None:
     forces = np.zeros((2, 6))
     assert Pull(forces).forces is forces
-    assert Reset() == Reset(None) != Reset(0)
+    assert ResetSimulation() == ResetSimulation(None) != ResetSimulation(0)
 
 
 def test_what_is_refused_says_which_option_does_it() -> None:

@@ -21,7 +21,7 @@ SOLID = ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
 CONVEX = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in SOLID)
 
 
-class Frustum(NamedTuple):
+class ViewVolume(NamedTuple):
     """The volume that a camera sees.
 
     Attributes:
@@ -39,7 +39,7 @@ class Frustum(NamedTuple):
     far: float
     orthographic: bool
 
-    def turned(self) -> "Frustum":
+    def turned(self) -> "ViewVolume":
         """Returns the frustum of a camera that looks in the opposite direction."""
         return self._replace(axes=self.axes @ HALF_TURN)
 
@@ -96,19 +96,19 @@ def _sees(model: mujoco.MjModel, data: mujoco.MjData, camera: int, visible: np.n
     return _sees_flex(model, data, frustum) or next(_in_view(model, data, frustum, visible), None) is not None
 
 
-def _sees_flex(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum) -> bool:
+def _sees_flex(model: mujoco.MjModel, data: mujoco.MjData, frustum: ViewVolume) -> bool:
     """Returns whether a camera sees a flex: all of it is within the length of its longest edge from a vertex."""
     reach = model.flexedge_length0.max(initial=0.0)
     return bool(_within(frustum, data.flexvert_xpos.reshape(-1, 3), np.full(int(model.nflexvert), reach)).any())
 
 
-def _in_view(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geoms: np.ndarray) -> Iterator[int]:
+def _in_view(model: mujoco.MjModel, data: mujoco.MjData, frustum: ViewVolume, geoms: np.ndarray) -> Iterator[int]:
     """Yields those of `geoms` that a camera sees at least in part."""
     near = _within(frustum, data.geom_xpos[geoms], model.geom_rbound[geoms]) | (model.geom_type[geoms] == PLANE)
     return (geom for geom in map(int, geoms[near]) if _shows_outside(model, data, frustum, geom))
 
 
-def _shows_outside(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
+def _shows_outside(model: mujoco.MjModel, data: mujoco.MjData, frustum: ViewVolume, geom: int) -> bool:
     """Returns whether a geom whose bounding sphere is in view is visible: faces are, from outside only."""
     if model.geom_type[geom] == PLANE:
         return _meets_plane(model, data, frustum, geom)
@@ -118,11 +118,11 @@ def _shows_outside(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum,
     return not (close and _encloses(model, data, frustum, geom))
 
 
-def _frustum(model: mujoco.MjModel, data: mujoco.MjData, camera: int) -> Frustum:
+def _frustum(model: mujoco.MjModel, data: mujoco.MjData, camera: int) -> ViewVolume:
     eye, axes = data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3)
     near, far = model.vis.map.znear * model.stat.extent, model.vis.map.zfar * model.stat.extent
     orthographic = bool(model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)
-    return Frustum(eye, axes, _edges(model, camera, orthographic), near, far, orthographic)
+    return ViewVolume(eye, axes, _edges(model, camera, orthographic), near, far, orthographic)
 
 
 def _edges(model: mujoco.MjModel, camera: int, orthographic: bool) -> tuple[float, float, float, float]:
@@ -150,7 +150,7 @@ def _visible(model: mujoco.MjModel) -> np.ndarray:
     return (_alpha(model) > 0) & (model.geom_group < VISIBLE_GROUPS)
 
 
-def _encloses(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
+def _encloses(model: mujoco.MjModel, data: mujoco.MjData, frustum: ViewVolume, geom: int) -> bool:
     """Returns whether a camera is in a convex geom, hit by both rays along ±z, or in a mesh without faces toward it."""
     if frustum.orthographic:
         return False
@@ -166,7 +166,7 @@ def _encloses(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom
 
 
 def _faces_toward(
-    model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int
+    model: mujoco.MjModel, data: mujoco.MjData, frustum: ViewVolume, geom: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns centres `(n, 3)` and radii `(n,)` [m] of the faces of a mesh whose outside faces the camera."""
     mesh = model.geom_dataid[geom]
@@ -180,7 +180,7 @@ def _faces_toward(
     return centres, np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1, initial=0.0)
 
 
-def _within(frustum: Frustum, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
+def _within(frustum: ViewVolume, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
     """Returns whether each of the spheres around `points` `(n, 3)` reaches into the frustum, `(n,)`."""
     local = (points - frustum.eye) @ frustum.axes
     (left, right, bottom, top), ahead = frustum.edges, -local[:, 2]
@@ -192,7 +192,7 @@ def _within(frustum: Frustum, points: np.ndarray, radii: np.ndarray) -> np.ndarr
     return inside
 
 
-def _meets_plane(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
+def _meets_plane(model: mujoco.MjModel, data: mujoco.MjData, frustum: ViewVolume, geom: int) -> bool:
     """Returns whether one of a grid of rays through the image hits a plane, which is drawn from both sides."""
     if _within(frustum, data.geom_xpos[geom, None], np.zeros(1)).any():
         return True  # it may be too small for the rays
@@ -206,7 +206,7 @@ def _meets_plane(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, g
     return bool(((depth > frustum.near) & (depth < frustum.far) & (hit <= half).all(axis=1)).any())
 
 
-def _rays(frustum: Frustum) -> tuple[np.ndarray, np.ndarray]:
+def _rays(frustum: ViewVolume) -> tuple[np.ndarray, np.ndarray]:
     """Returns a grid of rays through the image: origins `(n, 3)` [m], and directions `(n, 3)` that are 1 m deep."""
     left, right, bottom, top = frustum.edges
     x, y = np.meshgrid(np.linspace(left, right, RAYS[0]), np.linspace(bottom, top, RAYS[1]))

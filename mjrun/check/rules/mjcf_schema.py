@@ -39,26 +39,26 @@ UNLIKELY_PARENTS = ("default", "frame", "replicate")  # valid, but seldom what w
 
 
 @dataclass
-class Node:
+class SchemaElement:
     """The attributes and children that an element may contain; `unique` if its parent may contain only one."""
 
     attributes: set[str] = field(default_factory=set[str])
-    children: "dict[str, Node]" = field(default_factory=dict[str, "Node"])
+    children: "dict[str, SchemaElement]" = field(default_factory=dict[str, "SchemaElement"])
     unique: bool = False
 
 
 @cache
-def schema() -> Node:
+def schema() -> SchemaElement:
     """Returns the schema of the installed MuJoCo; its root is the parent of `<mujoco>`."""
-    top = Node()
-    path: list[Node] = [top]
+    top = SchemaElement()
+    path: list[SchemaElement] = [top]
     for line in mujoco.mj_printSchema(False, False).splitlines():
         element = re.match(r"( *)(\S+) \((.)\)\s*(.*)", line)
         if not element:
             path[-1].attributes.update(line.split())
             continue
         indent, name, kind, attributes = element.groups()
-        node = Node(set(attributes.split()), unique=kind in "?!")
+        node = SchemaElement(set(attributes.split()), unique=kind in "?!")
         del path[len(indent) // 3 + 1 :]
         path[-1].children[name] = node
         path.append(node)
@@ -68,21 +68,21 @@ def schema() -> Node:
     return top
 
 
-def _split_bodies(root: Node) -> None:
+def _split_bodies(root: SchemaElement) -> None:
     """Makes separate nodes of `worldbody`, `body`, `frame` and `replicate`, which share their children."""
     body = root.children.pop(BODY)
     inside = body.children
     inside.pop(BODY)
     for name in ("frame", "replicate"):
-        inside[name] = Node(set(UNLISTED[name]), inside)
-    inside["body"] = Node(body.attributes, inside)
-    root.children["worldbody"] = Node(set(), inside)
+        inside[name] = SchemaElement(set(UNLISTED[name]), inside)
+    inside["body"] = SchemaElement(body.attributes, inside)
+    root.children["worldbody"] = SchemaElement(set(), inside)
 
 
 @cache
-def valid_parents() -> dict[str, list[tuple[str, Node]]]:
+def valid_parents() -> dict[str, list[tuple[str, SchemaElement]]]:
     """Returns, by tag, the parents that an element may have, and its node in each."""
-    parents_by_tag: dict[str, dict[str, Node]] = {}
+    parents_by_tag: dict[str, dict[str, SchemaElement]] = {}
     waiting, seen = [("mujoco", schema().children["mujoco"])], set[tuple[str, int]]()
     while waiting:
         parent, node = waiting.pop(0)
@@ -109,7 +109,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
         yield from _repeated(element, node)
         if element.text and not _is_value(element):
             yield _stray_text(element)
-        children = list[tuple[Element, Node]]()
+        children = list[tuple[Element, SchemaElement]]()
         for child in element.children:
             inner = node.children.get(child.tag)
             if inner is None and child.tag not in UNLISTED:
@@ -121,7 +121,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
         stack.extend(reversed(children))
 
 
-def _attributes(source: XmlSource, element: Element, node: Node) -> Iterator[Finding]:
+def _attributes(source: XmlSource, element: Element, node: SchemaElement) -> Iterator[Finding]:
     for name, value in element.attributes.items():
         removed = removed_from_mjcf.REMOVED_VALUES.get((element.tag, name, value))
         if name == "plugin" and value in removed_from_mjcf.REMOVED_PLUGINS:
@@ -165,7 +165,7 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | str:
     return Fix(tuple(edits), removed_from_mjcf.REWRITTEN_FIELDS.get(element.tag, ()))
 
 
-def _attribute_remedy(element: Element, name: str, node: Node) -> str:
+def _attribute_remedy(element: Element, name: str, node: SchemaElement) -> str:
     if not node.attributes:
         inner = [c.tag for c in element.children if c.tag in node.children and name in node.children[c.tag].attributes]
         example = f"<{inner[0]} {name}=…>" if inner else "its children"
@@ -176,7 +176,7 @@ def _attribute_remedy(element: Element, name: str, node: Node) -> str:
     return f"attributes of <{element.tag}>: {listing(sorted(node.attributes))}"
 
 
-def _repeated(element: Element, node: Node) -> Iterator[Finding]:
+def _repeated(element: Element, node: SchemaElement) -> Iterator[Finding]:
     counts = Counter(child.tag for child in element.children)
     for child in element.children:
         inner = node.children.get(child.tag)
@@ -188,7 +188,7 @@ def _repeated(element: Element, node: Node) -> Iterator[Finding]:
             yield REPEATED_ELEMENT.in_element(child, message, "put all its attributes into one element")
 
 
-def _unknown(element: Element, node: Node) -> Finding:
+def _unknown(element: Element, node: SchemaElement) -> Finding:
     """Returns a finding that explains why this element must not occur here."""
     tag, parent = element.tag, element.parent
     assert parent is not None
@@ -216,7 +216,7 @@ def _move(tag: str, parent: Element, home: str) -> str:
     return f"move it into <{home}>"
 
 
-def _children_remedy(tag: str, parent: Element, node: Node) -> str:
+def _children_remedy(tag: str, parent: Element, node: SchemaElement) -> str:
     close = near(tag, node.children)
     if close:
         return f"write <{close[0]}>"
@@ -225,7 +225,7 @@ def _children_remedy(tag: str, parent: Element, node: Node) -> str:
     return f"elements of <{clean(parent.tag)}>: {listing(sorted(node.children))}"
 
 
-def _as_attribute(element: Element, node: Node) -> Finding | None:
+def _as_attribute(element: Element, node: SchemaElement) -> Finding | None:
     """Returns a finding if `element` is the value of an attribute, as in `<friction>0.3</friction>`."""
     parent, tag = element.parent, element.tag
     assert parent is not None
@@ -258,7 +258,7 @@ def _stray_text(element: Element) -> Finding:
     return STRAY_VALUE.finding(message, remedy, Place(element.file, element.text_line), str(element))
 
 
-def _only_node(element: Element) -> Node | None:
+def _only_node(element: Element) -> SchemaElement | None:
     """Returns the node of a misplaced element if it has only one valid parent."""
     parents = valid_parents().get(element.tag, [])
     return parents[0][1] if len(parents) == 1 else None

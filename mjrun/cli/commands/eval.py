@@ -11,7 +11,7 @@ from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, comman
 from mjrun.cli.console import Console, Report
 from mjrun.cli.report_formats.markdown import escaped, markdown_table
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
-from mjrun.cli.table_cells import Column, interval_text, number
+from mjrun.cli.table_cells import ReportColumn, interval_text, number
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationOptions
@@ -189,61 +189,61 @@ def _numbers(summary: "EpisodeSummary", units: Mapping[str, str]) -> "dict[str, 
     return {"return": summary.returns, "length [s]": summary.lengths, **rewards, **metrics}
 
 
-def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str) -> list[Column]:
+def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str) -> list[ReportColumn]:
     names, numbers = [clean(name) for _, name, _ in rows], [each for _, _, each in rows]
     columns = [
-        Column("number", names),
+        ReportColumn("number", names),
         *_policy_column([policy for policy, _, _ in rows]),
-        Column("mean", [number(each.mean) for each in numbers], right=True),
-        Column(level, [interval_text(each.mean_interval) for each in numbers], right=True),
-        Column("iq mean", [number(each.iqm) for each in numbers], right=True),
-        Column(level, [interval_text(each.iqm_interval) for each in numbers], right=True),
-        Column("median", [number(each.median) for each in numbers], right=True),
-        Column(level, [interval_text(each.median_interval) for each in numbers], right=True, extra=True),
-        Column("std", [number(each.std) for each in numbers], right=True, extra=True),
-        Column("min", [number(each.min) for each in numbers], right=True),
-        Column("max", [number(each.max) for each in numbers], right=True),
+        ReportColumn("mean", [number(each.mean) for each in numbers], right=True),
+        ReportColumn(level, [interval_text(each.mean_interval) for each in numbers], right=True),
+        ReportColumn("iq mean", [number(each.iqm) for each in numbers], right=True),
+        ReportColumn(level, [interval_text(each.iqm_interval) for each in numbers], right=True),
+        ReportColumn("median", [number(each.median) for each in numbers], right=True),
+        ReportColumn(level, [interval_text(each.median_interval) for each in numbers], right=True, extra=True),
+        ReportColumn("std", [number(each.std) for each in numbers], right=True, extra=True),
+        ReportColumn("min", [number(each.min) for each in numbers], right=True),
+        ReportColumn("max", [number(each.max) for each in numbers], right=True),
     ]
     if len({each.count for each in numbers}) > 1:
-        columns.append(Column("episodes", [str(each.count) for each in numbers], right=True))
+        columns.append(ReportColumn("episodes", [str(each.count) for each in numbers], right=True))
     return columns
 
 
-def _ending_columns(policies: "Sequence[EpisodeSummary]", level: str) -> list[Column]:
+def _ending_columns(policies: "Sequence[EpisodeSummary]", level: str) -> list[ReportColumn]:
     rows = [(each.policy, ending) for each in policies for ending in each.endings]
     shares = [ending.share for _, ending in rows]
     return [
-        Column("ending", [clean(ending.ending) for _, ending in rows]),
+        ReportColumn("ending", [clean(ending.ending) for _, ending in rows]),
         *_policy_column([policy for policy, _ in rows]),
-        Column("outcome", [ending.outcome for _, ending in rows]),
-        Column("episodes", [str(share.count) for share in shares], right=True),
-        Column("share", [_percent(share.share) for share in shares], right=True),
-        Column(level, [_percents(share.interval) for share in shares], right=True),
+        ReportColumn("outcome", [ending.outcome for _, ending in rows]),
+        ReportColumn("episodes", [str(share.count) for share in shares], right=True),
+        ReportColumn("share", [_percent(share.share) for share in shares], right=True),
+        ReportColumn(level, [_percents(share.interval) for share in shares], right=True),
     ]
 
 
-def _policy_column(policies: Sequence[str]) -> list[Column]:
+def _policy_column(policies: Sequence[str]) -> list[ReportColumn]:
     """Returns the column of policies, if there are several."""
-    return [Column("policy", [clean(policy) for policy in policies])] if len({*policies}) > 1 else []
+    return [ReportColumn("policy", [clean(policy) for policy in policies])] if len({*policies}) > 1 else []
 
 
-def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level: str) -> list[Column]:
+def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level: str) -> list[ReportColumn]:
     own = [point.policies[0] for point in points]
-    columns = [Column("point", [str(point.point) for point in points], right=True)]
+    columns = [ReportColumn("point", [str(point.point) for point in points], right=True)]
     columns += [
-        Column(clean(name), [clean(point.values.get(name, "")) for point in points], right=True) for name in names
+        ReportColumn(clean(name), [clean(point.values.get(name, "")) for point in points], right=True) for name in names
     ]
     if own[0].success:
         shares = [each.success for each in own]
-        columns.append(Column("success", [_percent(each.share) if each else "" for each in shares], right=True))
-        columns.append(Column(level, [_percents(each.interval) if each else "" for each in shares], right=True))
-    columns.append(Column("return", [number(each.returns.mean) for each in own], right=True))
-    columns.append(Column(level, [interval_text(each.returns.mean_interval) for each in own], right=True))
-    columns.append(Column("length [s]", [number(each.lengths.mean) for each in own], right=True, extra=True))
+        columns.append(ReportColumn("success", [_percent(each.share) if each else "" for each in shares], right=True))
+        columns.append(ReportColumn(level, [_percents(each.interval) if each else "" for each in shares], right=True))
+    columns.append(ReportColumn("return", [number(each.returns.mean) for each in own], right=True))
+    columns.append(ReportColumn(level, [interval_text(each.returns.mean_interval) for each in own], right=True))
+    columns.append(ReportColumn("length [s]", [number(each.lengths.mean) for each in own], right=True, extra=True))
     if points[0].comparison:
         differences = [point.comparison.returns for point in points if point.comparison]
-        columns.append(Column("difference", [_signed(each.difference) for each in differences], right=True))
-        columns.append(Column("better", [clean(each.better or "") for each in differences]))
+        columns.append(ReportColumn("difference", [_signed(each.difference) for each in differences], right=True))
+        columns.append(ReportColumn("better", [clean(each.better or "") for each in differences]))
     return columns
 
 

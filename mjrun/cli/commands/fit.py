@@ -8,7 +8,7 @@ import click
 from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
-from mjrun.cli.table_cells import Column, number
+from mjrun.cli.table_cells import ReportColumn, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options_of
@@ -118,20 +118,20 @@ def excitation_report(result: "ExcitationResult") -> str:
     page = TerminalLayout()
     parameters, motion = result.parameters, result.motion
     columns = [
-        Column("parameter", [clean(each.path) for each in parameters]),
-        Column("if it is", [number(each.start) for each in parameters], right=True),
-        Column(
+        ReportColumn("parameter", [clean(each.path) for each in parameters]),
+        ReportColumn("if it is", [number(each.start) for each in parameters], right=True),
+        ReportColumn(
             f"expected {100 * result.confidence:g} % interval",
             [f"{number(each.low)} … {number(each.high)}" for each in parameters],
         ),
     ]
     page.table("parameters", columns, len(parameters), SHOWN)
     columns = [
-        Column("motion", [clean(each.name) for each in motion]),
-        Column("from", [number(each.low) for each in motion], right=True),
-        Column("to", [number(each.high) for each in motion], right=True),
-        Column("", [each.unit for each in motion]),
-        Column("limits", [_range(each.least, each.most) for each in motion]),
+        ReportColumn("motion", [clean(each.name) for each in motion]),
+        ReportColumn("from", [number(each.low) for each in motion], right=True),
+        ReportColumn("to", [number(each.high) for each in motion], right=True),
+        ReportColumn("", [each.unit for each in motion]),
+        ReportColumn("limits", [_range(each.least, each.most) for each in motion]),
     ]
     page.table("motion", columns, len(motion), SHOWN)
     for file in result.files:
@@ -147,47 +147,47 @@ def _range(low: float | None, high: float | None) -> str:
     return "" if low is None or high is None else f"{number(low)} … {number(high)}"
 
 
-def _parameters(result: "FitResult") -> list[Column]:
+def _parameters(result: "FitResult") -> list[ReportColumn]:
     parameters = result.parameters
     share = f"{100 * result.confidence:g} % interval"
     return [
-        Column("parameter", [clean(each.path) for each in parameters]),
-        Column("before", [number(each.start) for each in parameters], right=True),
-        Column("fitted", [number(each.value) for each in parameters], right=True),
-        Column(share, [f"{number(each.low)} … {number(each.high)}" for each in parameters]),
-        Column("", [f"at its {each.bound} bound" if each.bound else "" for each in parameters]),
+        ReportColumn("parameter", [clean(each.path) for each in parameters]),
+        ReportColumn("before", [number(each.start) for each in parameters], right=True),
+        ReportColumn("fitted", [number(each.value) for each in parameters], right=True),
+        ReportColumn(share, [f"{number(each.low)} … {number(each.high)}" for each in parameters]),
+        ReportColumn("", [f"at its {each.bound} bound" if each.bound else "" for each in parameters]),
     ]
 
 
-def _inertias(result: "FitResult") -> list[Column]:
+def _inertias(result: "FitResult") -> list[ReportColumn]:
     rows = [(each.body, quantity) for each in result.inertias for quantity in each.quantities]
     quantities = [quantity for _, quantity in rows]
     return [
-        Column("body", [clean(body) for body, _ in rows]),
-        Column("", [each.name for each in quantities]),
-        Column("before", [number(each.start) for each in quantities], right=True),
-        Column("fitted", [number(each.value) for each in quantities], right=True),
-        Column("", [each.unit for each in quantities]),
-        Column(
+        ReportColumn("body", [clean(body) for body, _ in rows]),
+        ReportColumn("", [each.name for each in quantities]),
+        ReportColumn("before", [number(each.start) for each in quantities], right=True),
+        ReportColumn("fitted", [number(each.value) for each in quantities], right=True),
+        ReportColumn("", [each.unit for each in quantities]),
+        ReportColumn(
             f"{100 * result.confidence:g} % interval",
             [f"{number(each.low)} … {number(each.high)}" if each.low < each.high else "" for each in quantities],
         ),
     ]
 
 
-def _signals(result: "FitResult") -> list[Column]:
+def _signals(result: "FitResult") -> list[ReportColumn]:
     signals = result.signals
     columns = [
-        Column("signal", [clean(each.name) for each in signals]),
-        Column("residual", [f"{number(each.noise)} {each.unit}".strip() for each in signals], right=True),
-        Column("over noise", [number(each.misfit) for each in signals], right=True),
-        Column("before", [_share(each.nominal) for each in signals], right=True),
-        Column("fitted", [_share(each.fitted) for each in signals], right=True),
+        ReportColumn("signal", [clean(each.name) for each in signals]),
+        ReportColumn("residual", [f"{number(each.noise)} {each.unit}".strip() for each in signals], right=True),
+        ReportColumn("over noise", [number(each.misfit) for each in signals], right=True),
+        ReportColumn("before", [_share(each.nominal) for each in signals], right=True),
+        ReportColumn("fitted", [_share(each.fitted) for each in signals], right=True),
     ]
     if any(each.holdout_fitted is not None for each in signals):
         columns += [
-            Column("held out, before", [_share(each.holdout_nominal) for each in signals], right=True),
-            Column("fitted", [_share(each.holdout_fitted) for each in signals], right=True),
+            ReportColumn("held out, before", [_share(each.holdout_nominal) for each in signals], right=True),
+            ReportColumn("fitted", [_share(each.holdout_fitted) for each in signals], right=True),
         ]
     return columns
 

@@ -152,14 +152,14 @@ def _show_table(
     entries: "Mapping[str, Mapping[str, str]]",
     headings: "Sequence[str]",
 ) -> None:
-    from mjrun.cli.table_cells import Column
+    from mjrun.cli.table_cells import ReportColumn
     from mjrun.cli.terminal_layout import TerminalLayout
 
     page = TerminalLayout()
     cells = [[clean(facts[heading]) for facts in entries.values()] for heading in headings]
-    columns = [Column("name", [clean(name) for name in entries], whole=True)]
+    columns = [ReportColumn("name", [clean(name) for name in entries], whole=True)]
     for heading, texts in zip(headings, cells, strict=True):
-        columns.append(Column(heading, texts, right=all(text.isdecimal() for text in texts if text)))
+        columns.append(ReportColumn(heading, texts, right=all(text.isdecimal() for text in texts if text)))
     page.table(f"{collection.PREFIX}:", columns, len(entries))
     if remark := collection.remark():
         page.note(remark)

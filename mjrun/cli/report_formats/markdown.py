@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from mjrun.cli.console import Case
-from mjrun.cli.table_cells import Column
+from mjrun.cli.table_cells import ReportColumn
 from mjrun.errors import clean, counted
 
 LEVELS = {"error": "❌", "warning": "⚠️", "note": "ℹ️"}  # worst first
@@ -38,7 +38,7 @@ def _row(case: Case) -> str:
     return f"| {LEVELS[case.level]} | {escaped(place)} | {'<br>'.join(parts)} |"
 
 
-def markdown_table(columns: Sequence[Column]) -> str:
+def markdown_table(columns: Sequence[ReportColumn]) -> str:
     """Formats a table."""
     rule = ["--:" if column.right else ":--" for column in columns]
     rows = [[column.heading for column in columns], rule, *zip(*(column.cells for column in columns), strict=True)]

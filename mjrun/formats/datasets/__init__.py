@@ -10,7 +10,7 @@ Files = Sequence[tuple[str, bytes]]  # paths in the dataset, and contents
 
 
 @dataclass(frozen=True)
-class Dataset:
+class DatasetRecords:
     """The accepted images of a dataset and their objects.
 
     Attributes:

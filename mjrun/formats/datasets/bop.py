@@ -11,12 +11,12 @@ import numpy as np
 
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CENTER
-from mjrun.formats.datasets import Dataset, Files, Record
+from mjrun.formats.datasets import DatasetRecords, Files, Record
 
 SCENE = "000000"
 
 
-def files(dataset: Dataset) -> Files:
+def files(dataset: DatasetRecords) -> Files:
     """Returns the documents of one scene for each part of the dataset.
 
     Raises:

@@ -3,17 +3,17 @@
 from collections.abc import Iterator
 from typing import Any
 
-from mjrun.formats.datasets import Dataset, Files, Record
+from mjrun.formats.datasets import DatasetRecords, Files, Record
 from mjrun.formats.datasets.mask_encodings import mask_of, polygons
 from mjrun.formats.segmentation_labels import INFO, ascii_json, json_document
 
 
-def files(dataset: Dataset) -> Files:
+def files(dataset: DatasetRecords) -> Files:
     """Returns a document for each part of the dataset."""
     return [(f"annotations/instances_{part}.json", _document(dataset, part)) for part in dataset.records]
 
 
-def _document(dataset: Dataset, part: str) -> bytes:
+def _document(dataset: DatasetRecords, part: str) -> bytes:
     records, numbers = dataset.records[part], {name: i for i, name in enumerate(dataset.categories, 1)}
     categories = [_category(dataset, name, number) for name, number in numbers.items()]
     images = [
@@ -28,12 +28,12 @@ def _document(dataset: Dataset, part: str) -> bytes:
     return json_document({"info": {**INFO, "description": "dataset by mjrun"}, "licenses": []}, texts).encode()
 
 
-def _category(dataset: Dataset, name: str, number: int) -> dict[str, Any]:
+def _category(dataset: DatasetRecords, name: str, number: int) -> dict[str, Any]:
     points = dataset.keypoints(name)
     return {"id": number, "name": name, **({"keypoints": points, "skeleton": []} if points else {})}
 
 
-def _annotations(dataset: Dataset, record: Record, numbers: dict[str, int]) -> Iterator[dict[str, Any]]:
+def _annotations(dataset: DatasetRecords, record: Record, numbers: dict[str, int]) -> Iterator[dict[str, Any]]:
     width, height = record["size"]
     for each in record["objects"]:
         if each["bbox"] is None:
@@ -60,7 +60,7 @@ def _annotations(dataset: Dataset, record: Record, numbers: dict[str, int]) -> I
         yield annotation
 
 
-def keypoints(dataset: Dataset, labelled: Record) -> list[list[float]]:
+def keypoints(dataset: DatasetRecords, labelled: Record) -> list[list[float]]:
     """Returns x, y and visibility of each keypoint of the category of an object; zeros for those it lacks."""
     own = dict(zip(dataset.objects[labelled["id"] - 1][2], labelled["keypoints"], strict=True))
     points = (own.get(name, (0.0, 0.0, 0)) for name in dataset.keypoints(labelled["category"]))

@@ -10,10 +10,10 @@ import numpy as np
 
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import OPENGL
-from mjrun.formats.datasets import Dataset, Files, Record
+from mjrun.formats.datasets import DatasetRecords, Files, Record
 
 
-def files(dataset: Dataset) -> Files:
+def files(dataset: DatasetRecords) -> Files:
     """Returns transforms.json.
 
     Raises:

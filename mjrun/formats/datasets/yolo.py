@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
 from mjrun.errors import UsageError, option
-from mjrun.formats.datasets import Dataset, Files, Record
+from mjrun.formats.datasets import DatasetRecords, Files, Record
 from mjrun.formats.datasets.coco import keypoints
 from mjrun.formats.datasets.mask_encodings import mask_of, polygons
 from mjrun.formats.segmentation_labels import ascii_json
 
 
-def files(dataset: Dataset) -> Files:
+def files(dataset: DatasetRecords) -> Files:
     """Returns the labels of each image, the list of images of each part, and data.yaml.
 
     Raises:
@@ -27,7 +27,7 @@ def files(dataset: Dataset) -> Files:
     return [*written, ("data.yaml", _description(dataset).encode())]
 
 
-def _description(dataset: Dataset) -> str:
+def _description(dataset: DatasetRecords) -> str:
     lines = [f"{part}: {part}.txt" for part in dataset.records]
     if "val" not in dataset.records:  # which Ultralytics requires
         lines.append(f"val: {next(iter(dataset.records))}.txt")
@@ -37,14 +37,14 @@ def _description(dataset: Dataset) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _most_keypoints(dataset: Dataset) -> int:
+def _most_keypoints(dataset: DatasetRecords) -> int:
     most = max(len(dataset.keypoints(name)) for name in dataset.categories)
     if not most:
         raise UsageError(f"{option('yolo_task')} pose: no object has {option('keypoints')}")
     return most
 
 
-def _lines(dataset: Dataset, record: Record) -> Iterator[str]:
+def _lines(dataset: DatasetRecords, record: Record) -> Iterator[str]:
     """Yields a line for each visible object: its category, and numbers relative to the size of the image."""
     width, height = record["size"]
     for each in record["objects"]:

@@ -62,7 +62,7 @@ class EpisodeLayout:
 
 
 @dataclass(frozen=True)
-class Episode:
+class EpisodeRows:
     """An episode of T rows. In row t, the action t follows the observation t, and leads to the observation t + 1.
 
     Attributes:

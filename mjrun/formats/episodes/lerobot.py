@@ -22,7 +22,7 @@ import pyarrow.parquet
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.episodes import CameraVideos, Episode, EpisodeLayout
+from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.episodes.statistics import MOST, NumberStatistics, RowStatistics, color_statistics
 from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
 
@@ -63,7 +63,7 @@ def check(layout: EpisodeLayout) -> None:
 
 
 def write(
-    stack: ExitStack, folder: Path, layout: EpisodeLayout, episodes: Iterable[Episode], before: int = 0
+    stack: ExitStack, folder: Path, layout: EpisodeLayout, episodes: Iterable[EpisodeRows], before: int = 0
 ) -> list[OutputWriter]:
     """Writes a dataset; see `mjrun.formats.episodes`.
 
@@ -153,7 +153,7 @@ class _Dataset:
         except (OSError, ValueError, KeyError, pyarrow.ArrowException) as error:
             raise FileError(self._folder, f"contains a damaged dataset: {clean(str(error))}") from None
 
-    def add(self, episode: Episode) -> None:
+    def add(self, episode: EpisodeRows) -> None:
         """Adds an episode.
 
         Raises:
@@ -209,7 +209,7 @@ class _Dataset:
             writer.finish()
         return writers
 
-    def _columns(self, episode: Episode) -> dict[str, np.ndarray]:
+    def _columns(self, episode: EpisodeRows) -> dict[str, np.ndarray]:
         """Returns the columns of the table `(T, n)`."""
         count = len(episode)
         frames = np.arange(count)

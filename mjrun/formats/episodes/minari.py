@@ -19,7 +19,7 @@ import numpy as np
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.episodes import Episode, EpisodeLayout
+from mjrun.formats.episodes import EpisodeLayout, EpisodeRows
 from mjrun.model.table_column import Column
 
 DATA, METADATA = "data/main_data.hdf5", "data/metadata.json"
@@ -41,7 +41,7 @@ def check(layout: EpisodeLayout) -> None:
 
 
 def write(
-    stack: ExitStack, folder: Path, layout: EpisodeLayout, episodes: Iterable[Episode], before: int = 0
+    stack: ExitStack, folder: Path, layout: EpisodeLayout, episodes: Iterable[EpisodeRows], before: int = 0
 ) -> list[OutputWriter]:
     """Writes a dataset; see `mjrun.formats.episodes`.
 
@@ -70,7 +70,7 @@ def dataset_id(folder: Path) -> str:
     return name if re.fullmatch(r".*-v\d+", name) else f"{name}-v0"
 
 
-def _add(group: h5py.Group, index: int, episode: Episode) -> None:
+def _add(group: h5py.Group, index: int, episode: EpisodeRows) -> None:
     group.attrs["id"] = index
     group.attrs["total_steps"] = len(episode)
     if episode.seed is not None:

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.episodes import Episode
+from mjrun.formats.episodes import EpisodeRows
 
 NUMBERS = "numbers.npz"
 FACTS, INFO, COLORS = "facts", "info/", "colors/"  # entries of the archive, and what precedes names in it
 FIELDS = ("observations", "actions", "rewards")
 
 
-def files(episode: Episode, videos: Mapping[str, bytes]) -> list[tuple[str, bytes]]:
+def files(episode: EpisodeRows, videos: Mapping[str, bytes]) -> list[tuple[str, bytes]]:
     """Returns the files of an episode, by their names in its folder.
 
     Args:
@@ -31,7 +31,7 @@ def files(episode: Episode, videos: Mapping[str, bytes]) -> list[tuple[str, byte
     return [(NUMBERS, archive.getvalue()), *((f"{name}.mp4", content) for name, content in videos.items())]
 
 
-def read(folder: Path, cameras: Sequence[str]) -> Episode:
+def read(folder: Path, cameras: Sequence[str]) -> EpisodeRows:
     """Reads an episode from its folder.
 
     Raises:
@@ -42,7 +42,7 @@ def read(folder: Path, cameras: Sequence[str]) -> Episode:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         facts = json.loads(str(arrays.pop(FACTS)))
-        return Episode(
+        return EpisodeRows(
             **facts,
             **{name: arrays[name] for name in FIELDS},
             infos={name.removeprefix(INFO): values for name, values in arrays.items() if name.startswith(INFO)},

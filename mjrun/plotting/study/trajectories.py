@@ -6,7 +6,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.formats.study_reader import StudyResults, point_names, point_values
-from mjrun.formats.table_reader import Table, open_table, read_table
+from mjrun.formats.table import NumericTable
+from mjrun.formats.table_reader import open_table, read_table
 from mjrun.model.table_column import with_unit
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
 from mjrun.plotting.figure_data import MARGIN, ParameterAxis, scale
@@ -73,12 +74,17 @@ class Trajectories:
             largest[each.unit] = max(largest.get(each.unit, 0.0), each.largest)
         return [self._panel(each, times, tables, labels, largest[each.unit]) for each in drawn]
 
-    def _curve(self, curve: CurveSpec, tables: Mapping[int, Table]) -> "_Curve":
+    def _curve(self, curve: CurveSpec, tables: Mapping[int, NumericTable]) -> "_Curve":
         unit = next(iter(tables.values())).units.get(curve.column or "", "") if curve.unit is None else curve.unit
         return _Curve(curve.name, unit, [curve.expression.values(table.columns) for table in tables.values()])
 
     def _panel(
-        self, curve: "_Curve", times: ParameterAxis, tables: Mapping[int, Table], labels: Sequence[str], largest: float
+        self,
+        curve: "_Curve",
+        times: ParameterAxis,
+        tables: Mapping[int, NumericTable],
+        labels: Sequence[str],
+        largest: float,
     ) -> GraphPanel:
         colours = range(len(tables)) if any(labels) else [0] * len(tables)
         opacity = 1.0 if len(tables) <= NAMED else FAINT
@@ -92,7 +98,7 @@ class Trajectories:
             values = np.array([-largest, largest])
         return GraphPanel(times, scale(name, values, edge=MARGIN), series, ())
 
-    def _tables(self, names: Sequence[str]) -> dict[int, Table]:
+    def _tables(self, names: Sequence[str]) -> dict[int, NumericTable]:
         """Reads the traces of the points to show."""
         points = list(self._traces)
         if len(points) > POINTS:
@@ -107,8 +113,8 @@ class Trajectories:
         return point_names([point_values(self._traces[point].parent) for point in points], self._results.units)
 
 
-def _thinned(table: Table) -> Table:
+def _thinned(table: NumericTable) -> NumericTable:
     """Selects every k-th row, about as many as a figure can show, and the last."""
     count = len(next(iter(table.columns.values())))
     rows = np.append(np.arange(0, count - 1, max(1, count // ROWS)), count - 1)
-    return Table({name: values[rows] for name, values in table.columns.items()}, table.units)
+    return NumericTable({name: values[rows] for name, values in table.columns.items()}, table.units)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mjrun.formats.datasets import Dataset, Record
+from mjrun.formats.datasets import DatasetRecords, Record
 from mjrun.formats.segmentation_labels import regions
 
 WIDTH, HEIGHT = 12, 9
@@ -52,8 +52,8 @@ def image(number: int, ids: np.ndarray = IDS) -> Record:
     }
 
 
-def dataset(**options: object) -> Dataset:
+def dataset(**options: object) -> DatasetRecords:
     """Returns a dataset whose second image shows only the first object."""
     alone = np.where(IDS == 1, -1, IDS)
     objects = [("a", "thing", ("tip", "end")), ("b", "other", ())]
-    return Dataset({"train": [image(0)], "val": [image(5, alone)]}, objects, **options)  # type: ignore[arg-type]
+    return DatasetRecords({"train": [image(0)], "val": [image(5, alone)]}, objects, **options)  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.formats.datasets import Dataset
+from mjrun.formats.datasets import DatasetRecords
 from mjrun.formats.datasets.bop import files
 from tests.formats.datasets.dataset_of_two import POSE, dataset, image
 
@@ -38,4 +38,4 @@ def test_objects_that_are_not_visible_have_no_box() -> None:
 def test_orthographic_cameras_are_refused() -> None:
     flat = {**image(0), "perspective": False}
     with pytest.raises(UsageError, match="bop has no orthographic cameras"):
-        files(Dataset({"train": [flat]}, dataset().objects))
+        files(DatasetRecords({"train": [flat]}, dataset().objects))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.formats.datasets import Dataset
+from mjrun.formats.datasets import DatasetRecords
 from mjrun.formats.datasets.nerfstudio import files
 from tests.formats.datasets.dataset_of_two import POSE, dataset, image
 
@@ -28,4 +28,4 @@ def test_frames_have_their_cameras_masks_and_depths() -> None:
 
 def test_orthographic_cameras_are_refused() -> None:
     with pytest.raises(UsageError, match="nerfstudio has no orthographic cameras"):
-        files(Dataset({"train": [{**image(0), "perspective": False}]}, dataset().objects))
+        files(DatasetRecords({"train": [{**image(0), "perspective": False}]}, dataset().objects))

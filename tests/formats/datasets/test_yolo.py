@@ -6,7 +6,7 @@ import yaml
 from matplotlib.path import Path as Outline
 
 from mjrun.errors import UsageError
-from mjrun.formats.datasets import Dataset
+from mjrun.formats.datasets import DatasetRecords
 from mjrun.formats.datasets.yolo import files
 from tests.formats.datasets.dataset_of_two import HEIGHT, WIDTH, dataset, mask
 
@@ -43,7 +43,7 @@ def test_poses_have_the_same_number_of_keypoints() -> None:
     np.testing.assert_allclose(first[5:], [4.5 / WIDTH, 3.25 / HEIGHT, 2, 0, 0, 0], atol=1e-5)
     assert second[5:] == [0] * 6
     with pytest.raises(UsageError, match="no object has"):
-        files(Dataset({"train": []}, [("a", "thing", ())], yolo_task="pose"))
+        files(DatasetRecords({"train": []}, [("a", "thing", ())], yolo_task="pose"))
 
 
 def test_the_description_lists_images_and_names() -> None:
@@ -52,5 +52,5 @@ def test_the_description_lists_images_and_names() -> None:
     expected = {"train": "train.txt", "val": "val.txt", "names": {0: "thing", 1: "other"}, "kpt_shape": [2, 3]}
     assert description == expected
     assert written["train.txt"] == b"./images/0.png\n"
-    alone = dict(files(Dataset({"all": dataset().records["train"]}, dataset().objects)))
+    alone = dict(files(DatasetRecords({"all": dataset().records["train"]}, dataset().objects)))
     assert yaml.safe_load(alone["data.yaml"])["val"] == "all.txt"

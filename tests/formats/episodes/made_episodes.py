@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideos, Episode, EpisodeLayout
+from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.table_column import Column
 
@@ -37,7 +37,7 @@ def images(seed: int, count: int) -> np.ndarray:
     return np.broadcast_to(greys[:, None, None, None], (count, SIZE[1], SIZE[0], 3)).astype(np.uint8)
 
 
-def episode(seed: int, folder: Path | None = None) -> Episode:
+def episode(seed: int, folder: Path | None = None) -> EpisodeRows:
     """An episode of 10 + 3 · seed rows, with a video in `folder`."""
     count, random = 10 + 3 * seed, np.random.default_rng(seed)
     videos, colors = dict[str, Path](), dict[str, np.ndarray]()
@@ -49,7 +49,7 @@ def episode(seed: int, folder: Path | None = None) -> Episode:
                 writer.write(frame)
             writer.publish()
         colors["front"] = np.array([np.bincount(frames[..., i].ravel(), minlength=256) for i in range(3)])
-    return Episode(
+    return EpisodeRows(
         task="stand" if seed % 2 else "walk",
         seed=seed,
         observations=random.normal(size=(count + 1, 2)),
@@ -64,12 +64,12 @@ def episode(seed: int, folder: Path | None = None) -> Episode:
     )
 
 
-def episodes(seeds: Sequence[int], folder: Path | None = None) -> Iterator[Episode]:
+def episodes(seeds: Sequence[int], folder: Path | None = None) -> Iterator[EpisodeRows]:
     """Yields episodes, each made when it is needed."""
     return (episode(seed, folder) for seed in seeds)
 
 
-def written(name: str, folder: Path, layout: EpisodeLayout, made: Iterator[Episode], before: int = 0) -> list[Path]:
+def written(name: str, folder: Path, layout: EpisodeLayout, made: Iterator[EpisodeRows], before: int = 0) -> list[Path]:
     """Writes and publishes a dataset of the format `name`."""
     with ExitStack() as stack:
         return publish_together(

@@ -15,8 +15,8 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.decorations.ghost import OPACITY, GhostPlan, PlannedGhosts
 from mjrun.outputs.decorations.trail import PlannedTrails
 from mjrun.outputs.image import Image
+from mjrun.outputs.recorded_scene import planned_decorations
 from mjrun.outputs.recording import Recording
-from mjrun.outputs.scene_frames import planned_decorations
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline

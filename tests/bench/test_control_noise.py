@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.testspeed_noise import controls, halton
+from mjrun.bench.control_noise import controls, halton
 
 MODEL = """
 <mujoco>

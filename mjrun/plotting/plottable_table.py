@@ -13,7 +13,7 @@ from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_t
 from mjrun.plotting.panel_grid import PanelGrid
 
 
-class Table(table.Table):
+class Table(table.NumericTable):
     """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
 
     Iterating yields the names of the columns, in the order of the file.

@@ -12,7 +12,7 @@ from mjrun.errors import MjrunError
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
 from mjrun.outputs.output import Context
-from mjrun.outputs.scene_frames import RecordedFrames, camera_motions, check_scene, plan_scene
+from mjrun.outputs.recorded_scene import RecordedFrames, camera_motions, check_scene, plan_scene
 from mjrun.physics.simulation_loop import observe
 from mjrun.reporter import WarningReporter
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError
-from mjrun.plotting.table import Figure, Table, read_table
+from mjrun.plotting.plottable_table import Figure, Table, read_table
 from mjrun.plotting.table_and_study_plot import TablePlot
 
 TIME = np.linspace(0, 1, 50)
