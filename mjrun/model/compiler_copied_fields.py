@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.model.override import PARTIAL, RELATIVE, Override, elements_at
+from mjrun.model.override import PARTIAL, Override, elements_at, relative_values
 
 VECTORS = ("gravity", "wind", "magnetic")
 OPTIONS = ("timestep", "density", "viscosity", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance")
@@ -157,10 +157,15 @@ def new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
 
     chosen = slice(None) if index is None else slice(index, index + 1)
     old = values[:, chosen]
-    fits = len(numbers) == 1 or (operation and len(numbers) == old.shape[1])
-    if not old.size or not fits or (index is not None and is_single) or np.isnan(old).any():
+    if not old.size or (index is not None and is_single) or np.isnan(old).any():
         return None
-    values[:, chosen] = RELATIVE[operation](old, np.array(numbers)) if operation else numbers[0]
+    if operation:
+        changed = relative_values(old, np.array(numbers), override)
+    else:
+        changed = numbers[0] if len(numbers) == 1 else None
+    if changed is None:
+        return None
+    values[:, chosen] = changed
     return values
 
 

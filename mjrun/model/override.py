@@ -407,15 +407,30 @@ def _new_value(field: str, current: Any, override: Override) -> Any:
 
     values = np.array(list(current) if _is_vector(current) else current, float)
     chosen = _chosen(field, values.size, override)
-    numbers = np.array(_parse_numbers(override))
-    if numbers.size != 1 and (not override.operation or numbers.size != values.ravel()[chosen].size):
-        raise BadValueError(override.name, override.value, "one number")
-    if override.operation and np.isnan(values.ravel()[chosen]).any():
+    numbers, own = np.array(_parse_numbers(override)), values.ravel()[chosen]
+    if override.operation and np.isnan(own).any():
         reason = f"{field} has no value in the source to {override.operation}: the compiler computes it"
         raise UsageError(f"{clean(override.path)}: {reason}")
-    change = RELATIVE.get(override.operation, lambda old, new: np.broadcast_to(new, old.shape))
-    values.reshape(-1)[chosen] = change(values.ravel()[chosen], numbers)
+    changed = relative_values(own, numbers, override) if override.operation else numbers
+    if changed is None or (not override.operation and changed.size != 1):
+        most = "at most " if field in PARTIAL else ""
+        is_several = override.operation == "add" and own.size > 1
+        expected = f"{most}{own.size} numbers separated by commas" if is_several else "one number"
+        raise BadValueError(override.name, override.value, expected)
+    values.reshape(-1)[chosen] = changed
     return _like(current, values, override)
+
+
+def relative_values(values: np.ndarray, numbers: np.ndarray, override: Override) -> np.ndarray | None:
+    """Returns values `(…, size)` after an override that is relative to them; None if its numbers `(n,)` do not fit.
+
+    A single factor scales all values. Added numbers are those of the first values where a field may be given by them.
+    """
+    size, is_sum = values.shape[-1], override.operation == "add"
+    if is_sum and override.index is None and override.target.rpartition(".")[2] in PARTIAL and 0 < len(numbers) < size:
+        numbers = np.concatenate([numbers, np.zeros(size - len(numbers))])
+    fits = len(numbers) == size or (len(numbers) == 1 and not is_sum)
+    return RELATIVE[override.operation](values, numbers) if fits else None
 
 
 def _chosen(field: str, size: int, override: Override) -> slice:

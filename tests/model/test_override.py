@@ -344,6 +344,10 @@ def test_the_source_file_itself_is_not_changed(tmp_path: Path) -> None:
         ("scale:opt.timestep", "0.5", "opt.timestep", "0.001"),
         ("add:opt.gravity", "1,2,0.81", "opt.gravity", "1,2,-9"),
         ("add:opt.gravity[2]", "0.81", "opt.gravity", "0,0,-9"),
+        ("add:joint/knee.damping", "0.5", "joint/knee.damping", "0.5"),  # of the speed, not also of its powers
+        ("add:geom/floor.friction", "0.5", "geom/floor.friction", "1.5"),  # not also of torsion and rolling
+        ("add:geom/floor.friction", "0.5,-0.005", "geom/floor.friction", "1.5,0"),
+        ("scale:geom/floor.friction", "2", "geom/floor.friction", "2,0.01,0.0002"),
         ("scale:opt.gravity", "2", "opt.gravity", "0,0,-19.62"),
         ("scale:opt.iterations", "0.5", "opt.iterations", "50"),
     ],
@@ -396,6 +400,8 @@ DECIDED = "has no effect: the inertia of this body comes from its geoms"
         ("scale:opt.integrator", "2", "integrator is not a number"),
         ("scale:opt.flag.contact", "2", "a flag is not a number"),
         ("scale:opt.gravity", "1,2", "one number"),
+        ("add:opt.gravity", "1", "3 numbers separated by commas"),
+        ("add:geom/floor.friction", "1,2,3,4", "at most 3 numbers separated by commas"),
         ("opt.gravity[0]", "1,2", "one number"),
         ("scale:opt.iterations", "0.333", "whole number"),
         ("scale:geom/floor.mass", "2", "mass has no value in the source"),

@@ -41,6 +41,8 @@ COMPILED += [
     "geom/toe.gap",
     "geom/tip.size[0]",
     "joint/knee.damping",
+    "add:joint/knee.damping",
+    "add:geom/*.friction",
     "scale:geom/*.density",
     "opt.iterations",
 ]
