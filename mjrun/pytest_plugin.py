@@ -41,14 +41,16 @@ def mjrun_simulation(request: pytest.FixtureRequest) -> "Callable[..., Simulatio
 def assert_trace_golden(request: pytest.FixtureRequest) -> "Callable[..., TraceResult]":
     """Returns a function that fails the test if a trace of a simulation differs from its golden table.
 
-    Its arguments are the simulation; `golden`, the path of the table, by default `golden/TEST.csv` beside the test; and
-    the options of `mjrun.Trace`, such as `probe`, `rate`, `atol` and `tol`. It returns the result of the trace.
+    Its arguments are the simulation; `golden`, the path of the table, by default `golden/MODULE/TEST.csv` beside the
+    module of the test; and the options of `mjrun.Trace`, such as `probe`, `rate`, `atol` and `tol`. It returns the
+    result of the trace.
     """
     from mjrun.errors import FileError, GoldenDifferenceError
     from mjrun.outputs.trace import Trace
 
-    name = re.sub(r"[^\w.-]+", "_", request.node.name).strip("_")
-    usual = request.path.parent / FOLDER / f"{name}.csv"
+    test = request.node.nodeid.partition("::")[2]  # with its class
+    name = re.sub(r"[^\w.-]+", "_", test).strip("_")
+    usual = request.path.parent / FOLDER / request.path.stem / f"{name}.csv"
     update = bool(request.config.getoption(UPDATE))
 
     def assert_golden(simulation: "Simulation", golden: str | Path = usual, **options: Any) -> "TraceResult":

@@ -18,10 +18,15 @@ import pytest
 def test_swing(mjrun_simulation, assert_trace_golden, mass):
     simulation = mjrun_simulation("pendulum.xml", duration={duration}, set={{"geom/bob.mass": mass}})
     assert assert_trace_golden(simulation, probe="energy", rate=50).rows > 1
+
+
+class TestKicked:
+    def test_swing_1(self, mjrun_simulation, assert_trace_golden):
+        assert_trace_golden(mjrun_simulation("pendulum.xml", duration={duration}, qvel={{"hinge": 1}}), probe="qvel")
 """
 
 
-def test_a_trace_is_compared_with_the_golden_table_beside_the_test(tmp_path: Path) -> None:
+def test_a_trace_is_compared_with_the_golden_table_of_its_test(tmp_path: Path) -> None:
     shutil.copy(ROOT / "scenes/pendulum.xml", tmp_path / "pendulum.xml")
 
     def run(duration: float, *options: str) -> str:
@@ -33,13 +38,13 @@ def test_a_trace_is_compared_with_the_golden_table_beside_the_test(tmp_path: Pat
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True).stdout
 
     missing = run(0.1)
-    assert "2 failed" in missing
-    assert "golden/test_swing_1.csv: the golden table does not exist\n--mjrun-update creates it" in missing
-    assert "2 passed" in run(0.1, "--mjrun-update")
-    assert mjrun.read_table(tmp_path / "golden/test_swing_2.csv")["time"][-1] == 0.1
-    assert "2 passed" in run(0.1)
+    assert "3 failed" in missing
+    assert "golden/test_swing/test_swing_1.csv: the golden table does not exist\n--mjrun-update creates it" in missing
+    assert "3 passed" in run(0.1, "--mjrun-update")
+    assert mjrun.read_table(tmp_path / "golden/test_swing/test_swing_2.csv")["time"][-1] == 0.1
+    assert "3 passed" in run(0.1)
     changed = run(0.2)
-    assert "2 failed" in changed
+    assert "3 failed" in changed
     assert "pendulum.xml differs from the golden table" in changed
     assert "--mjrun-update replaces the golden table" in changed
 
