@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from mjrun.child_process import ChildProcess, memory_file
 from mjrun.dataclass import dataclass
-from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError, option
+from mjrun.errors import DrawError, NoRendererError, SoftwareRendererError, UnknownNameError, option
 from mjrun.platform import system
 from mjrun.platform.installation import as_root
 
@@ -88,11 +88,28 @@ class Backend:
         return self.name == "osmesa" or any(mark in self.renderer.lower() for mark in SOFTWARE)
 
     def context(self, width: int, height: int) -> OpenGLContext:
-        """Creates an OpenGL context and makes it current in this thread; the caller frees it."""
+        """Creates an OpenGL context and makes it current in this thread; the caller frees it.
+
+        Raises:
+          DrawError: this process is a copy of one that has rendered.
+        """
+        require_own_opengl()
         _require_shader_cache()
         context: OpenGLContext = importlib.import_module(f"mujoco.{self.name}").GLContext(width, height)
         context.make_current()
         return context
+
+
+_rendering_process = 0  # id of the process that created the first OpenGL context here; 0 for none
+
+
+def require_own_opengl() -> None:
+    """Raises DrawError in a fork of a process that has rendered: a driver would wait for threads that are missing."""
+    global _rendering_process
+    _rendering_process = _rendering_process or os.getpid()
+    if _rendering_process != os.getpid():
+        reason = "this process is a fork of one that has used OpenGL, which drivers do not allow"
+        raise DrawError(f"{reason}\nstart new processes, as with multiprocessing.get_context('spawn')")
 
 
 def _require_shader_cache() -> None:

@@ -15,7 +15,7 @@ from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
-from mjrun.rendering.backend import Backend, OpenGLContext
+from mjrun.rendering.backend import Backend, OpenGLContext, require_own_opengl
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
@@ -76,6 +76,8 @@ class ClassicRenderer:
             self._context = _offscreen(model, width, height, visual.quality, has_shadows)
         except Exception as error:
             self.close()
+            if isinstance(error, DrawError):
+                raise
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
 
     def set_state(self, state: np.ndarray, index: int = 0) -> None:
@@ -127,6 +129,7 @@ class ClassicRenderer:
 
     def make_current(self) -> None:
         """Directs this thread's OpenGL calls to this renderer, if another one has been used since."""
+        require_own_opengl()
         assert self._gl
         assert self._context
         self._gl.make_current()

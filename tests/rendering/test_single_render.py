@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -11,7 +12,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import UnknownNameError, UsageError
+from mjrun.errors import DrawError, UnknownNameError, UsageError
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.single_render import CACHED
 
@@ -91,6 +92,25 @@ def test_renderers_of_several_models_and_sizes_do_not_disturb_each_other(model: 
     assert len({tuple(colour) for colour in colours}) == len(others)
     assert mjrun.render(model, moved(model), "top", (20, 30)).shape == (30, 20, 3)
     assert np.array_equal(mjrun.render(model, moved(model), "top", SIZE), expected)
+
+
+@pytest.mark.parametrize("size", [SIZE, (16, 16)])
+def test_a_fork_of_a_process_that_has_rendered_refuses_instead_of_hanging(
+    model: mujoco.MjModel, size: tuple[int, int], tmp_path: Path
+) -> None:
+    mjrun.render(model, moved(model), size=SIZE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of forks of processes with threads
+        child = os.fork()
+    if child == 0:
+        try:
+            mjrun.render(model, moved(model), size=size)
+        except DrawError as error:
+            (tmp_path / "error").write_text(str(error))
+        finally:
+            os._exit(0)
+    os.waitpid(child, 0)
+    assert "fork of one that has used OpenGL" in (tmp_path / "error").read_text()
 
 
 def test_what_is_not_there_is_refused(model: mujoco.MjModel) -> None:
