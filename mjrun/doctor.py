@@ -253,7 +253,10 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
 def _filament(vulkan: backend.Backend | str, used: str | None) -> Diagnostic:
     renderer = f"{errors.option('renderer')} filament"
     if isinstance(vulkan, str):
-        remedy = f"not needed except for {renderer}; {backend.install_advice(backend.VULKAN)}"
+        advice = backend.install_advice(backend.VULKAN)
+        if not importlib.util.find_spec("mujoco.studio"):
+            advice = install_command(STUDIO)
+        remedy = f"not needed except for {renderer}; {advice}"
         return Diagnostic("vulkan", "filament", MISSING, vulkan, remedy)
     kind = "software" if vulkan.software else "GPU"
     remedy = "" if used else f"{renderer} draws, the default renderer does not"

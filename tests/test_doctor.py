@@ -129,6 +129,12 @@ def test_it_says_whether_a_page_is_served(monkeypatch: pytest.MonkeyPatch) -> No
     assert mjrun.doctor._studio().remedy == "pip install mujoco-studio"
 
 
+def test_without_studio_filament_is_missing_for_another_reason_than_a_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", lambda name: None)
+    finding = mjrun.doctor._filament("No module named 'mujoco.studio'", "egl")
+    assert finding.remedy.endswith("pip install mujoco-studio")
+
+
 def test_collections_of_models_are_counted_or_say_how_to_get_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MJRUN_MENAGERIE", "/no/such/folder")
     found = {diagnostic.name: diagnostic for diagnostic in mjrun.doctor._collections()}

@@ -122,16 +122,15 @@ class PerWorldFields:
         The models of a group agree in every number of their physics that mujoco_warp does not store for each world, and
         in which of the others are zero: these determine the forces that it leaves out, and the sizes of its arrays.
         """
-        digest = hashlib.sha256()
         varying = {*self._fields, *self._options}
-        for name, value in physics_fields(model):
-            if name in UNUSED:
-                continue
-            shown = abs(value) >= mujoco.mjMINVAL if name in varying else value
-            digest.update(name.encode() + b"\0" + shown.tobytes())
+        common = [
+            abs(value) >= mujoco.mjMINVAL if name in varying else value
+            for name, value in physics_fields(model)
+            if name not in UNUSED
+        ]
         # Servos: mujoco_warp wraps their commands on ball joints.
-        digest.update((model.actuator_gainprm[:, 0] == -model.actuator_biasprm[:, 1]).tobytes())
-        return digest.hexdigest()
+        common.append(model.actuator_gainprm[:, 0] == -model.actuator_biasprm[:, 1])
+        return hashlib.sha256(b"".join(values.tobytes() for values in common)).hexdigest()
 
     def put_models(self, first: mujoco.MjModel, models: Sequence[mujoco.MjModel]) -> Any:
         """Puts models on the device as one model, in which each world has separate numbers.

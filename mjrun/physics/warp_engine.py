@@ -176,8 +176,8 @@ class WarpWorlds:
         return values.reshape(self.count, *sample.shape).astype(sample.dtype)
 
     def unstable(self) -> np.ndarray:
-        """Returns the worlds whose positions or velocities are not finite or too large, as a mask `(n,)`."""
-        vectors = np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()])
+        """Returns the worlds with positions, velocities or accelerations that are not finite or too large, `(n,)`."""
+        vectors = np.hstack([getattr(self._data, name).numpy() for name in ("qpos", "qvel", "qacc")])
         return ~(abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
 
     def states(self) -> np.ndarray:

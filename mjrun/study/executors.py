@@ -28,6 +28,7 @@ from mjrun.study.spec import ChunkResult, PointChunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "ray", "ray://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"
+ON_ONE_GPU = 4  # processes with `--jobs auto`: preparing models takes longer than their steps, and each needs memory
 INTERVAL = 0.5  # [s] between two parts: results wait for others
 REFUSALS = 5  # refused results of a chunk, after which its points have failed
 SECONDS = 3.0  # wall time of a chunk, which is lost when it is killed
@@ -103,7 +104,7 @@ def open_executor(
       MissingExtraError: its library is not installed.
     """
     check_engine(engine)
-    count = 1 if engine == WARP else jobs if isinstance(jobs, int) else available_cores()  # Warp uses the whole GPU
+    count = _local_processes(engine, jobs)
     if engine in ("local", WARP):
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
@@ -148,15 +149,19 @@ def process_count(engine: str, jobs: int | str, slurm: Sequence[str] = ()) -> in
     Raises:
       UsageError: the engine is unknown.
     """
-    if engine == WARP:
-        return 1
     if engine == SLURM:
         return most_jobs(jobs, slurm)
-    if engine in ("local", "dask", "ray"):
-        return jobs if isinstance(jobs, int) else available_cores()
+    if engine in ("local", WARP, "dask", "ray"):
+        return _local_processes(engine, jobs)
     if not is_cluster(engine):
         _factory(engine)
     return None
+
+
+def _local_processes(engine: str, jobs: int | str) -> int:
+    if isinstance(jobs, int):
+        return jobs
+    return min(ON_ONE_GPU, available_cores()) if engine == WARP else available_cores()
 
 
 def completed(

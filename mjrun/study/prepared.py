@@ -53,7 +53,7 @@ IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # option
 LENGTH = ("timestep", "duration", "steps")  # parameters that determine the number of steps
 CHUNK_STEPS = 50_000  # steps in a chunk whose time is not measured: usually seconds
 CHUNK_POINTS = 500  # most points in such a chunk
-CHUNK_WORLDS = 4096  # points in a chunk of Warp worlds
+LEAST_WORLDS, CHUNK_WORLDS = 256, 4096  # points in a chunk of Warp worlds; few do not pay for another process
 
 
 class PreparedStudy(PreparedPoints):
@@ -177,7 +177,9 @@ class PreparedStudy(PreparedPoints):
     def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> executors.ChunkSizes:
         """Returns the sizes of chunks, of which `ahead` are in flight."""
         if self.spec.engine == "warp":
-            worlds = min(CHUNK_WORLDS, WORLD_BYTES // mujoco.mj_sizeModel(self.model))
+            processes = executors.process_count(options.engine, options.jobs) or 1
+            share = max(LEAST_WORLDS, -(-len(self.points.points) // processes))
+            worlds = min(CHUNK_WORLDS, share, WORLD_BYTES // mujoco.mj_sizeModel(self.model))
             return executors.ChunkSizes(options.chunk or max(1, worlds), ahead)
         if options.engine == executors.SLURM:
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)

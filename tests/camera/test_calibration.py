@@ -24,7 +24,7 @@ CAMERAS = {
 SCENE = """
 <mujoco>
   <statistic center="0 0 .5" extent="2"/>
-  <visual><global orthographic="{orthographic}" fovy="45"/><map {planes}/></visual>
+  <visual><global orthographic="{orthographic}" fovy="45"/><map {planes}/><quality offsamples="0"/></visual>
   <worldbody>
     {camera}
     <geom name="box" type="box" size=".4 .3 .2" pos=".1 0 .5" euler="20 30 40"/>
@@ -37,6 +37,7 @@ OTHERS = """
 <geom name="slab" type="box" size=".3 .1 .4" pos="-.6 .5 .3" euler="0 20 50"/>
 <geom name="far" type="box" size="1 1 1" pos="4 40 3"/>
 """
+ROUNDED = 10  # times larger are errors of depth on a GPU, which rounds corners to 1/256 of a pixel
 SIZES = [(160, 120), (101, 77), (64, 130)]
 
 
@@ -143,7 +144,8 @@ def test_depth_and_object_of_a_pixel_are_those_that_a_ray_through_its_centre_mee
     seen = hits >= 0
     assert seen.sum() > 50
     resolution = 0 if drawn.lens.perspective else 2e-7 * drawn.lens.far
-    assert np.all(np.abs(depth - expected)[seen] < 2e-5 * expected[seen] + resolution)
+    error = 2e-5 if backend.software else ROUNDED * 2e-5
+    assert np.all(np.abs(depth - expected)[seen] < error * expected[seen] + resolution)
 
 
 @pytest.mark.parametrize("planes", ["", 'znear=".0005" zfar="400"', 'znear=".0001" zfar="10000"'])
@@ -154,7 +156,8 @@ def test_the_depth_of_something_far_away_is_right_wherever_the_clipping_planes_a
     far = drawn.ids == 3
     points = drawn.lens.unproject(np.where(far, metric_depth(drawn.buffer, drawn.frustum), np.nan))[far]
     assert len(points) > 10
-    assert points[:, 1] + 3 == pytest.approx(41, rel=2e-6)  # its near face is 41 m before the camera
+    error = 2e-6 if backend.software else ROUNDED * 2e-6
+    assert points[:, 1] + 3 == pytest.approx(41, rel=error)  # its near face is 41 m before the camera
 
 
 def test_intrinsics_of_a_camera_are_kept_to_the_picture_s_size(backend: Backend) -> None:

@@ -212,6 +212,13 @@ def test_worlds_that_leave_all_bounds_are_unstable(device: WarpDevice) -> None:
     with worlds.active():
         worlds.step()
         assert worlds.unstable().tolist() == [True] * WORLDS
+    model, data = start()
+    data.qfrc_applied[2] = 1e11  # the velocity after a step is within bounds, the acceleration is not
+    worlds = WarpWorlds(device, model, np.array([state.save(model, data), state.save(*start())]))
+    with worlds.active():
+        worlds.step()
+        assert abs(worlds.read("qvel")).max() < mujoco.mjMAXVAL
+        assert worlds.unstable().tolist() == [True, False]
 
 
 def test_a_feature_that_it_does_not_support_is_named(device: WarpDevice) -> None:

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 
 import mujoco
 import numpy as np
-import pytest
 
 from mjrun.camera.pose import lens, metric_depth, pose_of
 from mjrun.rendering.backend import Backend
@@ -85,14 +85,24 @@ def test_depth_is_that_of_rays(backend: Backend) -> None:
     assert np.array_equal(np.isfinite(depths), numbers > 0)
     flat = numbers == 2  # the box: balls have facets, and the plane ends somewhere
     assert flat.sum() > 100
-    for row, column in np.argwhere(flat):
+
+    def box_depth(row: float, column: float) -> float:
         ray = np.array([column + 0.5 - calibration.cx, row + 0.5 - calibration.cy, 1])
         ray[:2] /= calibration.fx, calibration.fy
         hit = np.zeros(1, np.int32)
         # The ray's vector is one metre deep, so that distances along it are planar depths.
         depth = mujoco.mj_ray(model, data, pose.position, calibration.pose[:3, :3] @ ray, None, 1, -1, hit)
-        if hit[0] == 1:
-            assert depths[row, column] == pytest.approx(depth, rel=1e-5 if backend.software else 3e-5)
+        return depth if hit[0] == 1 else np.nan
+
+    compared = 0
+    shift = 0 if backend.software else 1 / 512  # GPUs round corners to 1/256 of a pixel
+    for row, column in np.argwhere(flat):
+        depth = box_depth(row, column)
+        near = [box_depth(row + y, column + x) for x, y in product((-shift, shift), repeat=2)]
+        if np.isfinite([depth, *near]).all():
+            assert abs(depths[row, column] - depth) <= np.abs(np.array(near) - depth).max() + 1e-5 * depth
+            compared += 1
+    assert compared > 100
 
 
 def test_multisampling_of_colours_changes_nothing(backend: Backend) -> None:

@@ -86,11 +86,18 @@ def test_an_engine_that_is_none_is_refused(tmp_path: Path, engine: str, expected
 @pytest.mark.parametrize("engine", ["local", "dask", "ray", "slurm"])
 def test_processes_are_as_many_as_the_quota_of_a_container_feeds(engine: str, tmp_path: Path) -> None:
     assert process_count(engine, "auto") == 1
-    assert (process_count(engine, 3), process_count("warp", 3)) == (3, 1)  # a GPU is for one process
+    assert process_count(engine, 3) == 3
     if engine == "local":
         with ExitStack() as stack:
             executor, ahead = open_executor(engine, "auto", tmp_path, stack)
             assert (executor._max_workers, ahead) == (1, QUEUED)  # type: ignore[attr-defined]
+
+
+def test_a_few_processes_share_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjrun.study.executors.available_cores", lambda: 16)
+    assert [process_count("warp", jobs) for jobs in ("auto", 1, 9)] == [4, 1, 9]
+    monkeypatch.setattr("mjrun.study.executors.available_cores", lambda: 2)
+    assert process_count("warp", "auto") == 2
 
 
 def test_warp_without_its_library_is_told_before_any_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

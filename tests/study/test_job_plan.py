@@ -191,6 +191,15 @@ def test_the_first_point_of_each_process_is_recorded_before_others_wait_for_it(s
     assert sizes.next(steps_of_all, left=1000) == 2
 
 
+def test_processes_that_share_a_gpu_share_the_points_unless_they_are_few(study: Study) -> None:
+    warped = replace(study, vary={"qpos/ball/z": "0.2..1:1200"}, engine="warp", chunk=None)
+    prepared = PreparedStudy(warped, warped.spec)
+    firsts = [
+        prepared.chunk_sizes(replace(warped, jobs=jobs), ahead=2 * jobs).next(np.zeros(1200)) for jobs in (1, 4, 9)
+    ]
+    assert firsts == [1200, 300, 256]
+
+
 def test_simulated_points_are_known(study: Study) -> None:
     prepared = PreparedStudy(study, study.spec)
     prepared.files.create()
