@@ -188,9 +188,10 @@ class _Cluster:
 
     def _task(self, node: int) -> Iterator[float]:
         """Executes a task, and yields after each step how long it takes [s]."""
-        points = np.arange(self.points)
         files = ChunkFiles(self.folder, [METRIC], STUDY, self.points)
-        if not self._is_shared:
+        if self._is_shared:
+            points = np.arange(self.points)
+        else:
             points = task_points([(0, self.points)], node + 1, self.nodes)
             files.bounds = task_blocks(points)
         if not len(points):

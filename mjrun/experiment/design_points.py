@@ -163,6 +163,13 @@ class GridPoints(Sequence[Values]):
         cycle = np.repeat(np.arange(len(texts)), repeat)
         return DesignColumn.of(texts, cycle if len(cycle) == self._whole else np.resize(cycle, self._whole))
 
+    def distinct(self, number: int) -> Sequence[str]:
+        """Returns the different values of a parameter; those of a whole grid without its points."""
+        texts, repeat = self.columns[number]
+        if self._chosen is None and repeat * len(texts) <= self._whole:
+            return DesignColumn.of(texts, np.arange(len(texts))).distinct
+        return self.column(number).distinct
+
     def only(self, chosen: np.ndarray) -> "GridPoints":
         """Returns the points with these indices."""
         return GridPoints(self.columns, self._whole, chosen if self._chosen is None else self._chosen[chosen])
@@ -218,6 +225,10 @@ class Design:
     def column(self, number: int) -> DesignColumn:
         """Returns the values of a parameter, given by its place in `names`."""
         return self.grid.column(number)
+
+    def distinct(self, number: int) -> Sequence[str]:
+        """Returns the different values of a parameter, given by its place in `names`."""
+        return self.grid.distinct(number)
 
     def values(self, index: int) -> dict[str, str]:
         """Returns the values of a point by parameter, of those that exist there."""

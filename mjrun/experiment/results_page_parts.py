@@ -51,7 +51,7 @@ def parameters_table(design: Design) -> list[PageFactTable]:
     """Returns a table of the varied parameters and their values, if anything varies."""
     rows = list[tuple[str, str, str]]()
     for index, name in enumerate(design.names):
-        texts = design.column(index).distinct
+        texts = design.distinct(index)
         values = numbers(texts)
         if values is not None and len(texts) <= LISTED:
             texts = [number(float(value)) for value in values]

@@ -41,7 +41,7 @@ def open_cluster(engine: str, count: int, stack: ExitStack) -> tuple[Executor, i
     except Exception as error:  # of whatever kind: ConnectionError, RuntimeError for another version of Python
         reason = f"{error}".strip().splitlines() or [type(error).__name__]  # the last line follows a traceback
         raise UsageError(f"{option('engine')}: {clean(engine)} cannot be used: {clean(reason[-1])}") from None
-    return executor, max(1, workers)
+    return executor, workers
 
 
 def has_ended(error: Exception) -> bool:

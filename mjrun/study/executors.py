@@ -97,7 +97,7 @@ def open_executor(
     Args:
       folder: folder for the logs of Slurm.
       slurm: settings of Slurm jobs.
-      note: reports cancelled jobs of Slurm.
+      note: reports cancelled jobs of Slurm, or a cluster without workers.
 
     Raises:
       UsageError: the engine is unknown.
@@ -111,7 +111,9 @@ def open_executor(
         return pool, count * QUEUED
     if is_cluster(engine):
         executor, workers = open_cluster(engine, count, stack)
-        return executor, workers * QUEUED
+        if not workers:
+            note(f"{option('engine')} {clean(engine)} has no workers yet; waiting for the first")
+        return executor, max(1, workers) * QUEUED
     if engine == SLURM:
         most = most_jobs(jobs, slurm)
         return stack.enter_context(SlurmExecutor(folder, slurm, most, note)), most

@@ -36,7 +36,7 @@ def own_values(
     names = [SHORT_PATHS.get(name, name) for name in points.names]
     found = dict[int, frozenset[str]]()
     for index, name in enumerate(names):
-        others, distinct = [*names[:index], *names[index + 1 :]], points.column(index).distinct
+        others, distinct = [*names[:index], *names[index + 1 :]], points.distinct(index)
         if not is_path(name):
             found[index] = frozenset(_of_simulation(name, distinct, others, spec, model))
         elif source and MODEL not in others and not any(_share_a_field(name, other) for other in others):

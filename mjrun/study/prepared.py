@@ -252,6 +252,6 @@ def varied_files(base: Simulation, points: Design) -> Iterator[Path]:
     """Yields the files that values of points name. A value that names no valid model fails at its points."""
     for index, name in enumerate(points.names):
         if name in FILES or Override(name, "").file_attribute:
-            for text in points.column(index).distinct:
+            for text in points.distinct(index):
                 with suppress(MjrunError):
                     yield from (path for _, path in simulation_at(base, (name,), (text,)).inputs)

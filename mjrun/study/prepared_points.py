@@ -76,7 +76,6 @@ class PreparedPoints(ABC):
     Attributes:
       folder: folder of the results.
       files: files of results.
-      numbers: the points that this process works on, ascending; all of them unless it is assigned before they are read.
     """
 
     def __init__(
@@ -84,7 +83,11 @@ class PreparedPoints(ABC):
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder_at(folder)
         self.files = ChunkFiles(self.folder, metrics, self._digest(), len(points.points))
-        self.numbers = np.arange(len(points.points))
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """The points that this process works on, ascending; all of them unless it is assigned before it is read."""
+        return np.arange(len(self.points.points))
 
     @cached_property
     def known(self) -> ResultColumns:

@@ -247,7 +247,7 @@ def require_values(
     for index, name in enumerate(points.names):
         if has_cameras and name.startswith(CAMERA):
             continue
-        for text in _representative(points.column(index).distinct):
+        for text in _representative(points.distinct(index)):
             if text == ABSENT:
                 continue
             if not is_path(name):

@@ -36,6 +36,7 @@ def test_points_are_those_of_nested_loops(columns: list[list[str]], data: Any) -
             values = [point[number] for point in all_expected]
             assert texts_at(column.texts, column.places) == values
             assert sorted(column.distinct) == sorted({*values})
+            assert [*points.distinct(number)] == [*column.distinct]
             assert len({*column.texts}) == len(column.texts)
             texts = column.numbers
             assert (texts is None) == ("x" in values)

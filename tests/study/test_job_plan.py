@@ -2,6 +2,7 @@
 
 import errno
 import os
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -100,6 +101,17 @@ def test_a_task_opens_only_the_parts_of_its_points(study: Study) -> None:
     assert reporter.warnings == []
     assert run_task(made, 1, 2, reporter).simulated == 6
     assert len(reporter.warnings) == 3
+
+
+def test_a_task_needs_no_memory_for_the_points_of_others(study: Study) -> None:
+    large = replace(study, vary={"qpos/ball/z": "0.2..1:10000", "qvel/ball/vz": "0..1:1000"})
+    PreparedStudy(study, study.spec)  # which imports what they need
+    tracemalloc.start()
+    prepared = PreparedStudy(large, large.spec)
+    prepared.numbers = np.arange(5 * 10**6, 5 * 10**6 + 10)
+    assert [*prepared.missing()] == [*prepared.numbers]
+    assert tracemalloc.get_traced_memory()[1] < 10**7  # bytes, of 10**7 points
+    tracemalloc.stop()
 
 
 def test_a_plan_of_another_model_or_version_is_refused(study: Study, tmp_path: Path) -> None:
