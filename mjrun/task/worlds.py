@@ -5,6 +5,7 @@ a bit of it. At control instant k a policy observes and acts; the action holds f
 terminations are computed at instant k+1, with the action and the commands of that period.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -283,7 +284,8 @@ class TaskWorlds:
                 "include which bodies sleep\ncopy it before reset() or after the end of the episode"
             )
         memory = [array.copy() for array in self._memory]
-        return {"model": model_fingerprint(self._first), "memory": memory, "noise": [*self._observations.noise]}
+        noise = copy.deepcopy(self._observations.noise)
+        return {"model": model_fingerprint(self._first), "memory": memory, "noise": noise}
 
     # --- within ------------------------------------------------------------------------------------
 

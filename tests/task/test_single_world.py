@@ -110,7 +110,7 @@ def pickled(thing: Any) -> Any:
 
 @pytest.mark.parametrize(
     ("values", "derived", "copied"),
-    [({}, "current", copy.deepcopy), (DISTURBED, "lagged", pickled), (FORCED, "current", pickled)],
+    [({}, "current", copy.deepcopy), (DISTURBED, "lagged", copy.copy), (FORCED, "current", pickled)],
 )
 def test_copies_go_on_with_the_same_bits(
     tmp_path: Path, values: Mapping[str, object], derived: str, copied: Callable[[Any], Any]
@@ -118,7 +118,7 @@ def test_copies_go_on_with_the_same_bits(
     (tmp_path / "cart.xml").write_text(CART)
     task = replace_model(cart(**values, derived=derived), tmp_path / "cart.xml")
     single, several = SingleWorld(task), TaskWorlds(task, 3)
-    actions = np.random.default_rng(4).normal(size=(12, 3, len(single.action_names)))
+    actions = np.random.default_rng(4).normal(size=(18, 3, len(single.action_names)))  # noise is drawn 16 at a time
     for steps in (0, 1, 5):
         single.start(7)
         several.reset([7, 8], [0, 2])
