@@ -19,6 +19,7 @@ from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.stepper import PhysicsStepper
+from mjrun.physics.warp_device import COMPILES
 from mjrun.reporter import Reporter
 from mjrun.timeline import nearest, rational
 
@@ -112,7 +113,7 @@ def timed_grid(
     """
     timers = [settings.timer(point, setup, 1 / len(grid), clock) for point in grid]
     if settings.warp:
-        reporter.note("warp compiles kernels that are not cached, which may take a minute")
+        reporter.note(COMPILES)
 
     failures = [_failure(timer.warm_up) for timer in timers]
     # All take equally many steps unless they are fixed, since the cost of a step changes during the motion.

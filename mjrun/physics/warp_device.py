@@ -18,6 +18,7 @@ from mjrun.errors import DeviceMemoryError, MjrunError, UnknownNameError, UsageE
 from mjrun.model.fingerprint import physics_fields
 from mjrun.packages import require
 
+COMPILES = "warp compiles kernels that are not cached, which may take minutes"
 EXTRA, LIBRARIES, PACKAGE = "warp", ("mujoco_warp", "warp"), "mujoco-warp"
 
 # Options that mujoco_warp has for each world, but that it changes (tolerance) or that must be common (timestep).

@@ -35,6 +35,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
+from mjrun.physics.warp_device import COMPILES
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
@@ -119,6 +120,8 @@ class Study(StudyOptions, ExecutionOptions):
                 reporter.note(f"{count - len(missing)} of {count} points are known already{origin}")
             simulated = 0
             if missing:
+                if self.engine == WARP:
+                    reporter.note(COMPILES)
                 simulated = prepared.simulate(missing, self, reporter).total()
                 prepared.files.merge_all()
             del missing  # which take memory

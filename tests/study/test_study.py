@@ -85,6 +85,17 @@ def test_a_run_that_cannot_begin_leaves_the_folder_as_it_was(simulation: Simulat
     assert {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()} == before
 
 
+def test_a_study_on_warp_says_why_its_first_points_take_so_long(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco_warp")
+    monkeypatch.setattr(PreparedStudy, "simulate", lambda *_: SimpleNamespace(total=lambda: 0))
+    reporter = RecordingReporter()
+    with pytest.raises(FailedPointsError, match="2 missing"):
+        study(simulation, tmp_path, engine="warp", vary={"qpos/ball/z": "0.3,0.5"}).run(reporter)
+    assert reporter.texts == ["warp compiles kernels that are not cached, which may take minutes"]
+
+
 def test_each_row_is_the_trace_of_its_point(simulation: Simulation, tmp_path: Path) -> None:
     vary = {"qpos/ball/z": "0.2..0.6:3", "opt.timestep": "0.001,0.004"}
     result = study(simulation, tmp_path / "study", vary=vary).run()
