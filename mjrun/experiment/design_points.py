@@ -237,13 +237,19 @@ class Design:
 
 
 def numbers(texts: Sequence[str]) -> np.ndarray | None:
-    """Converts the values of a parameter to numbers `(n,)`, NaN for `ABSENT`; returns None if they are not numbers."""
+    """Converts the values of a parameter to numbers `(n,)`, NaN for `ABSENT`; returns None if they are not numbers.
+
+    Texts remain those that a float would round to another whole number, such as seeds of 64 bits.
+    """
     if isinstance(texts, NumberTexts):
         return texts.numbers
     try:
-        return np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
+        values = np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
+        large = np.flatnonzero(np.abs(values) >= LARGEST_INTEGER)
+        is_exact = all(int(texts[place]) == int(values[place]) for place in large.tolist() if texts[place].isdecimal())
     except ValueError:
         return None
+    return values if is_exact else None
 
 
 def texts_at(texts: Sequence[str], places: np.ndarray) -> list[str]:

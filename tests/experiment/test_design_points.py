@@ -79,3 +79,13 @@ def test_a_span_is_rounded_once(text: str) -> None:
     texts = [*value_list("p", text, "vary")]
     assert [float(value) for value in texts] == [float(value) for value in exact]
     assert [text.removeprefix("-").isdecimal() for text in texts] == [value.denominator == 1 for value in exact]
+
+
+def test_whole_numbers_that_floats_round_stay_texts() -> None:
+    large = 2**53
+    for text in ("0.5", str(large), str(large + 2), "1e300", ""):
+        assert numbers([text, "3"]) is not None
+    assert numbers([str(large + 1), "3"]) is None
+    column = DesignColumn([str(large), str(large + 1)], np.array([0, 1]))
+    assert column.numbers is None
+    assert [*column.distinct] == [str(large), str(large + 1)]
