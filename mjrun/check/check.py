@@ -425,27 +425,33 @@ def _of_original(finding: Finding, task: WorkerTask) -> Finding:
 def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tuple[list[str], int]:
     """Returns the models among files and folders, each once and in order, and the number of files that are not models.
 
-    The latter are files in folders whose root element is not that of a model, and parts that models include.
+    The latter are files in folders whose root element is not that of a model, and parts that models include. Links to
+    a file are separate models, as they may be in folders with other files.
 
     Args:
       skip_other: Whether files given by name are not models either if their root element is another one.
     """
-    models: dict[str, None] = {}
+    models: dict[str, str] = {}  # by the real path of the folder, and the name in it
     skipped = 0
+
+    def add(path: str) -> None:
+        folder, name = os.path.split(path)
+        models.setdefault(os.path.join(os.path.realpath(folder), name), path)  # noqa: PTH118
+
     for path in map(_path, paths):
         if not is_folder(path):
             tag = root_tag(Path(path))
             if tag == FRAGMENT or (skip_other and tag not in ("", *ROOTS)):
                 skipped += 1
             else:
-                models[path] = None
+                add(path)
             continue
         for file in _below(Path(path)):
-            if file.suffix not in XML or root_tag(file) in ROOTS:
-                models[str(file)] = None
+            if file.suffix not in XML or _may_be_model(file):
+                add(str(file))
             else:
                 skipped += 1
-    return list(models), skipped
+    return list(models.values()), skipped
 
 
 def _path(model: str | Path) -> str:
@@ -475,8 +481,34 @@ def _below(folder: Path) -> Iterator[Path]:
 
 def root_tag(path: Path) -> str:
     """Returns the tag of the root element of an XML file; empty without one, or if the file is not a regular one."""
+    with suppress(OSError):
+        return _root_tag(_head(path))
+    return ""
+
+
+def _may_be_model(path: Path) -> bool:
+    """Returns whether an XML file in a folder is a model, or one that cannot be read, which is to be reported."""
+    try:
+        head = _head(path)
+    except OSError:
+        return True
+    tag = _root_tag(head)
+    return tag in ROOTS if tag else b"<mujoco" in head  # after the markers of a conflict, for example
+
+
+def _head(path: Path) -> bytes:
+    """Returns the beginning of a file; nothing if it is not a regular one.
+
+    Raises:
+      OSError: it cannot be read.
+    """
+    if not is_file(path) and path.exists():
+        return b""
+    with path.open("rb") as file:
+        return file.read(HEAD)
+
+
+def _root_tag(head: bytes) -> str:
     tags: list[str] = []
-    if is_file(path):
-        with suppress(OSError), path.open("rb") as file:
-            scan(file.read(HEAD), lambda tag, attributes, line: tags.append(tag))
+    scan(head, lambda tag, attributes, line: tags.append(tag))
     return tags[0] if tags else ""

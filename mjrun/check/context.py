@@ -14,7 +14,7 @@ from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
 from mjrun.model.text_edits import ElementEditor
-from mjrun.model.xml_source import Element, XmlSource
+from mjrun.model.xml_source import Element, XmlSource, with_slashes
 from mjrun.suffixes import XML
 
 DEFAULTS = Thresholds()
@@ -131,7 +131,7 @@ class LintContext:
         if on_line := self._on_line(kind, index, name):
             return on_line
         if name:
-            named = [e for e in elements if e.attributes.get("name") == name]
+            named = [e for e in elements if declared_name(e) == name]
             named += self._longest_named([e for e in attached if self._may_make(e, name)])
             if named:
                 return named[0]
@@ -260,6 +260,12 @@ class LintContext:
     def _files_with_lines(self) -> set[Path]:
         """The files whose lines MuJoCo records."""
         return {self.path, *(root.file for root in self.source.attached)}
+
+
+def declared_name(element: Element) -> str:
+    """Returns the name of the object that an element makes; assets without a name have that of their file."""
+    file = with_slashes(element.attributes.get("file", ""))
+    return element.attributes.get("name") or Path(file).stem
 
 
 def _of_body(body: Element) -> Iterator[Element]:

@@ -10,7 +10,7 @@ from mjrun.check import rules
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding, Fix, Rule, short_path
 from mjrun.check.rules import compile_errors, mjcf_schema, process_failures
-from mjrun.errors import BrokenModelError, ModelError, clean
+from mjrun.errors import BrokenModelError, ModelError, clean, option
 from mjrun.model.xml_source import XmlSource
 
 MAX_FINDINGS = 20  # of one code in one model
@@ -30,7 +30,7 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
     """Returns findings that explain why a model does not load."""
     if isinstance(error, BrokenModelError):
         return _by_place(compile_errors.explain(error, source), source.path)
-    message, _, remedy = str(error).partition("\n")
+    message, _, remedy = error.spelled(option).partition("\n")
     return [
         process_failures.MISSING_MODEL.in_model(
             source.path, message.removeprefix(f"{clean(str(source.path))}: "), remedy

@@ -12,7 +12,7 @@ from mjrun.check.task_episodes import COUNT, TaskPlaces, place_of, watch
 from mjrun.check.worker import ARENAS, Checker
 from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.child_process import limit_this_process
-from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError, clean
+from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError, clean, option
 from mjrun.formats.input_file import require_file
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.source import Source
@@ -99,7 +99,7 @@ class TaskChecker(Checker):
             self.write_findings([tasks.MISTAKE.finding(place, "", place_of(problem, self.path))])
 
     def _write_mistake(self, error: MjrunError) -> None:
-        message, _, remedy = error.spelled(str).partition("\n")
+        message, _, remedy = error.spelled(option).partition("\n")
         message = message.removeprefix(f"{clean(str(self.path))}: ")
         self.write_findings([tasks.MISTAKE.in_model(self.path, message, remedy)])
 
@@ -125,7 +125,7 @@ class TaskChecker(Checker):
         self._write_selected(list(tasks.episode_findings(episodes, places)))
 
     def _write_misfit(self, error: Exception) -> None:
-        text = error.spelled(str) if isinstance(error, MjrunError) else str(error)
+        text = error.spelled(option) if isinstance(error, MjrunError) else str(error)
         message, _, remedy = text.partition("\n")
         finding = tasks.MISFIT.finding(message, remedy, Place(self.path))
         self.write_findings([replace(finding, object="")])

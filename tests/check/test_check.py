@@ -129,6 +129,24 @@ def test_files_of_other_formats_are_skipped_on_request_and_broken_ones_are_not()
     assert find_models([*texts]) == (["a.xml", "package.xml", "b.xml", "c.xml"], 1)
 
 
+def test_a_model_with_the_markers_of_a_conflict_and_a_dangling_link_are_reported_in_a_folder() -> None:
+    Path("robots").mkdir()
+    write("robots/conflict.xml", f"<<<<<<< HEAD\n{PASSIVE.format('')}")
+    write("robots/launch.xml", "<launch/>")
+    write("robots/notes.xml", "no model")
+    Path("robots/dangling.xml").symlink_to("nowhere.xml")
+    assert find_models(["robots"]) == (["robots/conflict.xml", "robots/dangling.xml"], 2)
+
+
+def test_a_model_that_is_given_by_two_paths_is_checked_once_but_a_link_is_another_model() -> None:
+    Path("robots").mkdir()
+    model = write("robots/a.xml", PASSIVE.format(""))
+    Path("link.xml").symlink_to(model)
+    Path("linked").symlink_to("robots")
+    given = [model, "robots", str(Path(model).absolute()), "robots/../robots/a.xml", "linked/a.xml", "link.xml"]
+    assert find_models(given) == ([model, "link.xml"], 0)
+
+
 def test_the_root_of_a_pipe_is_not_waited_for() -> None:
     os.mkfifo("pipe.xml")
     assert root_tag(Path("pipe.xml")) == ""

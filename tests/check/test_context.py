@@ -6,7 +6,7 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.model.xml_source import read_xml
-from tests.check.models import arms, attaching, lint, mjcf, write
+from tests.check.models import MESH, arms, attaching, lint, mjcf, write
 
 
 def test_lines_are_those_of_included_files_too() -> None:
@@ -16,6 +16,15 @@ def test_lines_are_those_of_included_files_too() -> None:
     )
     findings = lint(mjcf('<include file="parts/arm.xml"/>'))
     assert [(f.code, f.file, f.line) for f in findings] == [("MJ302", "parts/arm.xml", 3)]
+
+
+def test_a_mesh_without_a_name_is_at_the_line_of_its_file_in_an_included_model() -> None:
+    Path("part.xml").write_text('<mujocoinclude><asset>\n<mesh file="yes.obj"/></asset></mujocoinclude>')
+    write("yes.obj", MESH)
+    geom = '<geom type="mesh" mesh="yes"/>'
+    path = Path(write("model.xml", mjcf(f"<body><joint/>{geom}</body>", before='<include file="part.xml"/>')))
+    place = LintContext.load(path, read_xml(path)).place("mesh", 0)
+    assert (place.file, place.line) == (Path("part.xml"), 2)
 
 
 def test_objects_without_names_on_one_line_are_told_apart_by_their_order() -> None:

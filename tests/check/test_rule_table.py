@@ -1,12 +1,15 @@
 """Theorems about the rules together."""
 
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 
 import mjrun.check.rules
 from mjrun.check.rule import MAX_OBJECTS, Finding, Rule
-from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped
+from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped, explain
+from mjrun.errors import ModelError, flag, option, spelled
+from mjrun.model.xml_source import read_xml
 from tests.check.models import ROOT, lint, lint_file, mjcf
 
 
@@ -21,6 +24,12 @@ def test_no_two_rules_share_a_code_and_titles_name_no_options() -> None:
     assert rules == set(RULES.values())
     assert list(RULES) == sorted(rule.code for rule in rules)
     assert not any("--" in rule.title for rule in rules)
+
+
+def test_options_in_the_reason_why_a_model_does_not_load_can_still_be_spelled() -> None:
+    source = read_xml(Path("model.xml"))
+    (finding,) = explain(ModelError(f"model.xml: out of reach\n{option('root')} sets the folder"), source)
+    assert (finding.message, spelled(finding.remedy, flag)) == ("out of reach", "--root sets the folder")
 
 
 def test_scenes_of_mjrun_hold_no_errors() -> None:

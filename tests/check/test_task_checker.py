@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.check.rule import Finding
+from mjrun.errors import spelled
 from tests.check.tasks import HEAD, SLIDER, checked
 
 
@@ -74,7 +75,7 @@ def test_a_policy_of_another_size_is_found_with_both_sides() -> None:
     Path("p.py").write_text("import numpy as np\ndef three(obs):\n    return np.zeros(3)\n")
     (finding,) = checked(policy="p.py:three")
     assert (finding.code, finding.severity) == ("MJ802", "error")
-    assert finding.message == "policy p.py:three returned 3 numbers, and the task takes 1 action: push"
+    assert spelled(finding.message) == "policy p.py:three returned 3 numbers, and the task takes 1 action: push"
 
 
 def test_what_random_actions_and_a_policy_bring_to_light_is_told_once() -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import LintContext, declared_name
 from mjrun.check.rule import Fix
 from mjrun.check.rules.asset_files import asset_folders, file_of
 from mjrun.check.rules.masses import bodies_with_inferred_mass
@@ -66,7 +66,8 @@ def _elements(context: LintContext, geom: int) -> _Elements | str:
     """Returns the elements of a geom and of its mesh, or the reason why those of parts cannot replace them."""
     element = context.element("geom", geom)
     mesh = context.name("mesh", int(context.model.geom_dataid[geom]))
-    meshes = [e for e in context.source.elements() if e.tag == "mesh" and not e.within("default") and _name(e) == mesh]
+    meshes = [e for e in context.source.elements() if e.tag == "mesh" and not e.within("default")]
+    meshes = [e for e in meshes if declared_name(e) == mesh]
     if element is None or element.tag != "geom" or element.children or context.place("geom", geom).origin:
         return "the geom is attached or generated, or has a plugin"
     if len(meshes) != 1:
@@ -74,11 +75,6 @@ def _elements(context: LintContext, geom: int) -> _Elements | str:
     if _is_referred_to(context, element, CONTACTS):
         return "a <pair> or a sensor of contacts refers to the geom by name"
     return _Elements(element, meshes[0])
-
-
-def _name(mesh: Element) -> str:
-    file = mesh.attributes.get("file", "").replace("\\", "/")
-    return mesh.attributes.get("name") or Path(file).stem
 
 
 def _is_referred_to(context: LintContext, geom: Element, attributes: Sequence[str]) -> bool:
@@ -136,7 +132,7 @@ def _fix(context: LintContext, geom: int, elements: _Elements, parts: Sequence[S
 
 def _files(context: LintContext, geom: int, mesh: Element, parts: Sequence[Surface]) -> Iterator[TextEdit]:
     """Yields the edits that create the files of the parts, named after the mesh, but not like another file or mesh."""
-    source, stem = context.source, _name(mesh)
+    source, stem = context.source, declared_name(mesh)
     file = file_of(mesh, source) or context.path.parent / asset_folders(source).get("meshdir", "") / stem
     texts = [_obj(_placed(context, geom, part), i, len(parts), stem) for i, part in enumerate(parts, 1)]
     taken = {context.name("mesh", i) for i in range(context.model.nmesh)}
