@@ -406,6 +406,19 @@ def test_a_run_of_tables_starts_without_images_and_plots(tmp_path: Path) -> None
     assert loaded.isdisjoint({"PIL", "http.client", "numpy.random"})
 
 
+def test_a_check_of_what_has_not_changed_loads_neither_mujoco_nor_numpy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MJRUN_CACHE", str(tmp_path / "cache"))
+    model = tmp_path / "model.xml"
+    model.write_text("<mujoco/>")
+    check = command_line("check", "--steps", "0", str(model))
+    for _ in range(2):
+        loaded = loaded_by(check)
+    assert "mjrun.check.result_cache" in loaded
+    assert loaded.isdisjoint({"mujoco", "numpy"})
+
+
 def test_help_of_commands_loads_no_library_but_click() -> None:
     code = f"from mjrun.cli.main import run; [run([name, '--help']) for name in {[*COMMANDS]}]"
     loaded = loaded_by(code)

@@ -13,15 +13,16 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import field
 from pathlib import Path, PurePath
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_paths import file_content, file_size
-from mjrun.model.mujoco_globals import drop_outdated_assets
-from mjrun.model.override import Override
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
+
+if TYPE_CHECKING:
+    from mjrun.model.override import Override
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
 # Patterns that begin with a word are ten times as fast as others. URDF writes the file of a mesh as filename.
@@ -63,7 +64,9 @@ class _NamedFiles:
     models: dict[str, bytes] = field(default_factory=dict[str, bytes])
 
 
-def require_regular_files(path: Path, text: bytes | None, member: str = "", overrides: Iterable[Override] = ()) -> None:
+def require_regular_files(
+    path: Path, text: bytes | None, member: str = "", overrides: "Iterable[Override]" = ()
+) -> None:
     """Checks that no file named in the MJCF or URDF `text`, or in its includes, is a pipe, a socket or a device.
 
     MuJoCo will read the files again if they are not those of the model before.
@@ -87,10 +90,14 @@ def require_regular_files(path: Path, text: bytes | None, member: str = "", over
         for place in _places(file, path, named.folders):
             if place not in seen:
                 seen[place] = _check(file, place)
+    from mjrun.model.mujoco_globals import drop_outdated_assets  # which imports MuJoCo
+
     drop_outdated_assets({place: status for place, status in seen.items() if status})
 
 
-def existing_files(path: Path, text: bytes | None, member: str = "", overrides: Iterable[Override] = ()) -> list[Path]:
+def existing_files(
+    path: Path, text: bytes | None, member: str = "", overrides: "Iterable[Override]" = ()
+) -> list[Path]:
     """Returns the regular files that MuJoCo may open for the MJCF or URDF `text`, each once, without `path` itself.
 
     Args:
@@ -164,7 +171,7 @@ def foreign_file(path: Path, text: bytes | None) -> str | None:
     return None
 
 
-def _with_files_of(overrides: Iterable[Override], text: bytes | None) -> bytes:
+def _with_files_of(overrides: "Iterable[Override]", text: bytes | None) -> bytes:
     """Returns a text followed by the attributes with file names that overrides set."""
     set_files = [(each.file_attribute, each.value) for each in overrides if each.file_attribute]
     if not set_files:
