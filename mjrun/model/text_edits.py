@@ -140,7 +140,7 @@ class ElementEditor:
         return self._edit(element, (element.offset, self._end(element)), self._new_line(element).join(others))
 
     def with_child(self, element: Element, child: str) -> TextEdit:
-        """Returns the edit that adds an element at the end of another one, indented like its last child.
+        """Returns the edit that adds an element at the end of another one, every line indented like its last child.
 
         Raises:
           UneditableError: the element cannot be edited.
@@ -150,6 +150,7 @@ class ElementEditor:
         last = element.children[-1] if element.children else None
         indent = self._indent(last) if last and last.file == element.file else f"{own}  "
         newline = self._newline(element)
+        child = child.replace("\n", f"{newline}{indent}")
         if tag[0].endswith(b"/>"):
             end = self._end_of_attributes(element)
             inner = f">{newline}{indent}{child}{newline}{own}</{element.tag}>"

@@ -4,6 +4,7 @@ Mass and inertia stay: the parts have no mass, and the geom itself stays if it h
 """
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -55,10 +56,14 @@ def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[i
         return reason
     mesh, other = int(context.model.geom_dataid[geom]), pair[0] if geom == pair[1] else pair[1]
     context.announce_slow_fix(f"decomposing {context.object('mesh', mesh)}")
+    half_size = float(np.ptp(Surface.of(context.model, mesh).vertices, axis=0).max()) / 2
     for fineness in FINENESS:
         parts = _parts(context, mesh, fineness)
-        if _make_room(context, context.spec.copy(), start, geom, other, parts):
+        depth = _remaining_depth(context, context.spec.copy(), start, geom, other, parts)
+        if not depth:
             return _fix(context, geom, elements, parts)
+        if depth > context.thresholds.static_penetration + fineness * half_size:
+            break  # finer parts recede by less than that
     return f"{context.object('geom', other)} penetrates convex parts of the mesh, too: it is not only in the cavity"
 
 
@@ -95,10 +100,13 @@ def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
     return [Surface(*part) for part in coacd.run_coacd(coacd.Mesh(surface.vertices, faces), threshold=fineness)]
 
 
-def _make_room(
+def _remaining_depth(
     context: LintContext, spec: mujoco.MjSpec, start: int | None, geom: int, other: int, parts: Sequence[Surface]
-) -> bool:
-    """Returns whether a geom no longer penetrates another one deeply if it collides as parts of its mesh, in `spec`."""
+) -> float:
+    """Returns how deeply a geom that collides as parts of its mesh, in `spec`, penetrates another one [m].
+
+    It is 0 if no finding would report it, and NaN if the parts do not compile.
+    """
     whole, neighbour = (next(each for each in spec.geoms if each.id == index) for index in (geom, other))
     pose = context.model.geom_pos[geom], context.model.geom_quat[geom]
     bits = {"contype": whole.contype, "conaffinity": whole.conaffinity}
@@ -111,9 +119,10 @@ def _make_room(
     try:
         model = spec.compile()
     except ValueError:
-        return False
+        return math.nan
     deep = deep_penetrations(LintContext(context.path, model, spec, context.source, context.thresholds), start)
-    return not any(neighbour.id in pair and piece.id in pair for pair in deep for piece in added)
+    pairs = {frozenset((neighbour.id, piece.id)) for piece in added}
+    return max((depth for pair, (depth, _) in deep.items() if frozenset(pair) in pairs), default=0.0)
 
 
 def _fix(context: LintContext, geom: int, elements: _Elements, parts: Sequence[Surface]) -> Fix:

@@ -36,7 +36,7 @@ def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix |
     if contact:
         edits = [context.editor.with_child(contact, exclude) for exclude in excludes]
     else:
-        edits = [context.editor.with_child(root, f"<contact>{''.join(excludes)}</contact>")]
+        edits = [context.editor.with_child(root, "\n  ".join(["<contact>", *excludes]) + "\n</contact>")]
     return Fix(tuple(edits), ("exclude", "exclude_*", "nexclude"))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from mjrun.check.fixing import changed_fields
+from mjrun.check.rules.decomposition_fix import FINENESS
 from tests.check import fixes
 from tests.check.fixes import fix, fixing
 from tests.check.models import mjcf, write
@@ -150,11 +151,21 @@ def test_a_geom_that_is_named_for_contacts_is_left_alone(after: str) -> None:
 
 
 @pytest.mark.usefixtures("coacd")
-def test_a_geom_that_penetrates_the_walls_too_is_left_alone_with_the_reason() -> None:
+def test_a_geom_that_penetrates_the_walls_too_is_left_alone_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    decompositions: list[float] = []
+    coacd: Any = sys.modules["coacd"]
+    run = coacd.run_coacd
+
+    def counted(vertices: np.ndarray, threshold: float) -> object:
+        decompositions.append(threshold)
+        return run(vertices, threshold)
+
+    monkeypatch.setattr(coacd, "run_coacd", counted)
     model = write("model.xml", mjcf(TRAY_GEOM + BALL.format(".1 .1 .025"), before=ASSET))
     (cavity,) = (f for f in fixes.lint(model, unsafe=True).result.findings if f.code == "MJ506")
     assert cavity.fixes == ()
     assert cavity.unfixed.startswith("geom 'ball' penetrates convex parts of the mesh, too")
+    assert decompositions == [FINENESS[0]]  # for both findings: finer parts could not make room
 
 
 def test_without_the_library_the_finding_states_what_to_install_and_other_faults_are_fixed(

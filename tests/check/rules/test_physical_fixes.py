@@ -14,8 +14,10 @@ BALLS = '<body name="{}" pos="0 0 {}"><freejoint/><geom size=".1"/></body>'
 def test_moving_bodies_that_overlap_exclude_each_other(after: str) -> None:
     world = "".join(BALLS.format(*ball) for ball in (("a", 1), ("b", 1.1), ("c", 3), ("d", 3.05)))
     text = mjcf(world, after)
-    before, model = (mujoco.MjModel.from_xml_string(each) for each in (text, fixed(text, unsafe=True)))
+    corrected = fixed(text, unsafe=True)
+    before, model = (mujoco.MjModel.from_xml_string(each) for each in (text, corrected))
     assert model.nexclude == before.nexclude + 2
+    assert '\n  <exclude body1="a" body2="b"/>\n  <exclude body1="c" body2="d"/>\n</contact>' in corrected
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.ncon == 0
