@@ -34,8 +34,8 @@ def render(
     """Renders the state in `data`, which is not changed.
 
     Positions, contacts and forces are computed again from the state (mjSTATE_INTEGRATION). The renderer is cached for
-    calls with the same model, size and `visual`: changed positions and colours of the model take effect, changed
-    meshes and textures do not.
+    calls with the same model, size and `visual`: changed positions, colours and visual settings of the model take
+    effect, changed meshes, textures and height fields do not.
 
     Args:
       camera: as on the command line: a camera of the model by name or index, `free`, `orbit:lookat=box,distance=2`,
@@ -76,9 +76,13 @@ class _CachedRenderer:
         self._data = mujoco.MjData(model)
         self._cameras = ModelCameras(model)
         self._motions: dict[str, CameraMotion] = {}
+        self._free_camera = _free_camera(model)
 
     def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> Pose:
         """Returns the pose of the camera in `state`."""
+        if (free_camera := _free_camera(self.model)) != self._free_camera:  # which rigs have copied
+            self._free_camera, self._cameras = free_camera, ModelCameras(self.model)
+            self._motions.clear()
         if isinstance(camera, mujoco.MjvCamera):
             restore(self.model, self._data, state)
             compute_positions(self.model, self._data)
@@ -92,6 +96,14 @@ class _CachedRenderer:
         """Frees the renderer in its OpenGL context."""
         self.renderer.make_current()
         self.renderer.close()
+
+
+def _free_camera(model: mujoco.MjModel) -> tuple[float, ...]:
+    """Returns the numbers of the free camera, which follow from the statistics and visual settings of the model."""
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    lens = model.vis.global_.fovy, camera.orthographic, model.stat.extent
+    return *camera.lookat, camera.distance, camera.azimuth, camera.elevation, *lens
 
 
 _renderers: OrderedDict[tuple[int, int, tuple[int, int], str], _CachedRenderer] = OrderedDict()

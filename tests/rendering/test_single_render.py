@@ -1,5 +1,6 @@
 """One image of a state, against rays, files of mjrun, and MuJoCo's own cameras."""
 
+import copy
 import os
 import subprocess
 import sys
@@ -92,6 +93,17 @@ def test_renderers_of_several_models_and_sizes_do_not_disturb_each_other(model: 
     assert len({tuple(colour) for colour in colours}) == len(others)
     assert mjrun.render(model, moved(model), "top", (20, 30)).shape == (30, 20, 3)
     assert np.array_equal(mjrun.render(model, moved(model), "top", SIZE), expected)
+
+
+@pytest.mark.parametrize("camera", ["free", "track:box", "orbit:lookat=box,distance=2"])
+def test_a_changed_free_camera_takes_effect(camera: str) -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    before = mjrun.render(model, moved(model), camera, SIZE)
+    model.vis.global_.azimuth, model.vis.global_.fovy, model.stat.extent = 20, 30, 1
+    changed = mjrun.render(model, moved(model), camera, SIZE)
+    other = copy.copy(model)
+    assert not np.array_equal(changed, before)
+    np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), camera, SIZE))
 
 
 @pytest.mark.parametrize("size", [SIZE, (16, 16)])
