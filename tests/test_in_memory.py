@@ -7,6 +7,7 @@ from pathlib import Path
 
 import imageio.v3 as iio
 import imageio_ffmpeg
+import mujoco
 import numpy as np
 import pytest
 
@@ -34,6 +35,29 @@ def test_a_simulation_is_traced_as_its_model_is(swing: Path) -> None:
     simulation = mjrun.Simulation(swing, qvel={"hinge": 3}, duration=0.2)
     one, other = mjrun.trace(simulation, probe="qpos"), mjrun.trace(swing, **(OPTIONS | {"probe": "qpos"}))  # type: ignore[arg-type]
     assert all(np.array_equal(one[name], other[name]) for name in other)
+
+
+def test_a_compiled_model_may_change_after_its_simulation_is_made(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    made: list[tuple[mjrun.Simulation, np.ndarray]] = []
+    for gravity in (-9.81, -1.62):
+        model.opt.gravity[2] = gravity
+        data = mujoco.MjData(model)
+        data.qvel[0] = 3
+        mujoco.mj_step(model, data, nstep=50)
+        made.append((mjrun.Simulation(model, qvel={"hinge": 3}, steps=50), data.qpos.copy()))
+    for simulation, expected in made:
+        assert mjrun.trace(simulation, probe="qpos")["qpos/hinge"][-1] == expected[0]
+
+
+@pytest.mark.gl
+def test_frames_are_those_of_the_model_when_they_were_asked_for(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    options: dict[str, object] = {"qvel": {"hinge": 3}, "duration": 0.1, "size": (48, 32)}
+    expected = [*mjrun.frames(model, **options)]  # type: ignore[arg-type]
+    pictures = mjrun.frames(model, **options)  # type: ignore[arg-type]
+    model.geom_rgba[:] = 1
+    np.testing.assert_array_equal([*pictures], expected)
 
 
 def test_wrong_options_are_refused_by_name(swing: Path) -> None:

@@ -1,5 +1,6 @@
 """A simulation as a value: model, initial state, inputs and length."""
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 from fractions import Fraction
@@ -52,7 +53,7 @@ class Simulation(SimulationOptions):
     """A model, its state at time 0, its inputs, and its duration.
 
     Args:
-      model: a file, another source such as `scene:dominos`, or a compiled model, which is copied and never changed.
+      model: a file, another source such as `scene:dominos`, or a compiled model, of which a copy is made at once.
       snapshot: copies of its input files, which are read instead.
 
     A controller is called with (model, data) every `control_dt`, at an instant whose fields are consistent: it writes
@@ -66,6 +67,8 @@ class Simulation(SimulationOptions):
     snapshot: InputSnapshot | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.model, mujoco.MjModel):
+            object.__setattr__(self, "model", copy.copy(self.model))
         demonstration = demonstration_in(self.model) if self.replay is None else None
         if demonstration:
             object.__setattr__(self, "replay", demonstration)

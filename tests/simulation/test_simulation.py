@@ -19,6 +19,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
+from tests.model.model_files import content
 
 XML = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1" pos="0 0 -1"/></body></worldbody>
 <actuator><motor name="motor" joint="hinge"/></actuator>
@@ -80,8 +81,10 @@ def test_more_steps_than_can_be_counted_are_refused_before_the_first(how: dict[s
         Simulation(MODEL, **how).timeline(MODEL)
 
 
-def test_a_compiled_model_is_used_as_it_is() -> None:
-    assert Simulation(MODEL).load() is MODEL
+def test_a_compiled_model_is_copied_as_it_is() -> None:
+    loaded = Simulation(MODEL).load()
+    assert loaded is not MODEL
+    assert content(loaded) == content(MODEL)
 
 
 @pytest.mark.parametrize("kind", [str, Path, FileSource])
