@@ -15,7 +15,7 @@ For each size, a row has the file operations of a task, the names in each list o
 that all tasks write and read per point, the memory of the arrays of a task and of the process that collects all
 results, the points that were simulated twice, the opens and the CPU time of reading all results, and the files at the
 end. With as many points for each task, nothing of a task should grow with the number of nodes. 1e7 points of 1000 nodes
-take some ten minutes of CPU time with `--seconds 0.002`: shorter chunks would take more, since each is a part.
+take some five minutes of CPU time with `--seconds 0.002`: shorter chunks would take more, since each is a part.
 
     python benchmarks/cluster.py
     python benchmarks/cluster.py --points 1e4 --nodes 10 100

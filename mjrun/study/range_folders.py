@@ -12,7 +12,7 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.folders import Folder
 
 SUFFIX = ".points"
-SIZES = (2**16, 2**12)  # points in a folder, and in those within it
+SIZES = (2**24, 2**16, 2**12)  # points in a folder, in those within it, and in those within these
 NAMED = 16  # digits of the hash of a study in names
 NAME = re.compile(rf"([0-9a-f]{{{NAMED}}})-(\d{{1,18}})-(\d{{1,18}})(?:-([0-9a-f]{{8,{NAMED}}}))?\.[a-z]+")
 
@@ -44,12 +44,12 @@ class RangeFolders:
       study: hash of everything that determines the results of all points.
 
     Attributes:
-      window: points of an outer folder: as far as they go, a process looks at files of others at once.
+      window: points of a folder of innermost folders: as far as they go, a process looks at files of others at once.
     """
 
     def __init__(self, folder: Folder, study: str, points: int) -> None:
         self.folder, self.study = folder, study[:NAMED]
-        self.window = SIZES[0]
+        self.window = SIZES[-2]
         self._sizes = [size for size in SIZES if size < points]
 
     def new_name(self, first: int, last: int, end: str) -> str:

@@ -31,7 +31,7 @@ class ListedFolder(LocalFolder):
 @pytest.fixture(autouse=True, scope="module")
 def small_folders() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mjrun.study.range_folders.SIZES", (32, 8))
+        patch.setattr("mjrun.study.range_folders.SIZES", (64, 32, 8))
         yield
 
 
@@ -54,8 +54,8 @@ def test_all_files_of_a_range_are_listed_and_no_folders_of_others(
     assert all(points.overlaps(*wanted) for points in places)
     assert {name for name, (first, last) in names.items() if first <= wanted[1] and wanted[0] <= last} <= {*found}
     for name, (first, last) in names.items():
-        sizes = [size for size in (32, 8) if first // size == last // size]
-        assert name.count("/") == (len(sizes) if 32 in sizes else 0)
+        sizes = [size for size in (64, 32, 8) if first // size == last // size]
+        assert name.count("/") == (len(sizes) if 64 in sizes else 0)
 
 
 def test_the_files_of_a_small_study_are_in_one_folder_and_empty_folders_are_removed(tmp_path: Path) -> None:
