@@ -26,7 +26,7 @@ SMALLER = {
     "size, fps = (480, 360), 30": "size, fps = (64, 48), 1",
     "wide = (800, 480)": "wide = (400, 240)",
     "size=(900, 700)": "size=(450, 350)",
-    "episodes=5": "episodes=2",
+    "episodes=5": "episodes=2, jobs=1",
     "perturb=1e-7, duration=10": "perturb=1e-7, duration=2",
     "9}, duration=10": "9}, duration=1",
     "duration=2, rate=100": "duration=0.5, rate=100",
