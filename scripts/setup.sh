@@ -121,7 +121,7 @@ pip_install() {
   die "pip failed: its last lines are above."
 }
 
-uv_install() { # in a quarter of the time; it knows no index that pip is configured with, nor every proxy
+uv_install() { # with a third of the CPU time; it knows no index that pip is configured with, nor every proxy
   ! .venv/bin/python -m pip config list | grep -q '\.index-url=' || return 1
   pip_install 'uv>=0.8' && .venv/bin/uv pip install --quiet --python .venv/bin/python "$@" >"$log" 2>&1
 }
