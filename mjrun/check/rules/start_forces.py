@@ -39,9 +39,11 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
             f"{context.start_phrase(start)} it penetrates {context.object('geom', other)} by {depth:.3g} m, "
             f"{100 * share:.0f} % of the smaller one's half size{others}"
         )
-        bodies = [clean(context.name("body", int(context.model.geom_bodyid[geom]))) for geom in (one, other)]
-        exclude = f'<contact><exclude body1="{bodies[0]}" body2="{bodies[1]}"/></contact>'
-        remedy = f"move one of them, or exclude their contact: {exclude}"
+        remedy = "move one of them" if start is None else "move one of them in the keyframe"
+        if moves.all():  # without its contacts with the world, a body falls through the floor
+            bodies = [clean(context.name("body", int(context.model.geom_bodyid[geom]))) for geom in (one, other)]
+            exclude = f'<contact><exclude body1="{bodies[0]}" body2="{bodies[1]}"/></contact>'
+            remedy += f", or exclude their contact: {exclude}"
         if (mesh := filled_mesh(context, start, worst)) is not None:
             message += f"; the convex hull of {context.object('geom', mesh)} fills the cavity between them"
             remedy = DECOMPOSE
