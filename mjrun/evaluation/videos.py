@@ -14,6 +14,8 @@ from mjrun.errors import MjrunError
 from mjrun.evaluation.episode import FAILURE, GroupSpec, PlayedEpisodes
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.options.evaluation import EpisodeVideoOptions
+from mjrun.options.option import values_of
+from mjrun.options.video import SelectedVideoOptions
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.reporter import Reporter, WarningReporter
@@ -121,16 +123,7 @@ class VideoMaker:
         return videos, failures
 
     def _video(self, spec: GroupSpec, seed: int, path: str) -> Video:
-        options = self._options
-        return Video(
-            spec.simulation(seed),
-            path,
-            camera=options.camera,
-            size=options.size,
-            quality=options.quality,
-            fps=options.fps,
-            speed=options.speed,
-        )
+        return Video(spec.simulation(seed), path, **values_of(self._options, SelectedVideoOptions))
 
 
 class _DistinctWarnings(WarningReporter):

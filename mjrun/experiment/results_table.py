@@ -16,6 +16,7 @@ from mjrun.formats.atomic_output import OutputWriter, publish_together, written_
 from mjrun.formats.folders import Folder, folder_at
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
+from mjrun.model.override import holds_whole_number
 from mjrun.model.table_column import Column, split_unit
 from mjrun.probe.assertion import Assertion, parse
 from mjrun.probe.episode_columns import EpisodeColumns
@@ -99,7 +100,8 @@ class ResultsTable:
                 self.add_coded(name, values.places[rows], values.texts, text_meaning)
             else:
                 unit, has_gaps = units.get(name, ""), bool(np.isnan(found).any())
-                column = Column(name, unit, "what varies", integer=is_whole(name), has_gaps=has_gaps)
+                integer = is_whole(name) or holds_whole_number(name)
+                column = Column(name, unit, "what varies", integer=integer, has_gaps=has_gaps)
                 self.add(column, found[rows])
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:

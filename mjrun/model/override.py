@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable
 from fnmatch import fnmatchcase
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import mujoco
@@ -246,6 +246,18 @@ def indices_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[int], list
     if len(parts) == 1:
         raise UsageError(f"{kind}/{clean(rest)} lacks a field; write {kind}/{clean(rest)}.FIELD=VALUE")
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
+
+
+@cache
+def holds_whole_number(path: str) -> bool:
+    """Returns whether a path names a field that MuJoCo stores as a whole number, as in `opt.iterations`."""
+    operation, target, _ = _path_parts(path)
+    kind, slash, _ = target.partition("/")
+    *above, field = target.split(".")
+    spec = mujoco.MjSpec()
+    owner = getattr(spec.default, kind, None) if slash else ROOTS[above[0]](spec) if above[:1] == ["opt"] else None
+    value = getattr(owner, field, None)
+    return not operation and isinstance(value, int) and not isinstance(value, bool) and not is_enum(value)
 
 
 def source_values(spec: mujoco.MjSpec, override: Override) -> np.ndarray:

@@ -206,6 +206,11 @@ def options_for(
     return [{name: value for name, value in given.items() if name in names} for names in declared]
 
 
+def values_of(values: Options, *classes: type[Options]) -> dict[str, Any]:
+    """Returns the values of the options of `classes` among those of a derived class, by attribute."""
+    return {each.attribute: getattr(values, each.attribute) for cls in classes for each in options_of(cls)}
+
+
 def given_values(values: Options) -> dict[str, object]:
     """Returns the options that differ from their defaults, by key, as a document contains them."""
     given: dict[str, object] = {}

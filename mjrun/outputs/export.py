@@ -6,7 +6,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ from mjrun.model.names import enum_members
 from mjrun.model.state import restore, widened
 from mjrun.model.table_column import Column
 from mjrun.options.export import ExportOptions
-from mjrun.options.option import options, options_of
+from mjrun.options.option import options, values_of
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
@@ -149,7 +149,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         from mjrun.outputs.drawn_frames import plan_frames  # which imports the renderers
         from mjrun.outputs.memory_frames import VideoInMemory
 
-        values: dict[str, Any] = {each.attribute: getattr(self, each.attribute) for each in options_of(SceneOptions)}
+        values = values_of(self, SceneOptions)
         job = VideoInMemory(
             self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
         )

@@ -23,7 +23,7 @@ from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
-from mjrun.options.option import is_given, options, options_of
+from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
 from mjrun.outputs.labelled_images import AcceptConditions, LabelledObject, labelled_objects
@@ -102,8 +102,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
     def _labels(self) -> LabelOptions:
         """Returns the options of images; processes that simulate have a MUJOCO_GL that switches rendering off."""
-        values = {each.attribute: getattr(self, each.attribute) for each in options_of(LabelOptions)}
-        return LabelOptions(**{**values, "gl": self.gl or os.environ.get(GL) or AUTO})
+        return LabelOptions(**{**values_of(self, LabelOptions), "gl": self.gl or os.environ.get(GL) or AUTO})
 
     def _stage_parts(self, model: mujoco.MjModel, reporter: Reporter) -> Sequence[str]:
         """Returns the parts of a stage to add, and reports those that are not requested."""
@@ -114,8 +113,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
     def _study(self, stage: Sequence[str]) -> Study:
         """Returns the study of the points, whose model has these parts of a stage."""
-        shared = [*options_of(VariationOptions), *options_of(ExecutionOptions)]
-        values = {each.attribute: getattr(self, each.attribute) for each in shared}
+        values = values_of(self, VariationOptions, ExecutionOptions)
         simulation = self.simulation
         if stage:
             source = source_of(simulation.model).with_overrides([Override("", part, "stage") for part in stage])

@@ -33,7 +33,7 @@ from mjrun.model.demonstrations import errors_of_models, open_demonstrations
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
 from mjrun.options.episode_dataset import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
-from mjrun.options.option import is_given, options, options_of
+from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.outputs.drawn_frames import check_drawing
@@ -154,7 +154,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         return Design(("seed",), [(str(simulation.seed + index),) for index in range(count)])
 
     def _study(self, simulation: Simulation) -> Study:
-        values = {each.attribute: getattr(self, each.attribute) for each in options_of(ExecutionOptions)}
+        values = values_of(self, ExecutionOptions)
         return Study(simulation, output=str(self._own), command=self.command, **values)
 
     def _planned(self, simulation: Simulation, reporter: Reporter) -> tuple[EpisodeLayout, EpisodeSpec]:
@@ -251,8 +251,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
 
     def _view(self) -> ViewOptions:
         """Returns the options of images; processes that simulate have a MUJOCO_GL that switches rendering off."""
-        values = {each.attribute: getattr(self, each.attribute) for each in options_of(SceneOptions)}
-        return ViewOptions(**{**values, "gl": self.gl or os.environ.get(GL) or AUTO})
+        return ViewOptions(**{**values_of(self, SceneOptions), "gl": self.gl or os.environ.get(GL) or AUTO})
 
     def _drawing_processes(self) -> int:
         """Returns the number of processes that render an episode: more than one if cores would idle otherwise."""

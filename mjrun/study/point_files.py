@@ -22,8 +22,9 @@ from mjrun.experiment.results_table import TableNames
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.folders import LocalFolder
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
-from mjrun.options.option import options_of
+from mjrun.options.option import values_of
 from mjrun.options.sweep import KeepOptions
+from mjrun.options.video import SelectedVideoOptions
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
@@ -320,16 +321,7 @@ class PointOutputs:
             case "video":
                 from mjrun.outputs.video import Video
 
-                return Video(
-                    self.simulation,
-                    path,
-                    camera=options.camera,
-                    size=options.size,
-                    quality=options.quality,
-                    fps=options.fps,
-                    speed=options.speed,
-                    jobs=1,
-                )
+                return Video(self.simulation, path, jobs=1, **values_of(options, SelectedVideoOptions))
             case _:
                 raise ValueError(f"no output {kind} can be kept")
 
@@ -371,5 +363,4 @@ def up_to(simulation: Simulation, steps: int) -> Simulation:
 
 def keep_options(options: KeepOptions) -> KeepOptions:
     """Returns these options alone, without those of derived classes."""
-    values = {each.attribute: getattr(options, each.attribute) for each in options_of(KeepOptions)}
-    return KeepOptions(**values)
+    return KeepOptions(**values_of(options, KeepOptions))

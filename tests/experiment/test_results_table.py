@@ -24,6 +24,16 @@ def table() -> ResultsTable:
     return made
 
 
+def test_whole_numbers_of_mujoco_are_written_as_such(tmp_path: Path) -> None:
+    names = ("opt.iterations", "geom/*.contype", "opt.timestep", "scale:geom/a.condim")
+    whole = ResultsTable()
+    whole.add_parameters(Design(names, [("5.0", "1", "1", "2"), ("10.0", "0", "2", "3")]))
+    for path in whole.write(tmp_path, {}):
+        read = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+        assert [kind.kind for kind in read.dtypes] == ["i", "i", "f", "f"]
+        assert [*read[names[0]]] == [5, 10]
+
+
 def test_parameters_are_numbers_where_all_values_are_and_null_stands_for_no_text(tmp_path: Path) -> None:
     for path in table().write(tmp_path, {}):
         read = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)

@@ -10,7 +10,7 @@ from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
 from mjrun.errors import UsageError, clean, counted, option
 from mjrun.options.dataset import DatasetOptions
-from mjrun.options.option import options_of
+from mjrun.options.option import values_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
 
@@ -76,7 +76,7 @@ def _dataset(console: Console, command_line: CommandLine) -> "tuple[Dataset, Abs
         name = next(iter(given))
         raise UsageError(f"{option(name)} cannot accompany {clean(model)}; write {name}=VALUE instead")
     study = request.made
-    varied = {each.attribute: getattr(study, each.attribute) for each in options_of(VariationOptions)}
+    varied = values_of(study, VariationOptions)
     made = command_line.make(Dataset, simulation=study.simulation, command=console.command, **varied)
     return made, request.located()
 
