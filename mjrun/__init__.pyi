@@ -1360,7 +1360,7 @@ class Simulation(_Simulation):
     """A model, its state at time 0, its inputs, and its duration.
 
     Args:
-      model: a file, another source such as `scene:dominos`, or a compiled model, which is copied and never changed.
+      model: a file, another source such as `scene:dominos`, or a compiled model, of which a copy is made at once.
       snapshot: copies of its input files, which are read instead.
 
     A controller is called with (model, data) every `control_dt`, at an instant whose fields are consistent: it writes
