@@ -16,7 +16,7 @@ from mjrun.study.columnar_results import STATUSES, ResultColumns
 from mjrun.study.spec import PointResult
 
 FRAME = 8_000  # size of a table without rows [bytes]
-TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # in addition to parameters and metrics
+TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message", "precision")  # beside parameters and metrics
 MOST_REASONS = 10  # that are reported while points are simulated
 FEW = 4  # values of a point in a message
 _COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
@@ -27,11 +27,14 @@ def study_table(
     metrics: Sequence[str],
     results: ResultColumns,
     units: Mapping[str, str] = MappingProxyType({}),
+    *,
+    is_single: bool = False,
 ) -> ResultsTable:
     """Returns the table of a study, with a row for each point in order.
 
     Args:
       units: units of parameters and metrics, by name.
+      is_single: whether points were simulated in single precision, which a column states.
     """
     table = ResultsTable()
     table.add(POINT, np.arange(len(results)))
@@ -42,6 +45,8 @@ def study_table(
     table.add(Column("steps", meaning="steps taken", integer=True), results.steps)
     table.add(Column("exit_code", meaning="of this point alone", integer=True), results.exit_code)
     table.add_coded("message", *results.messages)
+    if is_single:
+        table.add_coded("precision", np.zeros(len(results), np.uint8), ("single",))
     return table
 
 

@@ -191,7 +191,7 @@ class Study(StudyOptions, ExecutionOptions):
         """Writes the table, the kept files and the manifest; raises errors of a finished study with its result."""
         points, results = prepared.points, prepared.known
         names = [name for name, _ in prepared.spec.metrics]
-        table = study_table(points, names, results, prepared.units)
+        table = study_table(points, names, results, prepared.units, is_single=prepared.spec.engine == "warp")
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
         values = {name: results.metrics[:, index] for index, name in enumerate(names)}

@@ -29,6 +29,15 @@ def test_a_long_table_is_whole(tmp_path: Path) -> None:
         assert table["half"].tolist() == [k / 2 for k in range(count)]
 
 
+def test_single_precision_is_a_column_of_its_own(tmp_path: Path) -> None:
+    results = ResultColumns.of(RESULTS, 1)
+    double, single = (study_table(DESIGN, ["drift"], results, is_single=each) for each in (False, True))
+    for file in single.write(tmp_path, {}):
+        table = pd.read_parquet(file) if file.suffix == ".parquet" else pd.read_csv(file)
+        assert table["precision"].tolist() == ["single"] * 3
+    assert "precision" not in [column.name for column in double.columns]
+
+
 def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> None:
     files = study_table(DESIGN, ["drift"], ResultColumns.of(RESULTS, 1)).write(tmp_path, {})
     assert [file.name for file in files] == ["results.parquet", "results.csv"]
