@@ -14,12 +14,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import DeviceMemoryError, MjrunError, UnknownNameError, UsageError, clean, option
+from mjrun.errors import DamagedPackageError, DeviceMemoryError, MjrunError, UnknownNameError, UsageError, clean, option
 from mjrun.model.fingerprint import physics_fields
 from mjrun.packages import require
 
 COMPILES = "warp compiles kernels that are not cached, which may take minutes"
-EXTRA, LIBRARIES, PACKAGE = "warp", ("mujoco_warp", "warp"), "mujoco-warp"
+EXTRA, LIBRARIES, PACKAGE, WARP = "warp", ("mujoco_warp", "warp"), "mujoco-warp", "warp-lang"
 
 # Options that mujoco_warp has for each world, but that it changes (tolerance) or that must be common (timestep).
 COMMON_OPTIONS = ("timestep", "tolerance")
@@ -41,6 +41,7 @@ class WarpDevice:
 
     Raises:
       MissingExtraError: mujoco_warp is not installed.
+      DamagedPackageError: Warp does not start.
       UnknownNameError: the device does not exist.
     """
 
@@ -96,6 +97,10 @@ def _imported() -> tuple[Any, Any]:
     import warp  # pyright: ignore[reportMissingImports]
 
     warp.config.log_level = max(warp.config.log_level, warp.LOG_WARNING)
+    try:
+        warp.init()
+    except RuntimeError as error:  # it cannot load its library
+        raise DamagedPackageError(WARP, version(WARP), str(error)) from error
     import mujoco_warp  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
 
     return warp, mujoco_warp

@@ -78,10 +78,25 @@ def _ray(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
                 ray.init(**quiet)
             else:
                 os.environ.setdefault(USAGE, "0")
-                ray.init("local", num_cpus=count, include_dashboard=False, **quiet)
+                _start_ray(num_cpus=count, include_dashboard=False, **quiet)
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, handler)  # which Ray has replaced
     return _RayExecutor(), int(ray.cluster_resources().get("CPU", 0))
+
+
+def _start_ray(**settings: Any) -> None:
+    """Starts a cluster on this machine; Ray gives up after 30 s, which a busy machine may take."""
+    import ray
+
+    for is_last in (False, False, True):
+        try:
+            ray.init("local", **settings)
+        except Exception as error:
+            ray.shutdown()
+            if is_last or "timed out" not in str(error):
+                raise
+        else:
+            return
 
 
 class _RayExecutor(Executor):

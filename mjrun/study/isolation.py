@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import cast
 
-from mjrun.errors import MjrunError
+from mjrun.errors import MjrunError, UsageError
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.point_server import new_worker
 from mjrun.study.spec import ChunkResult, PointChunk, PointResult, ShippedStudy, Status, StudyPoint, WorkerVersions
@@ -77,12 +77,19 @@ class IsolatedSimulator:
         self.worker_versions: tuple[WorkerVersions, ...] = ()
 
     def run(self, points: Sequence[StudyPoint], time_limit: float = math.inf) -> Iterator[PointResult]:
-        """Yields the result of each point when it is known."""
+        """Yields the result of each point when it is known.
+
+        Raises:
+          UsageError: the process cannot open the study, such as without a library.
+        """
         missing = {point.index: point for point in points}
         try:
             for result in self._simulated(points, time_limit):
                 del missing[result.index]
                 yield result
+        except UsageError:  # those of single points are in their results
+            self.close()
+            raise
         except (WorkerEndedError, MjrunError):
             self.close()
         for point in missing.values():

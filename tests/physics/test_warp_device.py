@@ -2,13 +2,16 @@
 
 import dataclasses
 import importlib.util
+import sys
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
+from mjrun.errors import DamagedPackageError, MissingExtraError, UnknownNameError, UsageError
+from mjrun.physics import warp_device
 from mjrun.physics.warp_device import UNUSED, PerWorldFields, WarpDevice
 
 
@@ -29,6 +32,18 @@ def test_a_device_that_is_not_there_is_refused_with_those_that_are(cpu: WarpDevi
 def test_without_the_library_its_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"engine warp needs mujoco-warp.*\npip install 'mjrun\[warp\]'"):
+        WarpDevice()
+
+
+def test_a_library_that_does_not_load_is_damaged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def init() -> None:
+        raise RuntimeError("Failed to load the shared library 'warp.so'")
+
+    broken = SimpleNamespace(config=SimpleNamespace(log_level=0), LOG_WARNING=1, init=init)
+    monkeypatch.setitem(sys.modules, "warp", broken)
+    monkeypatch.setattr(warp_device, "require_library", lambda: None)
+    monkeypatch.setattr(warp_device, "version", lambda package: "1.9")
+    with pytest.raises(DamagedPackageError, match=r"warp-lang 1.9 is damaged: Failed to load.*\npip install"):
         WarpDevice()
 
 

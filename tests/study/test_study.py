@@ -242,6 +242,19 @@ REQUIRED = [
 ]
 
 
+def test_a_study_that_its_processes_cannot_open_ends_with_the_reason(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def damaged(alternative: str) -> None:
+        raise UsageError(f"warp is damaged; {alternative} is not")
+
+    monkeypatch.setattr("mjrun.study.simulate.WarpDevice", damaged)
+    monkeypatch.setattr("mjrun.study.executors.require_library", lambda: None)
+    with pytest.raises(UsageError, match="warp is damaged; local is not"):
+        study(simulation, tmp_path / "study", vary={"seed": "1,2,3"}, engine="warp").run()
+    assert study(simulation, tmp_path / "study", vary={"seed": "1,2,3"}).run().statuses == {"ok": 3}
+
+
 def test_a_requirement_is_checked_over_all_points(simulation: Simulation, tmp_path: Path) -> None:
     options: dict[str, object] = {"vary": {"qvel/ball/vz": "0,1,-1e9"}}
     with pytest.raises(FailedAssertionError, match=r"share\(ok\)"):

@@ -21,7 +21,7 @@ SCRIPT = """
 import sys, threading, time
 import mujoco, numpy as np
 from mjrun.viewer.window import NativeWindow, RIGHT, SPACE
-from mjrun.viewer.window import Edit, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep
+from mjrun.viewer.window import Edit, Pull, ResetSimulation, SetPaused, SetSpeed, Status, TakeStep
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)

@@ -15,7 +15,7 @@ SCRIPT = r'''
 import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.request
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
-from mjrun.viewer.window import Edit, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
+from mjrun.viewer.window import Edit, Pull, ResetSimulation, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
 from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
 from websockets.exceptions import InvalidStatus
@@ -177,9 +177,9 @@ for event, expected in [
     (control(speed=25.0), SetSpeed(0.25)),
     (control(speed=25.0, noise_scale=1.0), studio.NOISE),
     (messages.SingleStepEvent(), TakeStep()),
-    (messages.ResetEvent(key=-1), Reset(None)),
-    (messages.ResetEvent(key=2), Reset(2)),
-    (messages.LoadModelEvent(path=""), Reset(None)),
+    (messages.ResetEvent(key=-1), ResetSimulation(None)),
+    (messages.ResetEvent(key=2), ResetSimulation(2)),
+    (messages.LoadModelEvent(path=""), ResetSimulation(None)),
     (messages.LoadModelEvent(path="/etc/passwd"), studio.DROPPED),
     (messages.MjOptionSnapshot(opt=options), studio.PHYSICS_SETTINGS),
     (messages.KeyframeEvent(key=0, state=np.zeros(1)), studio.KEYFRAME),
