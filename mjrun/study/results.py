@@ -37,7 +37,7 @@ def study_table(
       is_single: whether points were simulated in single precision, which a column states.
     """
     table = ResultsTable()
-    table.add(POINT, np.arange(len(results)))
+    table.add(POINT, results.points)
     table.add_parameters(design, units=units)
     for index, name in enumerate(metrics):
         table.add(Column(name, units.get(name, ""), "metric"), results.metrics[:, index])

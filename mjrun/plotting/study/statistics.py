@@ -95,23 +95,22 @@ def is_grid(a: Parameter, b: Parameter) -> bool:
 def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> figure_data.Series:
     """Returns the median at each value of x, with bands if several points share a value."""
     chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
-    groups = list(grouped(x.values[chosen], values[chosen]))
-    places = np.array([place for place, _ in groups])
-    medians = np.array([np.median(inside) for _, inside in groups])
-    bands = [
-        figure_data.Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
-        for shares in (QUANTILES if any(len(inside) > 1 for _, inside in groups) else ())
-    ]
+    places, groups = np.unique(x.values[chosen], return_inverse=True)
+    sizes, inside = np.bincount(groups, minlength=len(places)), values[chosen]
+    inside = inside[np.lexsort((inside, groups))]
+    starts = np.cumsum(sizes) - sizes
+
+    def quantile(share: float) -> np.ndarray:
+        """Returns the quantile of each group, between neighbours as `np.quantile` interpolates."""
+        place = (sizes - 1) * share
+        below = np.floor(place).astype(int)
+        low, high = inside[starts + below], inside[starts + np.ceil(place).astype(int)]
+        return low + (high - low) * (place - below)
+
+    shown = QUANTILES if len(inside) > len(places) else ()
+    bands = [figure_data.Band(*map(quantile, shares)) for shares in shown]
     joined = not x.categories and x.name != SEED  # neither has an order
-    return figure_data.Series(name, places, medians, bands, joined, len(groups) <= DOTS, colour)
-
-
-def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:
-    """Groups the finite values by key, in the order of keys."""
-    keys, values = keys[np.isfinite(values)], values[np.isfinite(values)]
-    order = np.argsort(keys, kind="stable")
-    different, starts = np.unique(keys[order], return_index=True)
-    return list(zip(different.tolist(), np.split(values[order], starts[1:]), strict=False))
+    return figure_data.Series(name, places, quantile(0.5), bands, joined, len(places) <= DOTS, colour)
 
 
 def medians(groups: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:

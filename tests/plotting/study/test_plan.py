@@ -13,7 +13,7 @@ from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, SensitivityPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan
-from mjrun.plotting.study.statistics import dependences, medians, rank_correlations
+from mjrun.plotting.study.statistics import QUANTILES, Parameter, dependences, medians, rank_correlations, summary
 
 Columns = Mapping[str, "np.ndarray | list[str]"]
 
@@ -236,3 +236,16 @@ def test_medians_are_those_of_the_finite_values_of_each_group() -> None:
     expected = [values[(groups == group) & np.isfinite(values)] for group in range(11)]
     made = [np.median(each) if len(each) else np.nan for each in expected]
     np.testing.assert_array_equal(medians(groups, values, 11), made)
+
+
+def test_a_summary_has_median_and_quantiles_of_the_finite_values_at_each_place() -> None:
+    rng = np.random.default_rng(1)
+    places, values = rng.integers(0, 6, 50).astype(float), rng.normal(size=50)
+    values[::9], chosen = np.nan, places != 3
+    made = summary("", Parameter("x", places, np.arange(6.0)), values, chosen, 0)
+    inside = [values[(places == place) & np.isfinite(values)] for place in (0, 1, 2, 4, 5)]
+    assert made.x.tolist() == [0, 1, 2, 4, 5]
+    np.testing.assert_allclose(made.y, [np.median(each) for each in inside], rtol=1e-12)
+    for band, (low, high) in zip(made.bands, QUANTILES, strict=True):
+        np.testing.assert_allclose(band.low, [np.quantile(each, low) for each in inside], rtol=1e-12)
+        np.testing.assert_allclose(band.high, [np.quantile(each, high) for each in inside], rtol=1e-12)
