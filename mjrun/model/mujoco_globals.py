@@ -136,9 +136,9 @@ def _enter(collector: _Collector) -> None:
 
 def _leave(collector: _Collector) -> None:
     with _lock:
-        _open_blocks.remove(collector)
-        if not _open_blocks:
+        if len(_open_blocks) == 1:
             _taken_over.close()
+        _open_blocks.remove(collector)
 
 
 def _innermost() -> _Collector:
