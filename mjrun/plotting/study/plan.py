@@ -38,8 +38,8 @@ from mjrun.plotting.study.statistics import (
     Parameter,
     dependences,
     is_grid,
-    medians,
     parameter_of,
+    quantiles,
     rank_correlations,
     ranks,
     summary,
@@ -268,7 +268,7 @@ class StudyFigurePlan:
         count = np.bincount(cells, minlength=shape[0] * shape[1])
         panels: list[StudyPanel] = []
         for metric in self._shown(self._metrics):
-            values = medians(cells, metric.values, len(count))
+            (values,) = quantiles(cells, metric.values, len(count), [0.5])
             failed = (count > 0) & np.isnan(values)
             ends = scale(metric.name, values, log=metric.log, edge=0.0)
             colours = replace(ends, log=metric.log and ends.low > 0)

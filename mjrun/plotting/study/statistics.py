@@ -1,6 +1,7 @@
 """The parameters of a study, and statistics of its points: medians with bands, ranks and their correlations."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -96,39 +97,36 @@ def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, col
     """Returns the median at each value of x, with bands if several points share a value."""
     chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
     places, groups = np.unique(x.values[chosen], return_inverse=True)
-    sizes, inside = np.bincount(groups, minlength=len(places)), values[chosen]
-    inside = inside[np.lexsort((inside, groups))]
-    starts = np.cumsum(sizes) - sizes
-
-    def quantile(share: float) -> np.ndarray:
-        """Returns the quantile of each group, between neighbours as `np.quantile` interpolates."""
-        place = (sizes - 1) * share
-        below = np.floor(place).astype(int)
-        low, high = inside[starts + below], inside[starts + np.ceil(place).astype(int)]
-        return low + (high - low) * (place - below)
-
-    shown = QUANTILES if len(inside) > len(places) else ()
-    bands = [figure_data.Band(*map(quantile, shares)) for shares in shown]
+    shown = QUANTILES if len(groups) > len(places) else ()
+    middle, *ends = quantiles(groups, values[chosen], len(places), [0.5, *chain(*shown)])
+    bands = [figure_data.Band(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)]
     joined = not x.categories and x.name != SEED  # neither has an order
-    return figure_data.Series(name, places, quantile(0.5), bands, joined, len(places) <= DOTS, colour)
+    return figure_data.Series(name, places, middle, bands, joined, len(places) <= DOTS, colour)
 
 
-def medians(groups: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Returns the median of the finite values of each group `(count,)`; NaN for groups without any.
+def quantiles(groups: np.ndarray, values: np.ndarray, count: int, shares: Sequence[float]) -> list[np.ndarray]:
+    """Returns quantiles of the finite values of each group, `(count,)` for each share; NaN for groups without any.
 
     Args:
       groups: number of the group of each value `(n,)`.
+      shares: the share of the values below each quantile, which is interpolated linearly between two of them.
     """
     is_finite = np.isfinite(values)
     if not is_finite.all():
         groups, values = groups[is_finite], values[is_finite]
     values = values[np.lexsort((values, groups))]
     sizes = np.bincount(groups, minlength=count)
-    starts, some = np.cumsum(sizes) - sizes, sizes > 0
-    middle = np.full(count, np.nan)
-    low, high = (values[(starts + each)[some]] for each in ((sizes - 1) // 2, sizes // 2))
-    middle[some] = (low + high) / 2
-    return middle
+    some = sizes > 0
+    starts, steps = (np.cumsum(sizes) - sizes)[some], sizes[some] - 1
+
+    def quantile(share: float) -> np.ndarray:
+        place = steps * share
+        low, high = (values[starts + end(place).astype(int)] for end in (np.floor, np.ceil))
+        part, made = place % 1, np.full(count, np.nan)
+        made[some] = low * (1 - part) + high * part
+        return made
+
+    return [quantile(share) for share in shares]
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
