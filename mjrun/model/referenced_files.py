@@ -66,10 +66,8 @@ class _NamedFiles:
 
 def require_regular_files(
     path: Path, text: bytes | None, member: str = "", overrides: "Iterable[Override]" = ()
-) -> None:
+) -> dict[str, os.stat_result]:
     """Checks that no file named in the MJCF or URDF `text`, or in its includes, is a pipe, a socket or a device.
-
-    MuJoCo will read the files again if they are not those of the model before.
 
     In a confined process, no such file may be outside the readable folders either, whether it exists or not.
 
@@ -77,6 +75,9 @@ def require_regular_files(
       path: the path of the text; its files may be next to it, or in the working directory.
       member: the path of the text if it is in the archive `path`.
       overrides: overrides of the model, which may name other files.
+
+    Returns:
+      The status of each file that exists, by its path.
 
     Raises:
       BrokenModelError: a file is of such a kind, or outside.
@@ -90,9 +91,7 @@ def require_regular_files(
         for place in _places(file, path, named.folders):
             if place not in seen:
                 seen[place] = _check(file, place)
-    from mjrun.model.mujoco_globals import drop_outdated_assets  # which imports MuJoCo
-
-    drop_outdated_assets({place: status for place, status in seen.items() if status})
+    return {place: status for place, status in seen.items() if status}
 
 
 def existing_files(

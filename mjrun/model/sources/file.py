@@ -17,7 +17,7 @@ from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.model import archive_paths
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
-from mjrun.model.mujoco_globals import without_log
+from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override
 from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.referenced_files import existing_files, foreign_file, require_regular_files
@@ -180,7 +180,7 @@ def parse_checked(
     Raises:
       BrokenModelError: the text would block or crash MuJoCo, or includes a foreign file.
     """
-    require_regular_files(path, text, main, overrides)
+    drop_outdated_assets(require_regular_files(path, text, main, overrides))
     if main:
         require_finite_nesting(path, main, text)
     try:

@@ -12,10 +12,9 @@ from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
-from mjrun.model.parser_hazards import require_finite_nesting
-from mjrun.model.referenced_files import existing_files, require_regular_files
+from mjrun.model.referenced_files import existing_files
 from mjrun.model.source import Source
-from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.file import FileSource, parse_checked
 
 LABEL = Path("<stdin>")
 DEVICE = Path("/dev/stdin")
@@ -63,9 +62,12 @@ class StdinSource(Source):
         return confined_load(lambda: self._compile(xml))
 
     def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        require_regular_files(LABEL, xml.encode(), overrides=self.overrides)
-        require_finite_nesting(LABEL, str(LABEL), xml.encode())
-        return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)
+        text, overrides = xml.encode(), self.overrides
+        return compile_model(
+            lambda: parse_checked(LABEL, text, str(LABEL), lambda: mujoco.MjSpec.from_string(xml), overrides),
+            overrides,
+            LABEL,
+        )
 
     def __reduce__(self) -> tuple[type, tuple[()], dict[str, object]]:
         # The standard input of another process is different.
