@@ -17,8 +17,6 @@ from mjrun.errors import UsageError, clean, option
 
 PATIENCE = 20  # [s] for a cluster of Dask to answer; Ray asks for 30 s
 USAGE = "RAY_USAGE_STATS_ENABLED"  # Ray reports to its makers unless it is 0
-
-
 ENDINGS = ("LocalRayletDiedError", "RaySystemError")  # errors of Ray without its daemon
 
 

@@ -188,7 +188,7 @@ def completed(
       is_over: returns whether to submit no more chunks; those that are running finish.
       is_wanted: returns whether chunks that have not begun are wanted back.
       give_back: receives these chunks.
-      lost: called with a chunk whose job of Slurm is lost, and whose points are submitted again.
+      lost: called with a chunk whose Slurm job is lost before its points are submitted again.
 
     Raises:
       EngineEndedError: the engine has ended.

@@ -72,7 +72,7 @@ class LeaseContent:
       beat: number of renewals.
       points: number of points whose results the owner has published.
       seconds: wall time since the owner began [s].
-      losses: number of jobs of Slurm that were lost, and whose points the owner has submitted again.
+      losses: number of lost Slurm jobs whose points the owner has submitted again.
     """
 
     host: str = ""

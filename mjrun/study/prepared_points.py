@@ -231,7 +231,7 @@ class PreparedPoints(ABC):
                     some = counted(leased.left, self.noun)
                     reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
         if leases.losses > 1:
-            reporter.note(f"{counted(leases.losses, 'job')} of Slurm lost, whose points were submitted again")
+            reporter.note(f"{counted(leases.losses, 'Slurm job')} lost; their points were submitted again")
         if leased.elsewhere:
             reporter.note(f"{counted(leased.elsewhere, self.noun)} were simulated by other processes in the meantime")
         if left := len(indices) - statuses.total() - leased.elsewhere:

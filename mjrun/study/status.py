@@ -56,7 +56,7 @@ class StudyStatus:
       running: ranges that processes work on.
       rate: points per second of all these processes since each began [1/s]; None if it is unknown.
       remaining: estimated time until all points have results [s]; None if it is unknown.
-      lost: number of jobs of Slurm that were lost, and whose points these processes have submitted again.
+      lost: number of lost Slurm jobs whose points these processes have submitted again.
       schema: name of this schema.
     """
 
@@ -86,7 +86,7 @@ class StudyStatus:
         if self.remaining:
             facts.append(f"about {span_of_time(self.remaining)} left")
         if self.lost:
-            facts.append(f"{counted(self.lost, 'job')} of Slurm lost and submitted again")
+            facts.append(f"{counted(self.lost, 'Slurm job')} lost and submitted again")
         return f"{clean(self.path)}: {', '.join(facts)}"
 
 

@@ -56,7 +56,7 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Pa
         ]
         assert len({each.owner for each in status.running}) == 2
         assert (status.rate, status.remaining) == (2.5, 6 / 2.5)
-        counts = "0 of 6 points, 2.5 points/s, about 2.4 s left, 1 job of Slurm lost and submitted again"
+        counts = "0 of 6 points, 2.5 points/s, about 2.4 s left, 1 Slurm job lost and submitted again"
         assert (status.text.endswith(counts), status.lost) == (True, 1)
         lease.write_text(json.dumps({**content, "process": content["process"].replace(" ", " 9", 1)}))
         assert len(study_status(folder).running) == (1 if content["process"] else 2)  # the other has ended

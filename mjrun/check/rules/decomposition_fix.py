@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext, declared_name
-from mjrun.check.rule import Fix
+from mjrun.check.rule import GENERATED, Fix
 from mjrun.check.rules.asset_files import asset_folders, file_of
 from mjrun.check.rules.masses import bodies_with_inferred_mass
 from mjrun.check.rules.meshes import MESH, Surface, geom_mass
@@ -50,8 +50,10 @@ def obstacle() -> str:
 def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[int, int]) -> Fix | str:
     """Returns the fix that makes room, in the mesh of `geom`, for the other one of two geoms at a start."""
     elements = _elements(context, geom)
-    if isinstance(elements, str) or context.spec is None:
-        return str(elements)
+    if isinstance(elements, str):
+        return elements
+    if context.spec is None:
+        return GENERATED
     if reason := obstacle():
         return reason
     mesh, other = int(context.model.geom_dataid[geom]), pair[0] if geom == pair[1] else pair[1]
