@@ -504,14 +504,12 @@ class UnstableError(SimulationError):
         )
 
 
-class UnstableWorldError(UnstableError):
+class UnstableWorldError(SimulationError):
     """A world of MuJoCo Warp that diverged between the rows at two steps."""
 
     def __init__(self, step: int, row: int, timestep: float) -> None:
-        self.joint = ""  # unknown
         time = step * timestep
-        SimulationError.__init__(
-            self,
+        super().__init__(
             step,
             time,
             f"the simulation became unstable after step {step}, time {time:.9g} s, and not later than step {row}\n"

@@ -1,6 +1,7 @@
 """Timing of a grid of simulations: each point in turn, with the contents and the accuracy of its steps."""
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial
@@ -9,7 +10,6 @@ import mujoco
 import numpy as np
 
 from mjrun.bench.block_timing import Clock, RolloutInputs
-from mjrun.bench.control_noise import controls
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
@@ -24,6 +24,7 @@ from mjrun.reporter import Reporter
 from mjrun.timeline import nearest, rational
 
 FINER = 8  # steps of the default finer run for each step of the finest point of the grid
+NOISE_STD, NOISE_RATE = 0.01, 0.1  # as in testspeed
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class RolloutStart:
         if not (self.noise_std and model.nu):
             return RolloutInputs.of(model, data)
         center = None if self.key is None else data.ctrl.copy()
-        return RolloutInputs.of(model, data, controls(model, steps, self.noise_std, self.noise_rate, center))
+        return RolloutInputs.of(model, data, noisy_controls(model, steps, self.noise_std, self.noise_rate, center))
 
     def first_frames(self, model: mujoco.MjModel, fps: Fraction, count: int) -> list[np.ndarray]:
         """Returns the integration states at the first frames of a video."""
@@ -300,3 +301,49 @@ def _advanced(stepper: PhysicsStepper, steps: int, timestep: Fraction) -> FinalS
     stepper.advance(steps)
     end = stepper.instant()
     return FinalState(steps * timestep, end.qpos.copy(), end.qvel.copy(), float(end.energy.sum()) - before)
+
+
+def halton(index: np.ndarray, base: int) -> np.ndarray:
+    """Returns the elements `index` `(n,)` of the Halton sequence of a base, in [0, 1), bit for bit as `mju_Halton`.
+
+    They are the digits of the index, mirrored at the point: Halton 1960, Numerische Mathematik 2, 84-90.
+    """
+    rest, weight, elements = np.array(index), 1 / base, np.zeros(len(index))
+    while rest.any():
+        rest, digit = np.divmod(rest, base)
+        elements += weight * digit
+        weight /= base
+    return elements
+
+
+def noisy_controls(
+    model: mujoco.MjModel,
+    steps: int,
+    std: float = NOISE_STD,
+    rate: float = NOISE_RATE,
+    center: np.ndarray | None = None,
+) -> np.ndarray:
+    """Returns the controls of every step, `(steps, nu)`, with the noise of MuJoCo 4.0's `sample/testspeed.cc`.
+
+    Noise keeps a model from settling, where warm starts make steps unrealistically cheap.
+    Each control returns to its centre exponentially, is pushed by an element of a Halton sequence, and stays in its
+    range: an Ornstein-Uhlenbeck process, except that its noise is uniform instead of Gaussian.
+
+    Args:
+      std: scale of the noise in half ranges of the actuator, or in its units if it has no range.
+      rate: time constant of the return [s]; 0 returns immediately.
+      center: centre of each control `(nu,)`; None is the middle of its range, or 0 without one.
+    """
+    limited, (low, high) = model.actuator_ctrllimited.astype(bool), model.actuator_ctrlrange.T
+    middle = np.where(limited, 0.5 * (high + low), 0.0) if center is None else np.asarray(center, float)
+    keep = math.exp(-model.opt.timestep / rate) if rate else 0.0
+    scale = std * math.sqrt(1 - keep * keep) * np.where(limited, 0.5 * (high - low), 1.0)
+    pushes = [2 * halton(np.arange(steps), actuator + 2) - 1 for actuator in range(model.nu)]
+    low, high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+    noise = scale * np.column_stack(pushes) if model.nu else np.empty((steps, 0))
+    last = middle
+    for row in noise:
+        row += keep * last + (1 - keep) * middle
+        np.clip(row, low, high, out=row)
+        last = row
+    return noise

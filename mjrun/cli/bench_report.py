@@ -1,4 +1,4 @@
-"""The report of a benchmark: prose for a terminal, Markdown for CI, and CSV."""
+"""The report of a benchmark: prose for a terminal, Markdown for CI, CSV, and a page."""
 
 import csv
 import io
@@ -16,11 +16,14 @@ if TYPE_CHECKING:
     from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
     from mjrun.bench.results import BenchResult, GridPointResult, IntegrationAccuracy
     from mjrun.bench.statistics import SampleStatistics
+    from mjrun.plotting.html_page import Page
 
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 WIDTH = 80  # of a terminal
 LABEL = 10  # width of the label before a line
+BAD = ("slower", "failed")  # verdicts
+INDENT = "\u2003"  # of phases within others on a page: browsers join spaces
 
 Table = list[list[str]]  # rows of cells, the first is the header
 
@@ -351,3 +354,34 @@ def phases_of(phase: "Phase | None", above: str = "", depth: int = 0) -> Iterato
     yield above + phase.name, depth, phase
     for part in phase.parts:
         yield from phases_of(part, f"{above}{phase.name}/", depth + 1)
+
+
+def bench_page(result: "BenchResult", command: str) -> "Page":
+    """Returns the page about a benchmark: the tables of its report, the verdict, and how it was measured."""
+    from mjrun.plotting.html_page import Page, PageFactTable
+    from mjrun.plotting.manifest_html import FileManifest
+    from mjrun.plotting.page_writer import MAKER
+
+    facts = [PageFactTable("Step", "Cost of a step", ("", ""), rows)] if (rows := single_point(result)) else []
+    for title, (heads, *cells) in sections(result):
+        rows = [[cell.replace("  ", INDENT) for cell in row] for row in cells]
+        name, caption = title.partition(",")[0], " ".join(title.split())
+        facts.append(PageFactTable(name[:1].upper() + name[1:], caption, heads, rows, range(1, len(heads))))
+    comparison, machine = result.comparison, result.machine
+    origin = {
+        "command": command,
+        "mujoco": result.mujoco,
+        "model": {"path": result.model.path, "sha256": result.model.sha256},
+        "processor": machine.cpu,
+        "cores": machine.available,
+        "system": machine.system,
+        "load": machine.load,
+    }
+    return Page(
+        title=model_line(result),
+        maker=MAKER,
+        verdict=(comparison.verdict not in BAD, comparison.verdict) if comparison else None,
+        notes=[machine_line(result), *(f"Note: {text}" for text in notes(result))],
+        facts=facts,
+        manifests=[FileManifest("This benchmark", origin)],
+    )

@@ -34,6 +34,8 @@ STARVED = 10.0  # [s] added to both, at most, while the child waits for a core o
 SHARE = 0.2  # [s] of CPU time after which it is not waiting for a core
 COMPLETION = 30.0  # [s] for a confined process to complete an output
 LINGER = 0.3  # [s] for a killed process to end
+SUBREAPER = 36  # of prctl
+PURSUIT = 10.0  # [s] after which processes that fork faster than they are killed are left alone
 BUG, EXCEEDED = 70, 4
 EXIT_CODES = {"reading": 3, "compiling": 3, "simulating": 4, "drawing": 5}
 
@@ -118,7 +120,7 @@ class _Watcher:
 
         code = os.waitstatus_to_exitcode(status)
         if self._promise:
-            _kill_descendants()
+            kill_descendants()
         notice = self._notice()
         if code < 0 or (self._ending is not None and _has_left_something(notice)):
             _clear_away(notice)
@@ -172,14 +174,12 @@ class _Watcher:
 
     def _believe(self) -> None:
         """Records the promise of the child, once."""
-        from mjrun.confinement import descendants
-
         notice = self._board.read()
         promise = notice.promise
         if self._promise or promise is None:
             return
         self._promise, self._temporary, self._made = promise, os.lstat(promise.temporary), notice.made
-        descendants.adopt()
+        adopt_descendants()
         if promise.seconds < math.inf and self._ending is None:
             signal.setitimer(signal.ITIMER_REAL, promise.seconds)
         self._board.believed = True
@@ -293,12 +293,6 @@ def _clear_away(notice: ProcessStatus) -> None:
                 remove_left_behind(folder)
 
 
-def _kill_descendants() -> None:
-    from mjrun.confinement import descendants
-
-    descendants.kill()
-
-
 def _kill(pid: int) -> None:
     """Kills a process with its process group."""
     for kill in (os.killpg, os.kill):
@@ -317,3 +311,36 @@ def _report(failure: "FailureReport", *, is_answered: bool) -> None:
     console.report_failure(failure)
     with suppress(Exception, EndedFromOutsideError):  # the reader is gone
         console.finish()
+
+
+def adopt_descendants() -> bool:
+    """Makes this process the parent of all descendants whose own parents end; returns whether that is supported."""
+    import ctypes  # not before the command forks
+
+    return sys.platform == "linux" and ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0) == 0
+
+
+def kill_descendants() -> None:
+    """Kills the children of this process, and the orphans that become its children."""
+    deadline = time.monotonic() + PURSUIT
+    while time.monotonic() < deadline:
+        for pid in _children():
+            with suppress(ProcessLookupError):  # it may belong to another user, or have been reaped
+                os.kill(pid, signal.SIGKILL)
+        try:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:  # none are left
+            return
+        os.sched_yield()
+
+
+def _children() -> list[int]:
+    own = os.getpid()
+    with suppress(OSError):
+        return [int(pid) for pid in Path(f"/proc/{own}/task/{own}/children").read_text().split()]
+    parents: dict[int, int] = {}  # of all processes, for kernels that do not list children
+    for process in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, ValueError, IndexError):
+            parents[int(process.parent.name)] = int(process.read_text(errors="replace").rpartition(")")[2].split()[1])
+    return [pid for pid, parent in parents.items() if parent == own]

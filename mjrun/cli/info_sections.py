@@ -1,6 +1,7 @@
 """The sections of `mjrun info`; most table columns are derived from the declared attributes of descriptions."""
 
 import os.path
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,11 +22,12 @@ from mjrun.cli.table_cells import (
     vectors,
 )
 from mjrun.dataclass import dataclass
-from mjrun.errors import clean
+from mjrun.errors import clean, listing
 
 if TYPE_CHECKING:
     import mujoco
 
+    from mjrun.hdf5.demonstration_summary import DemonstrationList
     from mjrun.model.description.actuators_sensors import Actuator
     from mjrun.model.description.assets import Asset
     from mjrun.model.description.bodies import Body, Camera, Geom, Light
@@ -42,13 +44,6 @@ NEGLIGIBLE = 1e-9  # relative to the extent of a model
 PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
 # A column, by the name of its attribute, or as a function of all rows.
 ColumnSource = str | Callable[[Sequence[Any]], ReportColumn]
-
-
-def object_columns(
-    sources: Sequence[ColumnSource], rows: "Sequence[ModelObject]", model: "mujoco.MjModel"
-) -> list[ReportColumn]:
-    """Returns the columns of objects of one kind."""
-    return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
 
 
 def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel") -> ReportColumn:
@@ -390,3 +385,41 @@ SECTIONS: "Mapping[str, TableSection | LineSection]" = {
     "statistics": LineSection(lambda of: statistics(of.statistics), is_detail=True),
     "assets": TableSection(_assets, is_news=_has_files),
 }
+
+
+def demonstrations_page(listed: "DemonstrationList") -> str:
+    """Formats the origin of the demonstrations in a file, and a table of them."""
+    from mjrun.cli.terminal_layout import TerminalLayout
+
+    page, origin, episodes = TerminalLayout(), listed.origin, listed.demonstrations
+    rate = origin.control_rate
+    page.lines(
+        clean(listed.path),
+        [
+            ("task", clean(origin.task)),
+            ("instruction", clean(origin.instruction)),
+            ("robot", listing(origin.robots)),
+            ("made with", common(_programs(listed))),
+            ("control rate", f"{number(rate)} Hz" if rate else ""),
+            ("cameras", listing(listed.cameras)),
+            ("subsets", listing([f"{name} ({count})" for name, count in listed.subsets.items()])),
+        ],
+    )
+    columns = [
+        texts("name", [each.name for each in episodes]),
+        numbers("states", [each.states for each in episodes]),
+        numbers("duration", [each.duration for each in episodes], "s"),
+        numbers("reward", [each.reward for each in episodes]),
+        texts("images", [listing(each.images) for each in episodes]),
+        texts("instruction", [each.instruction for each in episodes]),
+    ]
+    page.table("demonstrations", columns, len(episodes))
+    camera = f" --camera {shlex.quote(listed.cameras[0])}" if listed.cameras else ""
+    page.note(clean(f"mjrun video {shlex.quote(f'{listed.path}:{episodes[0].name}')}{camera}"))
+    return page.text()
+
+
+def _programs(listed: "DemonstrationList") -> list[str]:
+    """Returns the programs that made the file, with their versions."""
+    versions = {"MuJoCo": listed.origin.mujoco, "robosuite": listed.origin.robosuite}
+    return [clean(f"{program} {version}") for program, version in versions.items() if version]

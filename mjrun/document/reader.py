@@ -75,7 +75,7 @@ def kind_of_file(path: Path | str) -> DocumentKind | None:
 
 def unchecked_document(path: Path | str, suffixes: Sequence[str] = ()) -> tree.MappingNode | None:
     """Returns the tree of the document at `path`; None if it is unreadable, which its reader reports."""
-    from mjrun.document.yaml_parser import compose
+    from mjrun.document.yaml_text import compose
 
     try:
         with opened(Path(path), "document", suffixes) as file:
@@ -112,7 +112,7 @@ def assign(
       fixed: top-level keys that cannot be set.
       named: places below which all text up to = is one name, which may contain dots: `set.opt.cone` below `set`.
     """  # fmt: skip
-    from mjrun.document.yaml_parser import compose
+    from mjrun.document.yaml_text import compose
 
     faults: list[tree.Fault] = []
     for i, assignment in enumerate(assignments):
@@ -240,7 +240,7 @@ class _Reader:
         with opened(path, "document", YAML, hint) as file:
             data = file.read(LARGEST + 1)
         self.files.append(str(path))
-        from mjrun.document.yaml_parser import LineIndex, compose  # PyYAML is slow to import
+        from mjrun.document.yaml_text import LineIndex, compose  # PyYAML is slow to import
 
         top = tree.DocumentPlace(order, 0, 0, str(path))
         if len(data) > LARGEST:

@@ -46,7 +46,7 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
 
 def text_of(document: Mapped, command: str) -> str:
     """Formats a document, with a comment about the command that made it."""
-    from mjrun.document.yaml_writer import yaml_text  # PyYAML is slow to import
+    from mjrun.document.yaml_text import yaml_text  # PyYAML is slow to import
 
     comment = f"# {clean(command)}\n" if command else ""
     return comment + yaml_text(_escaped(document))

@@ -7,7 +7,7 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning, option
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, SampledRows
-from mjrun.physics.simulation_loop import Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.probe.assertion import parse
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
@@ -75,11 +75,11 @@ class MarkDetector:
         self.enable_flags: int = self._table.model.opt.enableflags
         self._rows = 0
 
-    def tap(self, until: int) -> Tap[object]:
+    def tap(self, until: int) -> AnyTap:
         """Returns the tap that evaluates every step up to `until`."""
         steps = range(until + 1)
         self._buffer = RowBuffer(self._table, steps, self._evaluate)
-        return Tap(steps, self._table.read, self._buffer.add)  # pyright: ignore[reportReturnType]
+        return Tap(steps, self._table.read, self._buffer.add)
 
     def finish(self) -> tuple[list[Mark], list[Verdict]]:
         """Returns the marks in the order of time, and the verdicts of the assertions."""

@@ -7,7 +7,7 @@ import inspect
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import mujoco
 import numpy as np
@@ -20,23 +20,14 @@ from mjrun.physics.controller_analysis import access_of
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import nearest, seconds
 
+if TYPE_CHECKING:
+    from mjrun.physics.recorded_states import RecordedInputs
+
 NEVER = 2**62  # a step beyond every simulation
 NOISE_BLOCK = 1024  # steps of noise drawn in one call
 NOISE_STREAM = 1  # separates the noise on controls from other noise of the same seed
 
 Controller = Callable[[mujoco.MjModel, mujoco.MjData], Any]
-
-
-class KnownInputs(Protocol):
-    """Applied forces, mocap poses and other inputs, known in advance."""
-
-    def at(self, step: int) -> np.ndarray:
-        """Returns all inputs at `step`, in the order of `state.INPUTS`."""
-        ...
-
-    def next_change(self, step: int) -> int:
-        """Returns a step after `step` up to which all inputs except controls are constant."""
-        ...
 
 
 class KnownControls(Protocol):
@@ -276,7 +267,7 @@ class ControlSources:
     table: KnownControls | None = None
     noise: ControlNoise | None = None
     controller: PeriodicController | None = None
-    inputs: KnownInputs | None = None
+    inputs: "RecordedInputs | None" = None
 
     @property
     def varies(self) -> bool:

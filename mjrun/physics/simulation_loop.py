@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby, takewhile
 from operator import itemgetter
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from mjrun.dataclass import dataclass
 from mjrun.physics.stepper import Stepper
@@ -31,13 +31,7 @@ class Tap(Generic[T]):
         self.write(self.read(stepper))
 
 
-class AnyTap(Protocol):
-    """A tap of any value."""
-
-    @property
-    def steps(self) -> Sequence[int]: ...
-
-    def take(self, stepper: Stepper) -> None: ...
+AnyTap = Tap[Any]
 
 
 def observe(stepper: Stepper, taps: Sequence[AnyTap], until: int) -> None:

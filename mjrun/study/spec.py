@@ -17,6 +17,7 @@ from mjrun.errors import (
     MjrunError,
     UnknownNameError,
     UnstableError,
+    UnstableWorldError,
     UsageError,
     clean,
     concerning,
@@ -158,7 +159,7 @@ class PointResult:
           metrics: number of metrics.
           snapshot: copies of files, which the reason names as the user does.
         """
-        status: Status = "unstable" if isinstance(error, UnstableError) else "failed"
+        status: Status = "unstable" if isinstance(error, UnstableError | UnstableWorldError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
         text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
         text = snapshot.with_original_names(text) if snapshot else text

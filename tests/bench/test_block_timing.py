@@ -15,7 +15,7 @@ from mjrun.bench.block_timing import (
     phases,
     profile,
 )
-from mjrun.bench.control_noise import controls
+from mjrun.bench.grid_timing import noisy_controls
 from mjrun.errors import UnstableError
 from tests.bench.bench_clocks import BlockClock
 
@@ -44,7 +44,7 @@ CROWDED = """
 
 def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator, sleep=sleep))
-    return RolloutInputs.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
+    return RolloutInputs.of(model, mujoco.MjData(model), noisy_controls(model, 400, 0.5) if noise else None)
 
 
 def bare(run: RolloutInputs, steps: int) -> mujoco.MjData:
@@ -117,7 +117,7 @@ def test_an_unstable_run_names_its_step_and_joint() -> None:
     )
     data = mujoco.MjData(model)
     data.qpos[0] = 1
-    for noise in (None, controls(model, 500)):
+    for noise in (None, noisy_controls(model, 500)):
         run = RolloutInputs.of(model, data, noise)
         with pytest.raises(UnstableError, match="joint 'hinge'") as caught:
             profile(run, 500)

@@ -10,8 +10,7 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import RolloutInputs
-from mjrun.bench.control_noise import controls
-from mjrun.bench.grid_timing import distance_from_finer, position_distance, simulate_to
+from mjrun.bench.grid_timing import distance_from_finer, noisy_controls, position_distance, simulate_to
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, UnstableError
 from mjrun.model.override import Override
@@ -106,7 +105,7 @@ def test_it_starts_from_the_keyframe_called_test_with_noise_about_its_controls(
     model = mujoco.MjModel.from_xml_string(MODEL)
     assert runs[0].data().qpos[0] == (0.3 if center else 0)
     assert runs[0].controls is not None
-    assert runs[0].controls.tolist() == controls(model, 20, center=np.array([center])).tolist()
+    assert runs[0].controls.tolist() == noisy_controls(model, 20, center=np.array([center])).tolist()
 
 
 def test_without_noise_the_controls_stay_those_of_the_start(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
-from mjrun.bench.control_noise import controls
+from mjrun.bench.grid_timing import noisy_controls
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
@@ -100,7 +100,7 @@ def test_the_worlds_have_the_stimulus_of_one_and_more_steps_of_it(path: Path) ->
     bench(path).run(clock=FakeClock())
     (worlds,) = FakeEngine.opened
     assert worlds.run.controls is not None
-    assert worlds.run.controls.tolist() == controls(mujoco.MjModel.from_xml_path(str(path)), 24).tolist()
+    assert worlds.run.controls.tolist() == noisy_controls(mujoco.MjModel.from_xml_path(str(path)), 24).tolist()
 
 
 def test_with_mujoco_itself_there_is_one_world_and_nothing_is_compiled(path: Path) -> None:
@@ -207,7 +207,7 @@ def run_of(speed: float = 0.0) -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
     data.qvel[2] = speed
-    return RolloutInputs.of(model, data, controls(model, FALLEN + WORLDS, 20))
+    return RolloutInputs.of(model, data, noisy_controls(model, FALLEN + WORLDS, 20))
 
 
 def bare(run: RolloutInputs, steps: int, ahead: int = 0) -> np.ndarray:

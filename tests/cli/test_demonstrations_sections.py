@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from mjrun.cli.demonstrations_sections import demonstrations_page
+from mjrun.cli.info_sections import demonstrations_page
 from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList, DemonstrationSummary
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 

@@ -7,7 +7,7 @@ import pytest
 from mjrun.document.builder import DocumentBuilder
 from mjrun.document.paths import Folders, OutputFolder
 from mjrun.document.tree import DocumentPlace, MappingNode, option_fault
-from mjrun.document.yaml_parser import LineIndex, compose
+from mjrun.document.yaml_text import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.option import Options
 from mjrun.options.sweep import StudyOptions

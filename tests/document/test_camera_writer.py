@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_and_ghost_forms import CameraForm
 from mjrun.document.run_writer import plain_value
-from mjrun.document.yaml_writer import yaml_text
+from mjrun.document.yaml_text import yaml_text
 from mjrun.options.kinds import CameraKind, ReadingContext
 from mjrun.options.number_kinds import Instant
 from tests.document.camera_strategies import events, scripts

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mjrun.document import tree, yaml_parser
+from mjrun.document import tree, yaml_text
 from mjrun.document.reader import LARGEST
 from mjrun.errors import FAULTS, DocumentError, FileError, clean
 from tests.document.documents import ANCHOR, Anything, Run, outcome, problems, put, read
@@ -70,7 +70,7 @@ def test_a_document_may_be_as_large_as_the_limits_and_no_larger(monkeypatch: pyt
     too_large = put("a: ".ljust(LARGEST + 1, "x"))
     assert problems(lambda: read(too_large, Anything)) == ["d.yaml: more than 1 MiB are no document for mjrun"]
 
-    monkeypatch.setattr(yaml_parser, "NODES", 6)
+    monkeypatch.setattr(yaml_text, "NODES", 6)
     assert read(put("a: [1, 2, 3]"), Anything).a == [1, 2, 3]  # with the mapping, its key and the list
     assert problems(lambda: read(put("a: [1, 2, 3,\n 4]"), Anything)) == [
         "d.yaml:2:2: more than 6 values are no document for mjrun"

@@ -19,7 +19,7 @@ from mjrun.document.tree import (
     shortened,
     written_path,
 )
-from mjrun.document.yaml_parser import compose
+from mjrun.document.yaml_text import compose
 
 TEXT = "camera: [top, {shots: [{orbit: {lookat: box}}]}]\ntrail: box\nempty:\n"
 

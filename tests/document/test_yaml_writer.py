@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mjrun.document.scalars import exact, number
-from mjrun.document.yaml_writer import yaml_text
+from mjrun.document.yaml_text import yaml_text
 from mjrun.errors import UsageError
 from mjrun.timeline import rational
 from tests.document.camera_strategies import names, positives, texts

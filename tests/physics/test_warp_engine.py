@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import UnstableError, UsageError, spelled
+from mjrun.errors import UnstableWorldError, UsageError, spelled
 from mjrun.model import state
 from mjrun.physics.engine import Engine
 from mjrun.physics.warp_device import WarpDevice
@@ -76,7 +76,7 @@ def test_a_world_that_fails_ends_while_the_others_go_on(engine: Engine) -> None:
     (block,) = engine.rollout(model, starts, controls, STEPS, ("qpos",), every=10)
     assert list(block.failures) == [1]
     assert (block.failures[1].step, block.counts.tolist()) == (0, [4, 0, 4])
-    assert isinstance(block.failures[1], UnstableError)
+    assert isinstance(block.failures[1], UnstableWorldError)
     assert np.isfinite(block.fields["qpos"][[0, 2]]).all()
 
 

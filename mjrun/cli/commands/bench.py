@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.bench_report import bench_report, markdown
+from mjrun.cli.bench_report import bench_page, bench_report, markdown
 from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
@@ -68,7 +68,6 @@ def bench(console: Console, command_line: CommandLine) -> None:
 
 
 def _write_page(result: "BenchResult", path: str, command: str) -> None:
-    from mjrun.cli.bench_page import bench_page
     from mjrun.plotting.page_writer import PageWriter
 
     with PageWriter(path) as writer:

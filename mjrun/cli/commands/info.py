@@ -8,7 +8,7 @@ import click
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console, Report
-from mjrun.cli.info_sections import SECTIONS, LineSection
+from mjrun.cli.info_sections import SECTIONS, LineSection, demonstrations_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
@@ -121,7 +121,6 @@ def _print_xml(console: Console, model: "Source") -> None:
 
 def _show_demonstrations(console: Console, file: str) -> None:
     """Lists the demonstrations in a file."""
-    from mjrun.cli.demonstrations_sections import demonstrations_page
     from mjrun.model.demonstrations import list_demonstrations
 
     listed = list_demonstrations(Path(file))

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.control_noise import controls, halton
+from mjrun.bench.grid_timing import halton, noisy_controls
 
 MODEL = """
 <mujoco>
@@ -50,24 +50,24 @@ def written_out(model: mujoco.MjModel, steps: int, std: float, rate: float, cent
 @pytest.mark.parametrize("std", [0.01, 1.0])
 def test_controls_are_those_of_testspeed_about_the_middle_of_each_range(model: mujoco.MjModel, std: float) -> None:
     expected = written_out(model, 300, std, 0.1, [1.0, 0.0])
-    np.testing.assert_allclose(controls(model, 300, std, 0.1), expected, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(noisy_controls(model, 300, std, 0.1), expected, rtol=1e-13, atol=1e-15)
 
 
 def test_controls_return_to_a_keyframes_and_stay_in_their_range(model: mujoco.MjModel) -> None:
-    result = controls(model, 300, 1.0, 0.1, np.array([2.9, -4.0]))
+    result = noisy_controls(model, 300, 1.0, 0.1, np.array([2.9, -4.0]))
     np.testing.assert_allclose(result, written_out(model, 300, 1.0, 0.1, [2.9, -4.0]), rtol=1e-13)
     assert result[:, 0].max() == 3.0
     assert result[:, 1].mean() == pytest.approx(-4.0, abs=0.2)
 
 
 def test_fewer_steps_are_the_beginning_of_more(model: mujoco.MjModel) -> None:
-    assert controls(model, 50).tolist() == controls(model, 80)[:50].tolist()
+    assert noisy_controls(model, 50).tolist() == noisy_controls(model, 80)[:50].tolist()
 
 
 def test_without_a_rate_the_noise_is_new_at_every_step(model: mujoco.MjModel) -> None:
-    result = controls(model, 40, 0.5, 0.0)
+    result = noisy_controls(model, 40, 0.5, 0.0)
     assert result[:, 0] == pytest.approx(1 + 0.5 * 2 * (2 * halton(np.arange(40), 2) - 1))
 
 
 def test_a_model_without_actuators_has_no_controls() -> None:
-    assert controls(mujoco.MjModel.from_xml_string("<mujoco/>"), 7).shape == (7, 0)
+    assert noisy_controls(mujoco.MjModel.from_xml_string("<mujoco/>"), 7).shape == (7, 0)

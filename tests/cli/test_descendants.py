@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux give
 TRY = """
 import os, signal, sys, time
 from pathlib import Path
-from mjrun.confinement import descendants
+from mjrun.cli import crash_monitor
 listed = sys.argv[1]
 if listed == "scanned":  # as on a kernel that does not list children
     read = Path.read_text
@@ -21,9 +21,9 @@ if listed == "scanned":  # as on a kernel that does not list children
             raise FileNotFoundError
         return read(path, *arguments, **settings)
     Path.read_text = read_text
-descendants.PURSUIT = end = 600  # a busy machine may take longer than usual
+crash_monitor.PURSUIT = end = 600  # a busy machine may take longer than usual
 end += time.monotonic()
-descendants.adopt()
+crash_monitor.adopt_descendants()
 into, out = os.pipe()
 def daemon(depth):
     if os.fork() == 0:
@@ -45,9 +45,9 @@ if not chain:
 pids = ""
 while len(pids.split()) < 6:
     pids += os.read(into, 1000).decode()
-descendants.kill()
+crash_monitor.kill_descendants()
 print(pids)
-print(descendants._children())
+print(crash_monitor._children())
 """
 
 

@@ -1,4 +1,4 @@
-"""Parsing of YAML text to a tree: the subset of YAML that documents use, with faults for the rest.
+"""YAML text: parsed to a tree, as far as documents use YAML, with faults for the rest; and made from plain values.
 
 PyYAML's messages about tokens and streams are replaced by messages in terms of documents.
 """
@@ -8,12 +8,12 @@ PyYAML's messages about tokens and streams are replaced by messages in terms of 
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable
-from typing import NoReturn
+from collections.abc import Callable, Mapping
+from typing import NoReturn, cast
 
 from mjrun.document import tree
 from mjrun.document.scalars import meaning
-from mjrun.errors import clean, quoted
+from mjrun.errors import UsageError, clean, quoted
 from mjrun.packages import cause_of
 
 try:
@@ -62,6 +62,7 @@ PROBLEMS = {
 }
 
 NODES = 50_000  # values per document
+WIDTH = 110  # of a line that is written, if it can be broken
 
 MarkAt = Callable[[int], tree.DocumentPlace]  # of the character at an index
 
@@ -70,6 +71,8 @@ FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\u
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _LINE_END = re.compile(r"\r\n|\r|\n")
+_ESCAPED = re.compile("[\n\r\t]")
+_TAGS = {str: "str", int: "int", float: "float", bool: "bool", type(None): "null"}
 
 
 class LineIndex:
@@ -246,3 +249,54 @@ def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str,
 def forbidden(character: str) -> str:
     """Returns the message about a `character` that documents cannot contain."""
     return f"{quoted(character)} (U+{ord(character):04X}) is not allowed; write it as an escape in double quotes"
+
+
+def yaml_text(value: tree.Plain) -> str:
+    """Formats `value`, made of mappings, lists, texts, numbers, booleans and None, as a document.
+
+    Raises:
+      UsageError: a document cannot contain one of its texts.
+    """
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=WIDTH)
+
+
+class _Dumper(yaml.SafeDumper):
+    """A dumper that resolves plain scalars as the reader of documents does."""
+
+    def resolve(self, kind: type[yaml.Node], value: str, implicit: tuple[bool, bool]) -> str:
+        if kind is yaml.ScalarNode and implicit[0]:
+            found = "merge" if value == "<<" else _TAGS[type(meaning(value))]
+            return f"tag:yaml.org,2002:{found}"
+        return super().resolve(kind, value, (False, False))
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+    def represent(self, data: object) -> None:
+        """Writes the top level in block style, however short it is."""
+        node = self.represent_data(data)
+        if isinstance(node, yaml.CollectionNode):
+            node.flow_style = False
+        self.serialize(node)
+
+    def represent_mapping(self, tag: str, mapping: object, flow_style: bool | None = None) -> yaml.MappingNode:
+        entries = cast("Mapping[str, object]", mapping)
+        for key in entries:
+            if _CONTROL.search(key):
+                raise UsageError(f"{quoted(key)}: a key in a document cannot contain control characters")
+        return super().represent_mapping(tag, entries, flow_style)
+
+
+def _represent_text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
+    if _SURROGATE.search(text):
+        raise UsageError(f"{quoted(text)} is not valid UTF-8, which a document requires")
+    style = '"' if _ESCAPED.search(text) or FORBIDDEN.search(text) else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+def _represent_float(dumper: _Dumper, value: float) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", repr(value))
+
+
+_Dumper.add_representer(str, _represent_text)
+_Dumper.add_representer(float, _represent_float)
