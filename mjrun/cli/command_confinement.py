@@ -19,6 +19,7 @@ from mjrun.confinement.self_confinement import confine, with_temporary
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.formats.parent_folders import ParentFolders
+from mjrun.options.bench import SUMMARY
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
 from mjrun.platform import system
@@ -30,7 +31,6 @@ MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
 LEAST = {MEMORY: 256}  # the thread that loads models takes half of it
 SCENE = "scene"  # the collection in mjrun; the packages of others run code
-SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 @dataclass
@@ -131,6 +131,9 @@ def _named_paths(context: click.Context) -> _Paths:
                 _add_argument(paths, param, text)
         elif name == "save_key":
             _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
+        elif name == "summary" and values == [SUMMARY]:  # not its folder, which has other files of a CI system
+            file = os.path.expandvars(SUMMARY)
+            paths.written |= {_real(file): file} if Path(file).exists() else {}
         elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
             if not values and param.declared.default not in (None, "-"):
                 paths.written[_real(".")] = "."  # the default folder
@@ -151,8 +154,6 @@ def _named_paths(context: click.Context) -> _Paths:
         paths.written |= {folder: folder for folder in folders}
     if context.params.get("fix"):  # of models, in their folders
         paths.written |= {folder: folder for folder in paths.roots}
-    if "summary" in context.params and (summary := os.environ.get(SUMMARY)) and Path(summary).exists():
-        paths.written[_real(summary)] = summary
     return paths
 
 

@@ -11,6 +11,7 @@ from mjrun.options.rendering import QUALITIES, RENDERERS, VIEWS, BackendOptions
 from mjrun.options.setting_kinds import ScanValues
 
 ENGINES = ("c", "warp")
+SUMMARY = "$GITHUB_STEP_SUMMARY"
 
 
 @options
@@ -191,10 +192,10 @@ class BenchReportOptions(Options):
     )
     markdown: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print Markdown instead.")
     summary: str | None = option(
-        converter=Optional(Text("[FILE]")),
+        converter=Optional(File("[FILE]", written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        flag_value="",
+        flag_value=SUMMARY,
         help="Also append the report as Markdown to a file; without a name, to the file in $GITHUB_STEP_SUMMARY.",
     )
     html: str | None = option(

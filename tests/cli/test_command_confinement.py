@@ -59,7 +59,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_demonstrations(tmp_path / "model/d.hdf5", {"demo_1": recorded_states()})
     (tmp_path / "tables/d.hdf5").touch()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+    (tmp_path / "tables/ci.md").touch()
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", "tables/ci.md")
     return tmp_path
 
 
@@ -105,6 +106,8 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
         ("plot - -o p.png --html out/p.html --include model/m.xml", [], ["model/m.xml"], [".", "out"]),
         ("plot tables -o out/p.png", [], ["tables"], ["out"]),
         ("plot model/m.xml -o out/p.png", ["model"], ["model/m.xml"], ["out"]),
+        ("bench model/m.xml --summary out/s.md", ["model"], ["model/m.xml"], ["out"]),
+        ("bench model/m.xml --summary", ["model"], ["model/m.xml"], ["tables/ci.md"]),
     ],
 )
 def test_what_a_line_names_is_what_its_process_may_touch(

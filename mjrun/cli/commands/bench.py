@@ -12,12 +12,11 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.formats.parent_folders import ParentFolders
-from mjrun.options.bench import BenchOptions, BenchReportOptions
+from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 
 if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult
 
-SUMMARY = "GITHUB_STEP_SUMMARY"
 SLOWER, PARTLY = 1, 8  # exit codes
 
 
@@ -85,12 +84,12 @@ def _summary(file: str | None) -> Generator[Callable[[str], None], None, None]:
       UsageError: no file name is known.
       FileError: it cannot be written.
     """
-    path = os.environ.get(SUMMARY, "") if file == "" else file
+    path = os.environ.get(SUMMARY.removeprefix("$"), "") if file == SUMMARY else file
     if path is None:
         yield lambda text: None
         return
     if not path:
-        raise UsageError(f"{option('summary')}: name a file, since ${SUMMARY} does not")
+        raise UsageError(f"{option('summary')}: name a file, since {SUMMARY} does not")
 
     is_new = not Path(path).exists()
     parents = ParentFolders(Path(path), Path(os.path.realpath(path)).parent)

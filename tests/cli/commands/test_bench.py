@@ -106,6 +106,8 @@ def test_a_summary_that_cannot_be_written_is_refused_at_once(mjrun_here: Command
     assert b"--summary: name a file, since $GITHUB_STEP_SUMMARY does not" in done.stderr
     done = mjrun_here("bench", PENDULUM, "--summary", "/dev/null/summary.md")
     assert (done.returncode, done.stdout) == (7, b"")
+    done = mjrun_here("bench", PENDULUM, "--summary", "-")
+    assert (done.returncode, done.stdout, mjrun_here.files()) == (2, b"", [])
 
 
 def slowed(path: Path, factor: float) -> None:
