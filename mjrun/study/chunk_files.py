@@ -24,14 +24,24 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.experiment.design_points import ABSENT, Design
 from mjrun.formats.atomic_output import OutputWriter
-from mjrun.formats.folders import Folder, folder_at
+from mjrun.formats.folders import Folder, LocalFolder, folder_at
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain
 from mjrun.study.columnar_results import MISSING, STATUSES, ResultColumns, ResultRows
 from mjrun.study.range_folders import PointRange, RangeFolders
-from mjrun.study.spec import FILES, MODEL, PointResult, StudySpec, places_in_any_order, simulation_at, versions
+from mjrun.study.spec import (
+    FILES,
+    MODEL,
+    ChunkResult,
+    PointResult,
+    StudySpec,
+    WorkerVersions,
+    places_in_any_order,
+    simulation_at,
+    versions,
+)
 from mjrun.task.task import Task
 
 if TYPE_CHECKING:
@@ -172,7 +182,8 @@ class ChunkFiles:
     """
 
     def __init__(self, folder: str | Path | Folder, metrics: Sequence[str], study: str, points: int = 0) -> None:
-        self.folder, self._metrics, self.study = folder_at(folder) / PARTS, tuple(metrics), study
+        self._place, self._metrics, self.study = folder_at(folder), tuple(metrics), study
+        self.folder, self._points = self._place / PARTS, points
         self.ranges = RangeFolders(self.folder, study, points)
         self.width = len(self._metrics)
         self.bounds = np.arange(self.ranges.window, points, self.ranges.window)
@@ -255,6 +266,12 @@ class ChunkFiles:
         table = _part(np.asarray(points, np.int64), keys, results, self._metrics)
         return self._publish([table], min(points), max(points), "".join(keys))
 
+    def shared(self, witness: str, keys: Sequence[str], versions: WorkerVersions) -> "SharedParts":
+        """Returns the part of a chunk for a process on any machine; see `SharedParts`."""
+        place = self._place.path()
+        folder = str(Path(place).absolute()) if isinstance(self._place, LocalFolder) else place
+        return SharedParts(folder, self._metrics, self.study, self._points, witness, keys, versions)
+
     def merge(self, parts: Sequence[str]) -> str | None:
         """Replaces parts of this study by one; returns None if some are damaged, or merged by another process.
 
@@ -267,6 +284,8 @@ class ChunkFiles:
             made = self._publish(_grouped(self.folder, parts), first, last, "".join(parts))
         except _UnreadablePartError:
             return None
+        if not self._parts.issuperset(parts):  # of which some are to be read
+            self._parts.discard(made)
         for name in parts:
             self.folder.remove(name)
         return made
@@ -400,6 +419,44 @@ class ChunkFiles:
 
 
 @dataclass(frozen=True)
+class SharedParts:
+    """The part of a chunk of a study, for a process on any machine that sees the same folder.
+
+    Attributes:
+      folder: absolute path of the folder of the study, or its URL.
+      metrics, study, points: see `ChunkFiles`.
+      witness: name of a file of this folder alone: a lease of the points of the chunk.
+      keys: keys of these points.
+      versions: versions that they are to be simulated with.
+    """
+
+    folder: str
+    metrics: tuple[str, ...]
+    study: str
+    points: int
+    witness: str
+    keys: Sequence[str]
+    versions: WorkerVersions
+
+    def publish(self, result: ChunkResult) -> ChunkResult:
+        """Publishes results; returns them where this process sees another folder, or cannot write to it."""
+        if any(each.difference(self.versions) for each in result.worker_versions):
+            return result
+        try:
+            files = ChunkFiles(self.folder, self.metrics, self.study, self.points)
+            if not files.folder.has(self.witness):
+                return result
+            rows = ResultRows.of(result.results, files.width, result.hosts)
+            part = files.write([each.index for each in result.results], self.keys, rows)
+        except (MjrunError, ImportError, OSError):
+            return result
+        good = [each for each in result.results if each.status == "ok"]
+        others = [each for each in result.results if each.status != "ok"]
+        steps, wall = sum(each.steps for each in good), sum(each.wall for each in good)
+        return replace(result, results=others, part=part, steps=steps, wall=wall)
+
+
+@dataclass(frozen=True)
 class _PartRows:
     """Rows of a part: the study that wrote it, the number and the key of each point, and the results."""
 
@@ -440,6 +497,11 @@ class PartWriter:
             some[0].append(point)
             some[1].append(key)
             some[2].append(result)
+
+    def adopt(self, part: str, points: Sequence[int]) -> None:
+        """Adds a part of points of one block that another process has published."""
+        self._keep(part, int(np.searchsorted(self._files.bounds, points[0], "right")), 0)
+        self._published(points)
 
     def write_if_due(self) -> None:
         """Writes the part if the last one was written long enough ago; without results, prepares to write later.

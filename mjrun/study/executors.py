@@ -247,7 +247,7 @@ def completed(
             elif not (reason := fault(result)):
                 arrived.append((chunk, result))
             elif chunk.refusals + 1 < REFUSALS:
-                again.append(replace(chunk, refusals=chunk.refusals + 1))
+                again.append(replace(chunk, refusals=chunk.refusals + 1, parts=None))
             else:
                 arrived.append((chunk, replace(chunk.failed(reason), is_refused=True)))
         yield arrived
@@ -268,7 +268,8 @@ def _tried_again(chunk: PointChunk, error: LostJobError) -> Sequence[PointChunk]
     if not error.is_over_time:
         return [] if chunk.losses else [replace(chunk, losses=1)]
     middle = len(chunk.points) // 2
-    return [replace(chunk, points=part) for part in (chunk.points[:middle], chunk.points[middle:])] if middle else []
+    halves = (chunk.points[:middle], chunk.points[middle:])
+    return [replace(chunk, points=part, parts=None) for part in halves] if middle else []
 
 
 def _factory(engine: str) -> tuple[str, str]:

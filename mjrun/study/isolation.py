@@ -38,7 +38,8 @@ def run_chunk(chunk: PointChunk) -> ChunkResult:
         simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root)
     results = {result.index: result for result in simulator.run(chunk.points, chunk.time_limit)}
     worker_versions, simulator.worker_versions = simulator.worker_versions, ()
-    return ChunkResult([results[point.index] for point in chunk.points], worker_versions)
+    result = ChunkResult([results[point.index] for point in chunk.points], worker_versions)
+    return chunk.parts.publish(result) if chunk.parts else result
 
 
 def end_process() -> None:

@@ -163,6 +163,10 @@ class Leases:
             for lease in own:
                 self._release(lease)
 
+    def name_of(self, point: int) -> str:
+        """Returns the name of the lease of a point that this process holds."""
+        return next(lease.name for lease in self._own if lease.overlaps(point, point))
+
     def give_back(self, points: np.ndarray) -> None:
         """Releases points that this process has not begun, the last ones of their ranges."""
         for lease in [*self._own]:

@@ -2,13 +2,12 @@
 
 import hashlib
 import math
-import socket
 import time
 from abc import ABC, abstractmethod
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -22,7 +21,7 @@ from mjrun.formats.folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
-from mjrun.study.chunk_files import ChunkFiles, PartWriter
+from mjrun.study.chunk_files import ChunkFiles, PartWriter, SharedParts
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.results import FailureReporter
@@ -38,6 +37,7 @@ from mjrun.study.spec import (
 )
 
 JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
+SHARED = 64  # least points of a chunk whose results its process publishes: this one writes those of many chunks at once
 ADOPTED = 2**16  # results in a part that are adopted from other designs
 
 
@@ -155,12 +155,19 @@ class PreparedPoints(ABC):
         return executors.ChunkSizes(options.chunk, ahead, seconds)
 
     def chunks(
-        self, leased: LeasedPoints, options: ExecutionOptions, sizes: executors.ChunkSizes
+        self,
+        leased: LeasedPoints,
+        options: ExecutionOptions,
+        sizes: executors.ChunkSizes,
+        shared: Callable[[Sequence[int]], SharedParts | None] = lambda _: None,
     ) -> Iterator[PointChunk | None]:
         """Returns an iterator of points in chunks; asks `sizes` for the size of each chunk when it is needed.
 
         It yields None while other processes have leased all points that are left, and after its end the points that
         are given back.
+
+        Args:
+          shared: returns where the results of points are published by the process that simulates them.
         """
         limit = math.inf if options.time_limit is None else float(options.time_limit)
         steps = self.steps(leased.points)
@@ -170,7 +177,10 @@ class PreparedPoints(ABC):
 
         def next_chunk() -> PointChunk | None:
             part = leased.take(size).tolist()
-            return PointChunk(self.shipped, tuple(map(StudyPoint, part, self.points.at(part))), limit) if part else None
+            if not part:
+                return None
+            points = tuple(map(StudyPoint, part, self.points.at(part)))
+            return PointChunk(self.shipped, points, limit, parts=shared(part))
 
         return _Chunks(leased, next_chunk)
 
@@ -195,7 +205,8 @@ class PreparedPoints(ABC):
           The number of points by status.
         """
         statuses, budget = Counter[str](), Budget(options)
-        failures, is_waiting = FailureReporter(self.points, reporter, self.noun), False
+        failures = FailureReporter(self.points, reporter, self.noun)
+        is_waiting = are_elsewhere = False
         with (
             Leases(self.files.ranges) as leases,
             PartWriter(self.files, executors.INTERVAL, leases.publish) as parts,
@@ -205,23 +216,28 @@ class PreparedPoints(ABC):
                 options.engine, options.jobs, Path(self.folder.path()), stack, options.slurm, reporter.note
             )
             leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
-            for arrived in self._completed(executor, leased, leases, ahead, options, budget, reporter):
+            is_shared = not isinstance(executor, ThreadPoolExecutor) and publish is None
+            for arrived in self._completed(executor, leased, leases, ahead, options, budget, reporter, is_shared):
                 for chunk, result in arrived:
                     places = [point.index for point in chunk.points]
-                    keys = self._keys(places)
-                    if publish and not result.is_refused:
-                        for key, each in zip(keys, result.results, strict=True):
-                            publish(key, each)
-                        result = replace(result, results=[replace(each, files=()) for each in result.results])
                     if result.is_refused:
                         leases.publish(places)
+                    elif result.part:
+                        parts.adopt(result.part, places)
+                        are_elsewhere = True
                     else:
-                        hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
-                        parts.add(places, keys, result.results, ", ".join(sorted(hosts)))
-                    self.known.put_points(np.array(places), ResultRows.of(result.results, self.files.width))
+                        keys = self._keys(places)
+                        if publish:
+                            for key, each in zip(keys, result.results, strict=True):
+                                publish(key, each)
+                            result = replace(result, results=[replace(each, files=()) for each in result.results])
+                        parts.add(places, keys, result.results, result.hosts)
+                    returned = np.array([each.index for each in result.results], np.int64)
+                    self.known.put_points(returned, ResultRows.of(result.results, self.files.width))
 
                     failures.add(result.results)
                     statuses.update(each.status for each in result.results)
+                    statuses.update(["ok"] * (len(places) - len(result.results)))
                     budget.failed = statuses.total() - statuses["ok"]
                     label = f"{self.noun}s, {budget.failed} failed" if budget.failed else f"{self.noun}s"
                     reporter.progress(label, statuses.total() + leased.elsewhere, len(indices))
@@ -230,6 +246,8 @@ class PreparedPoints(ABC):
                     is_waiting = True
                     some = counted(leased.left, self.noun)
                     reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
+        if are_elsewhere:  # results that others have published
+            self.files.update(self.known, min(indices), max(indices))
         if leases.losses > 1:
             reporter.note(f"{counted(leases.losses, 'Slurm job')} lost; their points were submitted again")
         if leased.elsewhere:
@@ -247,14 +265,21 @@ class PreparedPoints(ABC):
         options: ExecutionOptions,
         budget: Budget,
         reporter: Reporter,
+        is_shared: bool,
     ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
-        """Yields the results of chunks as `executors.completed`; warns of each reason to refuse or to repeat some."""
+        """Yields the results of chunks as `executors.completed`; warns of each reason to refuse or to repeat some.
+
+        Args:
+          is_shared: whether other processes that see the folder publish results in it.
+        """
         expected = WorkerVersions.here(self._spec.models(self.points.points))
         reported = set[str]()
 
         def fault(result: ChunkResult) -> str:
             if result.lacks_files:
                 return "the machine that was to simulate it cannot store the study's files"
+            if result.part and not self.files.folder.has(result.part):
+                return "the machine that has simulated it has published its results in another folder"
             differences = [(each.host, each.difference(expected)) for each in result.worker_versions]
             reasons = [f"{host} has {difference}" for host, difference in differences if difference]
             for reason in reasons:
@@ -263,8 +288,13 @@ class PreparedPoints(ABC):
                     reporter.warn(f"{reason}: its results are refused, and simulated again")
             return "; ".join(reasons)
 
+        def shared(points: Sequence[int]) -> SharedParts | None:
+            if not is_shared or len(points) < SHARED:
+                return None
+            return self.files.shared(leases.name_of(points[0]), self._keys(points), expected)
+
         sizes = self.chunk_sizes(options, ahead)
-        chunks = self.chunks(leased, options, sizes)
+        chunks = self.chunks(leased, options, sizes, shared)
 
         def give_back(chunks: Sequence[PointChunk]) -> None:
             leased.give_back([point.index for chunk in chunks for point in chunk.points])
@@ -278,9 +308,10 @@ class PreparedPoints(ABC):
         is_over, is_wanted = lambda: bool(budget.reached), lambda: leased.is_wanted
         try:
             for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back, lost):
-                for _, result in arrived:
+                for chunk, result in arrived:
                     results = result.results
-                    sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
+                    steps = result.steps + sum(each.steps for each in results)
+                    sizes.add(len(chunk.points), steps, result.wall + sum(each.wall for each in results))
                 yield arrived
         except executors.EngineEndedError as error:
             budget.ending = f"{option('engine')} {clean(options.engine)} has ended ({clean(str(error))})"

@@ -39,6 +39,7 @@ from mjrun.study.image_spec import ImageSpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
+    from mjrun.study.chunk_files import SharedParts
     from mjrun.study.simulate import PointSimulator
 
 BUG = 70  # the exit code
@@ -384,6 +385,7 @@ class PointChunk:
     Attributes:
       time_limit: wall time of a point [s].
       contents: contents of the study's files, for a machine without copies of them.
+      parts: files to which the results are published by the process that has them; None to return them.
       refusals: number of times that its results were refused.
       losses: number of times that the engine has lost it.
     """
@@ -392,6 +394,7 @@ class PointChunk:
     points: tuple[StudyPoint, ...]
     time_limit: float = math.inf
     contents: Mapping[str, bytes] | None = None
+    parts: "SharedParts | None" = None
     refusals: int = 0
     losses: int = 0
 
@@ -406,12 +409,23 @@ class ChunkResult:
     """The results of the points of a chunk, in order.
 
     Attributes:
+      results: the results; if they are published, only those of points that are not ok.
       worker_versions: versions that they were simulated with; empty if no process reached its end.
       lacks_files: whether nothing was simulated because this machine has no copies of the study's files.
       is_refused: whether the results are of other versions than the study.
+      part: name of the part in which all results are published; empty if they are not.
+      steps, wall: sums over the points that are not in `results`, the latter [s].
     """
 
     results: Sequence[PointResult]
     worker_versions: tuple[WorkerVersions, ...] = ()
     lacks_files: bool = False
     is_refused: bool = False
+    part: str = ""
+    steps: int = 0
+    wall: float = 0.0
+
+    @property
+    def hosts(self) -> str:
+        """The machines that have simulated the points."""
+        return ", ".join(sorted({each.host for each in self.worker_versions} or {socket.gethostname()}))

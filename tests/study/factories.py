@@ -1,13 +1,16 @@
 """Executors for tests of `module:factory`."""
 
 import pickle
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mjrun.study.chunk_files import SharedParts
 from mjrun.study.slurm import LostJobError
+from mjrun.study.spec import ChunkResult
 
 
 def threads() -> Executor:
@@ -85,6 +88,29 @@ class Elsewhere(Executor):
         snapshot = replace(chunk.study.snapshot, root=Path("/nowhere/at/all"))
         future = Future[Any]()
         future.set_result(pickle.loads(pickle.dumps(fn(replace(chunk, study=replace(chunk.study, snapshot=snapshot))))))
+        return future
+
+
+class Neighbour(Executor):
+    """Another process, which may see the folder of the study.
+
+    Args:
+      view: returns where the process publishes results, from the place that it receives.
+
+    Attributes:
+      replies: results of the chunks.
+    """
+
+    def __init__(self, view: Callable[[SharedParts], SharedParts]) -> None:
+        self._view, self.replies = view, list[ChunkResult]()
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        (chunk,) = pickle.loads(pickle.dumps(args))
+        if chunk.parts:
+            chunk = replace(chunk, parts=self._view(chunk.parts))
+        future = Future[Any]()
+        self.replies.append(fn(chunk))
+        future.set_result(pickle.loads(pickle.dumps(self.replies[-1])))
         return future
 
 

@@ -18,15 +18,18 @@ import pyarrow.parquet
 import pytest
 
 from mjrun.cli.simulation_command import load_controller
-from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError, spelled
+from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, UnknownNameError, UsageError, spelled
 from mjrun.options.sweep import EXTRAS
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
-from mjrun.study import isolation
+from mjrun.study import executors, isolation
+from mjrun.study.chunk_files import ChunkFiles, SharedParts
 from mjrun.study.executors import open_executor
+from mjrun.study.isolation import run_chunk
 from mjrun.study.job_plan import plan, run_task
 from mjrun.study.prepared import PreparedStudy
+from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.study.study import Study, StudyResult
 from tests.reporters import RecordingReporter
 from tests.study import factories
@@ -223,6 +226,50 @@ def test_a_run_ends_at_its_limit_or_with_its_engine_and_leaves_a_study_that_cont
     again = study(simulation, tmp_path / "study", engine=here, retry_failed=True, **options).run()
     assert again.simulated == 10 - result.statuses["ok"]
     assert table(tmp_path / "study") == table(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("view", ["same", "copy", "overlay", "full", "versions"])
+def test_processes_that_see_the_folder_publish_their_results_and_others_return_them(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, view: str
+) -> None:
+    options: dict[str, object] = {"vary": {"qvel/ball/vz": "0,1,2,-1e9,3,4,5"}, "chunk": 3, "metric": METRICS}
+    folder, other = tmp_path / "study", tmp_path / "other"
+    with pytest.raises(FailedPointsError):
+        study(simulation, tmp_path / "here", **options).run()
+
+    def seen(parts: SharedParts) -> SharedParts:
+        if view == "copy":  # made before this study began
+            return replace(parts, folder=str(other))
+        if view == "overlay":  # reads this folder, and writes to another one
+            shutil.copytree(folder, other, dirs_exist_ok=True)
+            return replace(parts, folder=str(other))
+        if view == "versions":
+            return replace(parts, versions=replace(parts.versions, versions={"mujoco": "3.9.9"}))
+        return parts
+
+    def refused(*_: object) -> None:
+        raise FileError("part", "cannot be written: No space left on device")
+
+    def run(chunk: PointChunk) -> ChunkResult:
+        with pytest.MonkeyPatch.context() as patch:
+            if view == "full":
+                patch.setattr(ChunkFiles, "write", refused)
+            return run_chunk(chunk)
+
+    process = factories.Neighbour(seen)
+    monkeypatch.setattr(executors, "open_executor", lambda *_: (process, 2))
+    monkeypatch.setattr(executors, "run_chunk", run)
+    monkeypatch.setattr("mjrun.study.prepared_points.SHARED", 2)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FailedPointsError) as caught:
+        study(simulation, Path("study"), **options).run()
+    assert caught.value.results[0].statuses == {"ok": 6, "unstable": 1}
+    assert table(folder) == table(tmp_path / "here")
+    returned = [([each.index for each in reply.results], bool(reply.part)) for reply in process.replies]
+    everything = [([0, 1, 2], False), ([3, 4, 5], False), ([6], False)]
+    published = [([], True), ([3], True), ([6], False)]
+    expected = {"same": published, "overlay": published + everything[:2]}.get(view, everything)
+    assert sorted(returned) == sorted(expected)
 
 
 def test_a_model_that_varies_and_has_changed_is_simulated_again(simulation: Simulation, tmp_path: Path) -> None:
