@@ -5,15 +5,15 @@ Versions are compared with mjrun's metadata, which pip reads too. Without metada
 
 import importlib.util
 import operator
+import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
 
 from mjrun.errors import DamagedPackageError, MissingExtraError, MjrunError, WrongVersionError
-
-if TYPE_CHECKING:
-    from importlib.metadata import Distribution
 
 MODULES = {  # by package
     "pillow": "PIL",
@@ -166,7 +166,11 @@ def _requiring(needed: PackageRequirement) -> dict[str, str]:
     """Returns the reasons for other versions than mjrun's, by the installed packages that require them."""
     from importlib.metadata import distributions
 
-    installed = [(each.name, each.version, _read(each)) for each in distributions() if each.name != "mjrun"]
+    installed = [
+        (each.name, each.version, _read(each.read_text("METADATA") or ""))
+        for each in distributions()
+        if each.name != "mjrun"
+    ]
     requiring: dict[str, str] = {}
     for name, version, requirements in installed:
         others = [each for each in requirements if each.package == needed.package and "extra" not in each.marker]
@@ -187,17 +191,12 @@ def _requiring(needed: PackageRequirement) -> dict[str, str]:
 
 def _requirements() -> list[PackageRequirement]:
     """Returns mjrun's requirements; empty if it is not installed, as in a folder on PYTHONPATH."""
-    from importlib.metadata import PackageNotFoundError, distribution
-
-    try:
-        return _read(distribution("mjrun"))
-    except PackageNotFoundError:
-        return []
+    return _read(_metadata("mjrun"))
 
 
-def _read(distribution: "Distribution") -> list[PackageRequirement]:
+def _read(metadata: str) -> list[PackageRequirement]:
     """Reads a package's requirements."""
-    texts = _fields(distribution, FIELD)
+    texts = _fields(metadata, FIELD)
     matches = [match for match in (re.match(_REQUIREMENT, text) for text in texts) if match]
     return [
         PackageRequirement(_normalized(name), specifier.strip(), (marker or "").strip())
@@ -205,10 +204,24 @@ def _read(distribution: "Distribution") -> list[PackageRequirement]:
     ]
 
 
-def _fields(distribution: "Distribution", name: str) -> list[str]:
+def _fields(metadata: str, name: str) -> list[str]:
     """Returns the values of a field of a package's metadata, from its headers alone: parsing a whole README is slow."""
-    headers, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
+    headers, _, _ = metadata.partition("\n\n")
     return [line.removeprefix(name).strip() for line in headers.splitlines() if line.startswith(name)]
+
+
+def _metadata(package: str) -> str:
+    """Returns the metadata of a package; empty if it is not installed."""
+    pattern = re.compile(rf"{package.replace('-', '_')}-\d[^-]*\.dist-info", re.IGNORECASE)
+    for folder in sys.path:
+        with suppress(OSError):
+            for name in filter(pattern.fullmatch, os.listdir(folder or os.curdir)):  # noqa: PTH208 – of thousands
+                return Path(folder, name, "METADATA").read_text("utf-8")
+    from importlib.metadata import PackageNotFoundError, distribution  # slow to import; knows other installations
+
+    with suppress(PackageNotFoundError):
+        return distribution(package).read_text("METADATA") or ""
+    return ""
 
 
 def _normalized(name: str) -> str:
@@ -218,12 +231,7 @@ def _normalized(name: str) -> str:
 
 def installed_version(package: str) -> str:
     """Returns the version of a package; empty if it is not installed."""
-    from importlib.metadata import PackageNotFoundError, distribution
-
-    try:
-        return next(iter(_fields(distribution(package), "Version: ")), "")
-    except PackageNotFoundError:
-        return ""
+    return next(iter(_fields(_metadata(package), "Version: ")), "")
 
 
 def _satisfies(version: str, comparison: str, bound: str) -> bool:

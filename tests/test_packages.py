@@ -35,7 +35,7 @@ def test_what_installed_packages_need_is_read_as_packaging_reads_it() -> None:
     compared = 0
     for distribution in metadata.distributions():
         expected = [OracleRequirement(text) for text in distribution.requires or []]
-        read = mjrun.packages._read(distribution)
+        read = mjrun.packages._read(distribution.read_text("METADATA") or "")
         assert [each.package for each in read] == [
             each.name.lower().replace("_", "-").replace(".", "-") for each in expected
         ]

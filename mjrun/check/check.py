@@ -42,6 +42,7 @@ T = TypeVar("T")
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 HEAD = 2**16  # bytes that must contain the start of the root of an XML file
+START = 2**10  # bytes that mostly do
 ROOTS = {"mujoco", "robot"}
 TEXT_ONLY = f"{option('fix')} changes the text of MJCF, not that of URDF, archives and compiled models"
 FRAGMENT = "mujocoinclude"  # the root of a file that other models include
@@ -510,5 +511,8 @@ def _head(path: Path) -> bytes:
 
 def _root_tag(head: bytes) -> str:
     tags: list[str] = []
-    scan(head, lambda tag, attributes, line: tags.append(tag))
-    return tags[0] if tags else ""
+    for text in (head[:START], head):
+        scan(text, lambda tag, attributes, line: tags.append(tag))
+        if tags:
+            return tags[0]
+    return ""

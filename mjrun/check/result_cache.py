@@ -1,26 +1,26 @@
 """Results of earlier checks, in the user's cache folder: a model is checked again only if something has changed.
 
 The name of an entry is a hash of everything that a result depends on: the content of all files that MuJoCo may open
-for the model, and which of them are missing; the settings; the versions of mjrun, MuJoCo and NumPy.
+for the model, and which of them are missing; the settings; the versions of mjrun, MuJoCo and NumPy. Another entry
+stores that name with the versions of these files, so that none is read again while all of them stay untouched.
 """
 
 import hashlib
 import json
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
+from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.confinement.confinement import confinement
-from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
-from mjrun.model.archive_paths import main_text
-from mjrun.model.referenced_files import places_of_files
-from mjrun.suffixes import ARCHIVES
+from mjrun.formats.user_cache import FileDigests, UserCache, file_version, is_settled, program_facts
 
 LIMITS = {"timeout", "memory"}  # of a task, which do not affect a result that is complete
 DISTURBED = {rule.code for rule in (CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT)}  # may differ the next time
+OF_FOLDERS = {MISSING_MODEL.code, "MJ107"}  # whose remedies name other files, which may come and go
 
 Messages = Sequence[Mapping[str, Any]]
 
@@ -43,18 +43,29 @@ class ResultCache:
         """Returns the name of the entry for a check; empty if the result depends on more than files and settings."""
         if confinement() is not None or task.reader:  # tasks run code
             return ""
-        path = Path(task.path)
-        text, main = main_text(path)
-        files = places_of_files(path, text, main)
+        settings = {name: value for name, value in vars(task).items() if name not in LIMITS}
+        facts = [program_facts(), self._versions, str(Path.cwd()), settings]
+        untouched = self.entries.read(_digest(facts))
+        if untouched and all(file_version(place) == version for place, version in untouched["files"].items()):
+            return untouched["key"]
+        since, states = time.time_ns(), self._states(task.path)
+        if not states:
+            return ""
+        key, versions = _digest([*facts, states]), {place: file_version(place) for place in states}
+        if all(version is None or is_settled(version, since) for version in versions.values()):
+            self.entries.write(_digest(facts), {"key": key, "files": versions})
+        return key
+
+    def _states(self, model: str) -> dict[str, str]:
+        """Returns the digests of all files that MuJoCo may open for a model; none if it may open others."""
+        from mjrun.model.archive_paths import main_text
+        from mjrun.model.referenced_files import places_of_files  # slow to import
+
+        path = Path(model)
+        files = places_of_files(path, *main_text(path))
         if files is None:
-            return ""
-        states = {place: self._digests.of(place) for places in files for place in places}
-        # A remedy for a missing file names others, which may come and go.
-        if path.suffix not in ARCHIVES and not all(any(states[place] for place in places) for places in files):
-            return ""
-        settings = {name: value for name, value in asdict(task).items() if name not in LIMITS}
-        facts = [program_facts(), self._versions, str(Path.cwd()), settings, self._digests.of(task.path), states]
-        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+            return {}
+        return {place: self._digests.of(place) for place in (model, *chain.from_iterable(files))}
 
     def read(self, key: str) -> Messages | None:
         """Returns the messages of an earlier check; None without one."""
@@ -63,8 +74,12 @@ class ResultCache:
     def write(self, key: str, task: WorkerTask, messages: Messages) -> None:
         """Stores the messages of a check that is complete, unless its files have changed since it began."""
         codes = {message["finding"]["code"] for message in messages if "finding" in message}
-        is_complete = any("done" in message for message in messages) and not codes & DISTURBED
+        is_complete = any("done" in message for message in messages) and not codes & (DISTURBED | OF_FOLDERS)
         if not key or not is_complete or self.key(task) != key:
             return
         kept = [message for message in messages if message.keys().isdisjoint({"pid", "stage"})]
         self.entries.write(key, kept)
+
+
+def _digest(facts: object) -> str:
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()

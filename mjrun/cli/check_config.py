@@ -1,7 +1,6 @@
 """Defaults of `mjrun check` in mjrun.toml and pyproject.toml."""
 
 import os
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -45,6 +44,8 @@ def _nearest() -> Iterator[Path]:
 
 def _section(path: Path) -> Mapping[str, object] | None:
     """Returns the section with options of check; None if the file has none."""
+    import tomllib  # slow to import, and most folders have no such file
+
     with opened(path, "configuration", TOML) as file:
         text = file.read(LARGEST)
     try:

@@ -8,7 +8,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from mjrun.version import __version__
 VARIABLE = "MJRUN_CACHE"  # the environment variable with the folder, in place of the user's cache folder
 LARGEST = 2**26  # bytes of all entries; the oldest are removed
 FRESH = 86400  # [s] for which the use of an entry is not recorded again
+COARSEST_TIME = 2 * 10**9  # [ns] between the times that a file system distinguishes, as FAT
 PACKAGE = Path(__file__).parents[1]
 
 
@@ -80,17 +81,38 @@ class FileDigests:
 
     def of(self, place: str) -> str:
         """Returns the SHA-256 of a regular file; an empty text if it is missing."""
-        try:
-            status = os.stat(place)  # noqa: PTH116 – of thousands; pathlib takes longer
-            if not stat.S_ISREG(status.st_mode):
-                return ""
-            version = (place, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
-            if version not in self._digests:
-                with open(place, "rb") as file:  # noqa: PTH123
-                    self._digests[version] = hashlib.file_digest(file, "sha256").hexdigest()
-        except (OSError, ValueError):
+        since, version = time.time_ns(), file_version(place)
+        if version is None:
             return ""
-        return self._digests[version]
+        digest = self._digests.get((place, *version))
+        if digest is None:
+            try:
+                with open(place, "rb") as file:  # noqa: PTH123 – of thousands; pathlib takes longer
+                    digest = hashlib.file_digest(file, "sha256").hexdigest()
+            except OSError:
+                return ""
+            if is_settled(version, since):
+                self._digests[place, *version] = digest
+        return digest
+
+
+def file_version(place: str) -> list[int] | None:
+    """Returns numbers that differ once a regular file is replaced, or written after it was settled; None without it."""
+    try:
+        status = os.stat(place)  # noqa: PTH116
+    except (OSError, ValueError):
+        return None
+    if not stat.S_ISREG(status.st_mode):
+        return None
+    return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns]
+
+
+def is_settled(version: Sequence[int], since: int) -> bool:
+    """Returns whether a file changed so long before the time `since` [ns] that each later change has another time.
+
+    Nobody can set the time of a change back; Windows does not record it.
+    """
+    return os.name == "posix" and max(version[-2:]) < since - COARSEST_TIME
 
 
 @cache

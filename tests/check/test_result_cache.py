@@ -1,5 +1,7 @@
 """Theorems about stored results: what is stored is what a new check finds, whatever changes in between."""
 
+import os
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +13,8 @@ from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.process_failures import TIMEOUT
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
-from mjrun.formats.user_cache import VARIABLE
+from mjrun.formats import user_cache
+from mjrun.formats.user_cache import VARIABLE, FileDigests
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
 
 DONE = ({"loaded": True}, {"done": True})
@@ -80,14 +83,70 @@ def test_a_file_that_appears_where_mujoco_looks_first_changes_the_key() -> None:
     assert key() not in ("", before)
 
 
-def test_a_model_without_one_of_its_files_is_not_stored() -> None:
+def test_a_finding_about_a_missing_file_is_not_stored_as_it_names_others() -> None:
     write("a.xml", mjcf(before='<asset><mesh name="b" file="b.obj"/></asset>'))
-    assert key() == ""
-    write("b.obj", MESH)
-    assert key()
+    (finding,) = checked("a.xml").models[0].findings
+    write("bb.obj", MESH)
+    (other,) = checked("a.xml").models[0].findings
+    assert (finding.code, other.code) == ("MJ107", "MJ107")
+    assert finding.remedy != other.remedy
+
+
+def test_a_model_whose_plugins_may_read_any_file_is_not_stored() -> None:
     for plugin, is_stored in (("mujoco.elasticity.cable", True), ("acme.reader", False)):
         write("a.xml", mjcf(before=f'<extension><plugin plugin="{plugin}"/></extension>'))
         assert bool(key()) is is_stored
+
+
+def change_a_byte(file: str) -> None:
+    """Changes a byte of a file, and sets its time back."""
+    before = Path(file).stat().st_mtime_ns
+    write(file, Path(file).read_text().replace("\n", " ", 1))
+    os.utime(file, ns=(before, before))
+
+
+def replace_by_another_file() -> None:
+    write("new.obj", f"{MESH} ")
+    Path("new.obj").replace("b.obj")
+
+
+def lead_to_another_folder() -> None:
+    Path("link").unlink()
+    Path("link").symlink_to("other")
+
+
+CHANGES = {
+    "byte": lambda: change_a_byte("b.obj"),
+    "model": lambda: change_a_byte("a.xml"),
+    "file": replace_by_another_file,
+    "link": lead_to_another_folder,
+    "removed": lambda: Path("b.obj").unlink(),
+    "added": lambda: write("meshes/b.obj", MESH),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("is_settled", [True, False])
+def test_untouched_files_are_not_read_again_and_no_change_is_missed(
+    monkeypatch: pytest.MonkeyPatch, change: str, is_settled: bool
+) -> None:
+    for folder in ("meshes", "parts", "other"):
+        Path(folder).mkdir()
+    Path("link").symlink_to("parts")
+    write("b.obj", MESH)
+    write("parts/c.obj", MESH)
+    write("other/c.obj", f"{MESH} ")
+    assets = '<mesh name="b" file="b.obj"/><mesh name="c" file="link/c.obj"/>'
+    write("a.xml", mjcf(before=f'<compiler meshdir="meshes"/><asset>{assets}</asset>'))
+    if is_settled:
+        monkeypatch.setattr(user_cache, "COARSEST_TIME", 0)
+        time.sleep(0.02)  # longer than a tick of the system's clock
+    before = key()
+    with monkeypatch.context() as patch:
+        patch.setattr(FileDigests, "of", lambda self, place: "read")
+        assert (key() == before) is is_settled
+    CHANGES[change]()
+    assert key() != before
 
 
 @pytest.mark.parametrize("change", [{"codes": ["MJ301"]}, {"steps": 1}, {"path": "./a.xml"}])
