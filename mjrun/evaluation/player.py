@@ -287,7 +287,8 @@ class MeasuringPlayer(EpisodePlayer):
         self._columns = metric_columns(self._metrics)
 
     def metric_units(self) -> Mapping[str, str]:
-        return metric_units(self._named_metrics, self._metrics, column_units(self._model, self._episode_columns))
+        columns = column_units(self._model, metric_columns(self._metrics), self._episode_columns)
+        return metric_units(self._named_metrics, self._metrics, columns)
 
     def first_action(self, seed: int) -> np.ndarray:
         return self._player.first_action(seed)

@@ -1,7 +1,7 @@
 """Tables of results with a row for each point or episode; metrics, and requirements on tables."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -257,9 +257,10 @@ def written_units(metrics: Sequence[tuple[str, str]]) -> dict[str, str]:
     return {name: unit for name, unit in map(split_unit, dict(metrics)) if unit is not None}
 
 
-def column_units(model: mujoco.MjModel, episode: EpisodeColumns | None = None) -> dict[str, str]:
-    """Returns the units of the columns of a trace, by name."""
-    return {"time": "s"} | {each.name: each.unit for each in available_columns(model, episode)}
+def column_units(model: mujoco.MjModel, names: Iterable[str], episode: EpisodeColumns | None = None) -> dict[str, str]:
+    """Returns the units of those of `names` that are columns of a trace, and of others."""
+    groups = {name.partition("/")[0] for name in names}
+    return {TIME: "s"} | {each.name: each.unit for each in available_columns(model, episode, groups)}
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[str]:

@@ -4,6 +4,7 @@ The meaning of a field, and the kind of object that indexes it, are read from Mu
 """
 
 import copy
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -112,7 +113,7 @@ def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
 
 def offered(model: mujoco.MjModel) -> list[str]:
     """Returns the fields that have columns in `model`."""
-    return [name for name in extents() if np.prod(_shape(model, name))]
+    return [name for name in extents() if math.prod(_shape(model, name))]
 
 
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
@@ -231,7 +232,7 @@ def _of_activations(model: mujoco.MjModel, group: str, meaning: str) -> Iterator
 def _of_objects(model: mujoco.MjModel, field: str, group: str, meaning: str) -> Iterator[Column]:
     shape = _shape(model, field)
     kind, objects = _objects(model, str(extents()[field][0][0]), shape[0])
-    width = int(np.prod(shape[1:]))
+    width = math.prod(shape[1:])
     parts = SPATIAL.get(field) or COMPONENTS.get(width, tuple(map(str, range(width))))
     for name, index in objects:
         for part in ("",) if len(shape) == 1 else parts:

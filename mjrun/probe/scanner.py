@@ -110,12 +110,24 @@ class Vocabulary:
     has_texts: bool = False
 
     def __init__(self, columns: Mapping[str, str] | Sequence[str]) -> None:
-        self.names = tuple(columns)
-        self._columns = columns if isinstance(columns, Mapping) else {name: name for name in columns}
+        self._given = columns
+
+    @cached_property
+    def columns(self) -> Mapping[str, str]:
+        """The columns by every name."""
+        return self._given if isinstance(self._given, Mapping) else {name: name for name in self._given}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.columns)
 
     @property
     def groups(self) -> frozenset[str]:
         return frozenset()
+
+    def is_group(self, name: str) -> bool:
+        """Returns whether `name` is one of `groups`."""
+        return name in self.groups
 
     @cached_property
     def bare(self) -> frozenset[str]:
@@ -123,17 +135,21 @@ class Vocabulary:
         return frozenset(filter(is_bare, self.names))
 
     @cached_property
-    def lengths(self) -> Sequence[int]:
+    def _lengths(self) -> Sequence[int]:
         """The lengths of these names, the longest first."""
         return sorted(set(map(len, self.bare)), reverse=True)
 
+    def ends(self, text: str, start: int) -> Iterator[int]:
+        """Yields the ends of the names without quotes at `start` of a text, the longest first."""
+        return (start + length for length in self._lengths if text[start : start + length] in self.bare)
+
     def column(self, name: str) -> str | None:
         """Returns the column of the table that is called `name`; None if none is."""
-        return self._columns.get(name)
+        return self.columns.get(name)
 
     def matching(self, pattern: str) -> tuple[str, ...]:
         """Returns the columns that match a name with wildcards; by other names only if none matches by its own."""
-        matches = {name: self._columns[name] for name in self.names if fnmatchcase(name, pattern)}
+        matches = {name: column for name, column in self.columns.items() if fnmatchcase(name, pattern)}
         own = [column for name, column in matches.items() if name == column]
         return tuple(dict.fromkeys(own or matches.values()))
 
@@ -161,8 +177,6 @@ class Scanner:
         self.source = source
         self.text = source.text
         self.vocabulary = vocabulary
-        self.bare = vocabulary.bare
-        self.lengths = vocabulary.lengths
 
     def token(self, position: int) -> Token:
         """Returns the token at or after `position`."""
@@ -203,9 +217,7 @@ class Scanner:
         name = _NAME.match(self.text, start)
         if name and name[0].startswith(self.vocabulary.beginnings):
             yield from range(name.end(), start, -1)
-        for length in self.lengths:
-            if self.text[start : start + length] in self.bare:
-                yield start + length
+        yield from self.vocabulary.ends(self.text, start)
 
     def _word(self, start: int) -> Token | None:
         """Returns the word of the language at `start`; None if it is only the beginning of a longer name."""
@@ -241,7 +253,7 @@ class Scanner:
     def _opening(self, start: int) -> Token | None:
         """Returns the name of a group that is called at `start`, up to its parenthesis."""
         opening = _OPENING.match(self.text, start)
-        if not opening or opening[1] in (*_CALLED, *KEYWORDS) or opening[1] not in self.vocabulary.groups:
+        if not opening or opening[1] in (*_CALLED, *KEYWORDS) or not self.vocabulary.is_group(opening[1]):
             return None
         return Token("group", opening[1], start, opening.end())
 

@@ -1,7 +1,7 @@
 """Selection of probes by name, object and wildcard."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from fnmatch import fnmatchcase
 
 import mujoco
@@ -92,12 +92,17 @@ def split(text: str) -> list[str]:
     return [part for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
 
 
-def available_columns(model: mujoco.MjModel, episode: EpisodeColumns | None = None) -> list[Column]:
-    """Returns every column that can be measured, except contacts between two objects: there are too many pairs."""
-    groups = [name for name in DERIVED if name != "energy"]
-    fields = [name for name in offered(model) if name != "sensordata"]
-    everything = [_whole(model, None, name) for name in (*PROBES, *groups, *fields) if name not in ("contact",)]
-    by_name = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
+def available_columns(
+    model: mujoco.MjModel, episode: EpisodeColumns | None = None, groups: Container[str] | None = None
+) -> list[Column]:
+    """Returns every column that can be measured, except contacts between two objects: there are too many pairs.
+
+    Args:
+      groups: groups of the columns, the beginnings of their names; by default all. Columns of episodes belong to none.
+    """
+    names = [name for name in (*PROBES, *DERIVED, *offered(model)) if name not in (PAIRS, *ALIASES.values())]
+    chosen = [name for name in dict.fromkeys([*names, PAIRS]) if groups is None or name in groups]
+    by_name = {column.name: column for name in chosen for column in _whole(model, None, name).columns}
     return [*by_name.values(), *(episode.columns if episode else ())]
 
 
@@ -108,12 +113,16 @@ def selected_columns(
     return [column for probe in select(model, probe_names, episode) for column in probe.columns]
 
 
-def aliases(model: mujoco.MjModel) -> dict[str, str]:
-    """Returns the other names of columns of `model`, such as `xpos/skin/z` of a geom, with the columns' own names."""
+def aliases(model: mujoco.MjModel, groups: Container[str] | None = None) -> dict[str, str]:
+    """Returns the other names of columns of `model`, such as `xpos/skin/z` of a geom, with the columns' own names.
+
+    Args:
+      groups: groups of the other names, by default all.
+    """
     others = {**FALLBACKS, **{field: (name,) for name, field in ALIASES.items()}}
     aliases_by_name: dict[str, str] = {}
-    for group, candidates in others.items():
-        columns = [column.name for candidate in candidates for column in _whole(model, None, candidate).columns]
+    for group in [group for group in others if groups is None or group in groups]:
+        columns = [column.name for candidate in others[group] for column in _whole(model, None, candidate).columns]
         for column in columns:  # the first of a name counts
             aliases_by_name.setdefault(f"{group}/{column.partition('/')[2]}", column)
     return aliases_by_name

@@ -1,7 +1,8 @@
 """Names in expressions over models and tables, and the columns of `xpos(top).z` and `contact(ball, floor)`."""
 
+import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 import mujoco
@@ -10,30 +11,58 @@ from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, q
 from mjrun.probe.contacts import identify_party, pair
 from mjrun.probe.episode_columns import EPISODE_GROUPS, no_episode
 from mjrun.probe.scanner import ProbeReference, SourceText, Token, Vocabulary, spelled
-from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
+from mjrun.probe.select import PAIRS, TIME, aliases, available_columns, object_of
+
+_GROUP = re.compile(r"(\w+)/")  # at the beginning of a name
 
 
 class AvailableProbes(Vocabulary):
-    """Every column that can be measured of `model`, by each of its names, `time`, and `others`."""
+    """Every column that can be measured of `model`, by each of its names, `time`, and `others`.
+
+    The columns of a group are listed when a name of it is looked up: those of all take a while.
+    """
 
     beginnings = (f"{PAIRS}/",)
 
     def __init__(self, model: mujoco.MjModel, others: Iterable[str] = ()) -> None:
-        own = {column.name: column.name for column in available_columns(model)} | {name: name for name in others}
+        self._model, self._others = model, tuple(others)
+        self._parts: dict[str, Vocabulary] = {}
+
+    @cached_property
+    def columns(self) -> Mapping[str, str]:
+        own = {column.name: column.name for column in available_columns(self._model)}
+        own |= {name: name for name in self._others}
         # A column's own name comes first in lists, and is never another's alias.
-        super().__init__({"time": "time", **own, **aliases(model), **own})
-        self._groups = frozenset(name.partition("/")[0] for name in self.names) - {"time"}
-        self._model = model
+        return {TIME: TIME, **own, **aliases(self._model), **own}
 
     @property
     def groups(self) -> frozenset[str]:
-        return self._groups
+        return frozenset(name.partition("/")[0] for name in self.names) - {TIME}
+
+    def is_group(self, name: str) -> bool:
+        return name != TIME and (name in self._part("").names or bool(self._part(name).names))
+
+    def ends(self, text: str, start: int) -> Iterator[int]:
+        if group := _GROUP.match(text, start):
+            yield from self._part(group[1]).ends(text, start)
+        yield from self._part("").ends(text, start)
 
     def column(self, name: str) -> str | None:
-        column_name = super().column(name)
+        column_name = self._listed(name)
         if column_name is None and name.startswith(self.beginnings):
             return None if self._unpaired(name) else name
         return column_name
+
+    def _listed(self, name: str) -> str | None:
+        return self._part(_group(name)).column(name)
+
+    def _part(self, group: str) -> Vocabulary:
+        """Returns the columns of a group; those without one if it is empty."""
+        if group not in self._parts:
+            own = [column.name for column in available_columns(self._model, groups={group})]
+            own += [name for name in (TIME, *self._others) if _group(name) == group]
+            self._parts[group] = Vocabulary(aliases(self._model, {group}) | {name: name for name in own})
+        return self._parts[group]
 
     def is_count(self, column: str) -> bool:
         return column.startswith(self.beginnings)
@@ -54,7 +83,7 @@ class AvailableProbes(Vocabulary):
             valid = "two" if group.text == PAIRS else "one"
             raise source.fault(group.start, f"{group.text} of {len(objects)} objects", f"{group.text} of {valid}")
         name = "/".join([group.text, *(token.text for token in objects)])
-        column = super().column(name + component.text.replace(".", "/"))
+        column = self._listed(name + component.text.replace(".", "/"))
         if column is None:
             raise self._misread(accessor, source)
         return column
@@ -84,7 +113,7 @@ class AvailableProbes(Vocabulary):
         group, token, component = accessor.group, accessor.objects[0], accessor.component
         name = f"{group.text}/{token.text}"
         parts = [known.removeprefix(f"{name}/") for known in self.names if known.startswith(f"{name}/")]
-        if component.text and super().column(name) is not None:
+        if component.text and self._listed(name) is not None:
             return _plain(name, component, source)
         if component.text and parts:
             return source.unknown(component.start + 1, "component", component.text[1:], _dotted(parts))
@@ -103,11 +132,14 @@ class TraceVocabulary(Vocabulary):
 
     def __init__(self, columns: Sequence[str], model: mujoco.MjModel, others: Iterable[str] = ()) -> None:
         super().__init__(columns)
-        self._model, self._others = model, others
+        self._offer = AvailableProbes(model, others)
 
     @property
     def groups(self) -> frozenset[str]:
         return self._offer.groups
+
+    def is_group(self, name: str) -> bool:
+        return self._offer.is_group(name)
 
     def missing(self, name: str, position: int, source: SourceText) -> UsageError:
         column = self._offer.column(name)
@@ -123,10 +155,6 @@ class TraceVocabulary(Vocabulary):
         if self.column(column) is None:
             raise self.missing(column, accessor.group.start, source)
         return column
-
-    @cached_property
-    def _offer(self) -> AvailableProbes:
-        return AvailableProbes(self._model, self._others)  # every column of a large model takes a while
 
 
 class TableVocabulary(Vocabulary):
@@ -145,6 +173,12 @@ class TableVocabulary(Vocabulary):
         if self.column(name) is None:
             raise self.missing(name, accessor.group.start, source)
         return name
+
+
+def _group(name: str) -> str:
+    """Returns the group of a column; an empty text for `time` and others without one."""
+    group, slash, _ = name.partition("/")
+    return group if slash else ""
 
 
 def _plain(name: str, component: Token, source: SourceText) -> UsageError:

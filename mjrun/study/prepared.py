@@ -210,7 +210,8 @@ class PreparedStudy(PreparedPoints):
 
     def _units(self, written: Sequence[tuple[str, str]], metrics: Sequence[Metric]) -> Mapping[str, str]:
         episode = self.first.episode
-        columns = column_units(self.model, episode.columns if episode else None)
+        names = (*self.points.names, *metric_columns(metrics))
+        columns = column_units(self.model, names, episode.columns if episode else None)
         return parameter_units(self.points.names, columns, self.model) | metric_units(written, metrics, columns)
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.probe.assertion import parse
+from mjrun.probe.scanner import is_bare
 from mjrun.probe.select import select
-from mjrun.probe.vocabularies import TraceVocabulary
+from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -85,3 +86,17 @@ def test_what_is_not_there_is_reported_as_ever(text: str, message: str) -> None:
     with pytest.raises(UsageError) as caught:
         parse(text, TraceVocabulary(MEASURED, MODEL))
     assert message in str(caught.value)
+
+
+def test_names_looked_up_one_by_one_are_those_of_the_whole_list() -> None:
+    listed = AvailableProbes(MODEL, ["obs/a b", "return"]).columns
+    assert {*listed} >= {"time", "return", "obs/a b", "xpos/skin/z", "contact/ncon"}
+    single = AvailableProbes(MODEL, ["obs/a b", "return"])
+    assert {name: single.column(name) for name in listed} == listed
+    for name in filter(is_bare, listed):
+        assert name in {f"{name} > 1"[:end] for end in single.ends(f"{name} > 1", 0)}
+    assert {name for name in {"time", "none", *map(first_word, listed)} if single.is_group(name)} == single.groups
+
+
+def first_word(name: str) -> str:
+    return name.partition("/")[0]
