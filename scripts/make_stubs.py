@@ -18,9 +18,9 @@ from typing import Any, ForwardRef, Union, get_args, get_origin
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
-from mjrun.options.kinds import AnyKind, CameraKind, Choice, Kind, Optional, Several
+from mjrun.options.kinds import AnyKind, CameraKind, Choice, Kind, Several
 from mjrun.options.number_kinds import Instant, Processes
-from mjrun.options.option import Options, options_of
+from mjrun.options.option import Option, Options, options_of
 from mjrun.options.policy import PolicyKind
 from mjrun.options.structured_kinds import OneOf
 from mjrun.python_help import FUNCTIONS, options_of_name
@@ -62,8 +62,6 @@ ACCEPTED: dict[type[AnyKind], str] = {
 def accepted(kind: AnyKind) -> str:
     """Returns the type of the values that a kind accepts."""
     match kind:
-        case Optional():
-            return f"{accepted(kind.each)} | None"
         case Several():
             each = accepted(kind.each)
             return f"{each} | Sequence[{each}]"
@@ -73,6 +71,12 @@ def accepted(kind: AnyKind) -> str:
             return ACCEPTED[type(kind)]
     bases = [base for home in type(kind).__mro__ for base in vars(home).get("__orig_bases__", ())]
     return written(next(get_args(base)[0] for base in bases if get_origin(base) in (Kind, OneOf)))
+
+
+def accepted_by(option: Option) -> str:
+    """Returns the type of the values that an option accepts."""
+    values = accepted(option.kind)
+    return f"{values} | None" if option.default is None and not values.endswith("None") else values
 
 
 def written(annotation: Any) -> str:
@@ -102,7 +106,7 @@ def class_stub(name: str, cls: type[Options]) -> str:
     positional, keywords = [], []
     for field in (field for field in dataclasses.fields(cls) if field.init and field.name not in INTERNAL):  # type: ignore[arg-type]
         option = declared.get(field.name)
-        kind = accepted(option.kind) if option else "_Simulation" if field.name == "simulation" else written(field.type)
+        kind = accepted_by(option) if option else "_Simulation" if field.name == "simulation" else written(field.type)
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         parameter = f"{field.name}: {kind}{'' if required else ' = ...'}"
         (keywords if field.kw_only else positional).append(parameter)
@@ -118,7 +122,7 @@ def documentation(value: object) -> str:
 def function_stub(name: str) -> str:
     """Returns a function of `mjrun.in_memory`, with the options that it takes as keywords."""
     function = getattr(mjrun, name)
-    options = [f"{option.attribute}: {accepted(option.kind)} = ..." for option in options_of_name(name)]
+    options = [f"{option.attribute}: {accepted_by(option)} = ..." for option in options_of_name(name)]
     first = [f"{each}: {ARGUMENTS[each]}" for each in inspect.signature(function).parameters if each != "options"]
     parameters = ", ".join([*first, "*", *options])
     made = str(inspect.signature(function).return_annotation).strip("'")

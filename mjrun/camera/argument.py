@@ -18,7 +18,7 @@ from mjrun.camera.setting_kinds import ObjectName
 from mjrun.camera.targets import Vector
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import identify, names
-from mjrun.options.kinds import AnyKind, Flag, Optional
+from mjrun.options.kinds import Flag
 from mjrun.options.number_kinds import Point
 from mjrun.options.option import options_of
 from mjrun.options.rendering import RIG_EXAMPLES
@@ -96,10 +96,6 @@ class _RigArgument:
         ramps = {key: self._value(key, texts[key], ease) for key in SHOT_SETTINGS if key in texts}
         return cast("Callable[..., Shot]", Shot)(self._rig(**values), **ramps)
 
-    def _kind(self, key: str) -> AnyKind:
-        kind = self._kinds[key]
-        return kind.each if isinstance(kind, Optional) else kind
-
     def _texts(self, parts: Sequence[str]) -> Mapping[str, str]:
         """Returns the texts of the values by key."""
         texts: dict[str, str] = {}
@@ -107,7 +103,7 @@ class _RigArgument:
             key, equals, value = part.partition("=")
             if key not in self.keys:
                 raise UnknownNameError("setting", key, self.keys, where=self._where)
-            if key != "ease" and isinstance(self._kind(key), Flag):
+            if key != "ease" and isinstance(self._kinds[key], Flag):
                 if equals or key in texts:
                     raise UsageError(f"{self._where}: write {key} once")
             elif not equals or not value or key in texts:
@@ -116,7 +112,7 @@ class _RigArgument:
         return texts
 
     def _value(self, key: str, text: str, ease: str) -> object:
-        kind = self._kind(key)
+        kind = self._kinds[key]
         if isinstance(kind, Flag):
             return True
         try:

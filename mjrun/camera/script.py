@@ -13,7 +13,7 @@ from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, near
-from mjrun.options.kinds import Choice, Optional, ReadingContext, Text
+from mjrun.options.kinds import Choice, ReadingContext, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real
 from mjrun.options.option import Options, document_key, located, option, options, required
 from mjrun.options.schema_validation import Path, Schema
@@ -76,7 +76,7 @@ class Event(Options):
         help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
-        converter=Optional(EventFallback()),
+        converter=optional(EventFallback()),
         default=None,
         key="else",
         kw_only=False,
@@ -150,26 +150,26 @@ class Shot(Options):
 
     rig: Rig = field(kw_only=False)
     until: Fraction | Event | None = option(
-        converter=Optional(InstantOrEvent()),
+        converter=optional(InstantOrEvent()),
         default=None,
         kw_only=False,
         help="End of the shot: a time of the simulation [s], or an event.",
     )
     lasting: Fraction | None = option(
-        converter=Optional(ExactNumber()),
+        converter=optional(ExactNumber()),
         default=None,
         key="duration",
         kw_only=False,
         help="Duration of the shot [s] in simulated time, instead of until.",
     )
     speed: Fraction | None = option(
-        converter=Optional(ExactNumber()),
+        converter=optional(ExactNumber()),
         default=None,
         kw_only=False,
         help="Simulated seconds per second of video: 0.5 is slow motion.",
     )
     blend: Blend | None = option(
-        converter=Optional(BlendKind()),
+        converter=optional(BlendKind()),
         default=None,
         kw_only=False,
         help="Transition from the previous shot: a shape, a width [s], or both; a cut if left out.",
@@ -178,19 +178,19 @@ class Shot(Options):
         converter=RampKind(), default=LEVEL, kw_only=False, help="Clockwise turn around the axis of view [deg]."
     )
     fovy: EasedNumber | None = option(
-        converter=Optional(RampKind("degrees")),
+        converter=optional(RampKind("degrees")),
         default=None,
         kw_only=False,
         help="Vertical field of view [deg], or its height [m] if orthographic; the model's if left out.",
     )
     shake: Shake | None = option(
-        converter=Optional(OptionsMapping(Shake, Shake, blank=True)),
+        converter=optional(OptionsMapping(Shake, Shake, blank=True)),
         default=None,
         kw_only=False,
         help="Shake of a hand-held camera.",
     )
     fit: FramedObject | None = option(
-        converter=Optional(FitKind()),
+        converter=optional(FitKind()),
         default=None,
         kw_only=False,
         help="Object to keep whole in the image by adjusting the distance.",
@@ -228,7 +228,7 @@ class CameraDocument(Options):
     """The camera's shots in a video, one after the other."""
 
     speed: Fraction | None = option(
-        converter=Optional(ExactNumber()),
+        converter=optional(ExactNumber()),
         default=None,
         help="Simulated seconds per second of video, for shots without a speed: 0.5 is slow motion.",
     )

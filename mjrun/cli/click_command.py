@@ -19,7 +19,7 @@ from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import DOCUMENT_FORMS, ConsoleOptions, OpenOptions
-from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
+from mjrun.options.kinds import AnyKind, Choice, Flag, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings
@@ -218,7 +218,7 @@ class DeclaredOption(click.Option):
 
     def __init__(self, declared: Option) -> None:
         self.declared = declared
-        kind, names = _given_kind(declared), [*declared.short, "/".join(flags(declared)), declared.name]
+        kind, names = declared.kind, [*declared.short, "/".join(flags(declared)), declared.name]
         if isinstance(kind, Flag):
             super().__init__(names, is_flag=True, default=None)
             return
@@ -234,7 +234,7 @@ class DeclaredOption(click.Option):
     def takes(self, text: str) -> bool:
         """Returns whether a text is a value of this option, perhaps a wrong one."""
         try:
-            _given_kind(self.declared).parse(text)
+            self.declared.kind.parse(text)
         except InvalidValueError:
             return "=" in text
         return True
@@ -258,7 +258,7 @@ class DeclaredOption(click.Option):
     def type_cast_value(self, ctx: click.Context, value: object) -> object:
         made = super().type_cast_value(ctx, value)
         if self.multiple:
-            return _gathered(_given_kind(self.declared), made) if made else None
+            return _gathered(self.declared.kind, made) if made else None
         return made
 
 
@@ -358,7 +358,7 @@ def _set_verbosity(console: Console, command_line: CommandLine) -> None:
 def flags(declared: Option) -> list[str]:
     """Returns the long spellings of an option: `--legend`, `--no-legend`."""
     long = flag(declared.name)
-    kind = _given_kind(declared)
+    kind = declared.kind
     negatable = isinstance(kind, Flag) and kind.negatable
     return [long, f"--no-{long[2:]}"] if negatable else [long]
 
@@ -376,12 +376,7 @@ def _help(declared: Option) -> str:
 
 def is_repeatable(declared: Option) -> bool:
     """Returns whether the command line accepts the option more than once."""
-    return isinstance(_given_kind(declared), Several | Settings | NamedNumbers | ColumnDefinitions)
-
-
-def _given_kind(declared: Option) -> AnyKind:
-    """Returns the kind of the value if it is given, without `Optional`."""
-    return declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
+    return isinstance(declared.kind, Several | Settings | NamedNumbers | ColumnDefinitions)
 
 
 def shown_default(declared: Option) -> str:

@@ -22,7 +22,7 @@ from mjrun.document.reader import read
 from mjrun.document.scalars import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
-from mjrun.options.kinds import AnyKind, Key, Optional, ReadingContext, Text
+from mjrun.options.kinds import AnyKind, Key, ReadingContext, Text, optional
 from mjrun.options.number_kinds import Integer, Point, Real, Vector
 from mjrun.options.option import Options, option, options
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP
@@ -108,23 +108,23 @@ class InlineGhost(Options):
 
     offset: Vector = option(converter=Point(), default=(0.0, 0.0, 0.0), help="Displacement of the ghost [m].")
     opacity: float | None = option(
-        converter=Optional(Real(above=0, most=1)), default=None, help="Opacity of the ghost; 1 is solid."
+        converter=optional(Real(above=0, most=1)), default=None, help="Opacity of the ghost; 1 is solid."
     )
     key: str | None = option(
-        converter=Optional(Key()), default=None, help="Keyframe that sets the pose of the ghost, by name or index."
+        converter=optional(Key()), default=None, help="Keyframe that sets the pose of the ghost, by name or index."
     )
     trace: str | None = option(
-        converter=Optional(Text()),
+        converter=optional(Text()),
         default=None,
         help="Table of positions that the ghost follows, relative to the folder of this document.",
     )
     map: str | None = option(
-        converter=Optional(Text()),
+        converter=optional(Text()),
         default=None,
         help="File of lines that define the columns of that table, instead of the map of the simulation; or none.",
     )
     recording: str | None = option(
-        converter=Optional(Text()),
+        converter=optional(Text()),
         default=None,
         help="Recording (.npz) that the ghost follows, relative to the folder of this document.",
     )

@@ -11,7 +11,7 @@ from mjrun.document.scalars import exact, meaning, number
 from mjrun.document.tree import Mapped, Plain
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
-from mjrun.options.kinds import AnyKind, File, Optional
+from mjrun.options.kinds import AnyKind, File
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
 from mjrun.options.schema_validation import InvalidValueError
@@ -77,20 +77,18 @@ def plain_options(values: Options) -> Mapped:
 
 def _refused(each: Option, value: object) -> bool:
     """Raises UsageError for code, and for outputs that no document may write."""
-    kind = each.kind.each if isinstance(each.kind, Optional) else each.kind
-    if isinstance(kind, PolicyKind) and not (isinstance(value, str) and not is_code(value)):
+    if isinstance(each.kind, PolicyKind) and not (isinstance(value, str) and not is_code(value)):
         raise UsageError(f"{option(each.name)}: a document cannot contain code; give it on the command line")
-    if isinstance(kind, File) and kind.written and (reason := refusal(str(value))):
+    if isinstance(each.kind, File) and each.kind.written and (reason := refusal(str(value))):
         raise UsageError(f"{reason}; give a path relative to a folder", path=(each.name,))
     return False
 
 
 def plain_value(kind: AnyKind, value: object) -> Plain:
     """Returns `value` in its document form."""
-    whole = kind.each if isinstance(kind, Optional) else kind
-    if isinstance(whole, Settings):
+    if isinstance(kind, Settings):
         return _settings(cast("Sequence[tuple[str, str]]", value))
-    return _written(whole.plain(value))
+    return _written(kind.plain(value))
 
 
 def _written(value: object) -> Plain:

@@ -19,7 +19,7 @@ from mjrun.experiment.point_conditions import chosen, parameter_names, with_cond
 from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
-from mjrun.options.kinds import AnyKind, Optional
+from mjrun.options.kinds import AnyKind
 from mjrun.options.number_kinds import Integer
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
@@ -263,9 +263,7 @@ def _decimal(value: Fraction) -> str:
 
 def is_whole(name: str) -> bool:
     """Returns whether a parameter takes whole numbers, such as `seed`."""
-    kind = simulation_kinds().get(name)
-    kind = kind.each if isinstance(kind, Optional) else kind
-    return isinstance(kind, Integer)
+    return isinstance(simulation_kinds().get(name), Integer)
 
 
 @cache

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Key, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Key, Several, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Percent, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
@@ -22,7 +22,7 @@ class StepTimingOptions(Options):
 
     budget: Fraction = option(converter=ExactNumber("SECONDS"), default=3, help="Approximate wall time to spend [s].")
     repeats: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="7 to 50",
         help="Number of times to repeat each rollout.",
@@ -45,13 +45,13 @@ class StepTimingOptions(Options):
         help="Add the energy drift, and the distance from a run with a smaller timestep.",
     )
     horizon: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="1",
         help="Simulated time after which accuracy is measured [s].",
     )
     reference: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="an eighth of the smallest",
         help="Timestep of the run against which accuracy is measured [s].",
@@ -74,25 +74,25 @@ class EngineOptions(Options):
         "precision and requires the extra warp.",
     )
     worlds: int | None = option(
-        converter=Optional(Integer(1, 2**20)),
+        converter=optional(Integer(1, 2**20)),
         default=None,
         usual="4096 on a GPU, 8 on a CPU",
         help="Number of worlds that Warp steps at once.",
     )
     device: str | None = option(
-        converter=Optional(Text("cpu|cuda:N")),
+        converter=optional(Text("cpu|cuda:N")),
         default=None,
         usual="the first GPU, or cpu",
         help="Warp device: cpu or cuda:N.",
     )
     nconmax: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="chosen by MuJoCo Warp",
         help="Maximum number of contacts per Warp world.",
     )
     njmax: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="chosen by MuJoCo Warp",
         help="Maximum number of constraints per Warp world.",
@@ -106,13 +106,13 @@ class RolloutOptions(Options):
     section: ClassVar[str] = "Simulation"
 
     key: str | None = option(
-        converter=Optional(Key()),
+        converter=optional(Key()),
         default=None,
         usual="test, if it exists",
         help="Keyframe to start from, by name or index.",
     )
     steps: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="10000, or what the budget allows",
         short="--nstep",
@@ -142,7 +142,7 @@ class FrameTimingOptions(BackendOptions):
         converter=Several(Size()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
     )
     camera: str | None = option(
-        converter=Optional(Text("SPEC")), default=None, usual="free", help="Camera, as for mjrun video."
+        converter=optional(Text("SPEC")), default=None, usual="free", help="Camera, as for mjrun video."
     )
     view: tuple[str, ...] = option(
         converter=Several(Choice(VIEWS)), default=(), usual="rgb", help="Kind of image: colour, depth or segmentation."
@@ -162,11 +162,11 @@ class BaselineOptions(Options):
     section: ClassVar[str] = "Report"
 
     save: str | None = option(
-        converter=Optional(File(written=True)), default=None, help="Save the result as a baseline."
+        converter=optional(File(written=True)), default=None, help="Save the result as a baseline."
     )
-    compare: str | None = option(converter=Optional(File()), default=None, help="Compare with a saved baseline.")
+    compare: str | None = option(converter=optional(File()), default=None, help="Compare with a saved baseline.")
     fail_above: float | None = option(
-        converter=Optional(Percent()),
+        converter=optional(Percent()),
         default=None,
         help="Exit with code 1 if the result is certainly more than this much slower than the baseline, such as "
         "10%, or if the simulation became unstable. A slowdown whose confidence interval contains the limit "
@@ -182,26 +182,24 @@ class BenchReportOptions(Options):
     """Formats of the report."""
 
     section: ClassVar[str] = "Report"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("csv", "markdown"), "both print to standard output"),)
 
     csv: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print a CSV table instead, one line per combination of settings.",
     )
-    markdown: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print Markdown instead.")
+    markdown: bool = option(converter=Flag(), default=False, help="Print Markdown instead.")
     summary: str | None = option(
-        converter=Optional(File("[FILE]", written=True)),
+        converter=optional(File("[FILE]", written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         flag_value=SUMMARY,
         help="Also append the report as Markdown to a file; without a name, to the file in $GITHUB_STEP_SUMMARY.",
     )
     html: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Self-contained page (.html) with the report and how it was measured.",
     )
 

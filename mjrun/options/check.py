@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Several, Text, optional
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.setting_kinds import Settings
@@ -50,7 +50,7 @@ class CheckOptions(Options):
         help="Exit with code 1 if a finding has at least this severity.",
     )
     baseline: str | None = option(
-        converter=Optional(File()),
+        converter=optional(File()),
         default=None,
         usual="none",
         help="Report only findings that are not in this file of known findings; their lines and numbers may change.",
@@ -61,7 +61,7 @@ class CheckOptions(Options):
         help="Create or replace the baseline with the present findings.",
     )
     changed_since: str | None = option(
-        converter=Optional(Text("REF")),
+        converter=optional(Text("REF")),
         default=None,
         usual="all models",
         help="Check only models of which a file, an include or an asset is changed or new in git since the branch "
@@ -109,63 +109,53 @@ class CheckReportOptions(Options):
     """Formats of the report, and the source of defaults."""
 
     section: ClassVar[str] = "Check"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     config: str | None = option(
-        converter=Optional(File()),
+        converter=optional(File()),
         default=None,
         usual="the nearest mjrun.toml or pyproject.toml with such a section",
-        places=FrontEnd.COMMAND,
         help="TOML file with defaults of these options, in its section [check] or [tool.mjrun.check].",
     )
-    list_: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all rules by topic and exit."
-    )
+    list_: bool = option(converter=Flag(), default=False, help="List all rules by topic and exit.")
     explain: str = option(
         converter=Text("CODE"),
         default="",
-        places=FrontEnd.COMMAND,
         help="Explain a rule and exit: what it finds, why it matters, what to do, and an example.",
     )
     diff: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print what --fix would change as a unified diff, and exit with code 1 if anything.",
     )
     scan: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print a line per model instead of the findings, worst first, and skip other XML files: for folders of "
         "thousands of models. A scan that was interrupted continues.",
     )
     table: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Table with a row per finding, worst models first: .csv, .parquet or another format.",
     )
     html: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Self-contained page (.html) with all findings, fixes, and pictures of the bodies and contacts at fault.",
     )
     json_lines: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print a JSON object per model to stdout when its check ends.",
     )
     statistics: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print the number of findings of each rule instead of the findings.",
     )
     sarif: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print one SARIF 2.1.0 document to stdout, for code scanning.",
     )

@@ -11,11 +11,11 @@ class OpenOptions(Options):
     """Use of the files that a command has made."""
 
     section: ClassVar[str] = "Output"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     open: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Open the page, video or image that was made.",
     )
 
@@ -25,11 +25,11 @@ class DocumentFormOptions(Options):
     """Forms of the one document that replaces prose; each is written by its entry in `mjrun.cli.console`."""
 
     section: ClassVar[str] = "Messages"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     json: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print one JSON document to stdout instead of prose.",
     )
 
@@ -42,17 +42,13 @@ class ConsoleOptions(DocumentFormOptions):
     """Form and amount of what a command prints."""
 
     section: ClassVar[str] = "Messages"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
-    quiet: bool = option(
-        converter=Flag(), default=False, short="-q", places=FrontEnd.COMMAND, help="Print only results and errors."
-    )
+    quiet: bool = option(converter=Flag(), default=False, short="-q", help="Print only results and errors.")
     verbose: bool = option(
         converter=Flag(),
         default=False,
         short="-v",
-        places=FrontEnd.COMMAND,
         help="Print more details, such as timings.",
     )
-    debug: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print a traceback with every error."
-    )
+    debug: bool = option(converter=Flag(), default=False, help="Print a traceback with every error.")

@@ -4,9 +4,9 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Kind, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Kind, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Size
-from mjrun.options.option import Exclusion, option, options, required
+from mjrun.options.option import option, options, required
 from mjrun.options.rendering import GEOMS, STAGE, RendererOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.sweep import VariationOptions
@@ -92,7 +92,7 @@ class LabelOptions(RendererOptions):
         "the sky that a model lacks.",
     )
     geoms: str | None = option(
-        converter=Optional(Choice(GEOMS)),
+        converter=optional(Choice(GEOMS)),
         default=None,
         usual="visual where both have about the same place",
         help="Geoms to show of bodies that have some for looks and others for collisions.",
@@ -108,7 +108,6 @@ class DatasetOptions(LabelOptions, VariationOptions):
     """
 
     section: ClassVar[str] = "Dataset"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     simulation: object = field(kw_only=False)
     output: str = required(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional, Several, Text
+from mjrun.options.kinds import File, Flag, Several, Text, optional
 from mjrun.options.number_kinds import Numbers, Percent, Real
 from mjrun.options.option import Options, option, options
 from mjrun.options.report import PageOptions
@@ -75,7 +75,7 @@ class TableDiffOptions(ToleranceOptions):
         help="Compare only these columns, by name or wildcard, such as 'qpos/*'.",
     )
     align: str | None = option(
-        converter=Optional(Text("time|row|COLUMN[,COLUMN]...")),
+        converter=optional(Text("time|row|COLUMN[,COLUMN]...")),
         default=None,
         usual="time, if both have it",
         help="How rows are paired: time pairs rows with equal times, row pairs rows with equal numbers, and column"
@@ -89,7 +89,7 @@ class TableDiffOptions(ToleranceOptions):
         "differences.",
     )
     model: str | None = option(
-        converter=Optional(File("MODEL")),
+        converter=optional(File("MODEL")),
         default=None,
         help="Model of the two recordings, so that the report can name joints.",
     )
@@ -102,26 +102,26 @@ class PictureDiffOptions(Options):
     section: ClassVar[str] = "Videos and images"
 
     min_psnr: float | None = option(
-        converter=Optional(Real(metavar="DB")),
+        converter=optional(Real(metavar="DB")),
         default=None,
         usual="exact",
         help="Lowest peak signal-to-noise ratio at which frames count as equal [dB]; 40 is visually identical.",
     )
     min_ssim: float | None = option(
-        converter=Optional(Real(least=-1.0, most=1, metavar="SSIM")),
+        converter=optional(Real(least=-1.0, most=1, metavar="SSIM")),
         default=None,
         usual="exact",
         help="Lowest structural similarity (SSIM) at which frames count as equal; 0.98 is visually identical. "
         "Requires the extra diff.",
     )
     max_changed: float | None = option(
-        converter=Optional(Percent(most=1)),
+        converter=optional(Percent(most=1)),
         default=None,
         usual="exact",
         help="Largest share of changed pixels at which frames count as equal, such as 0.1%.",
     )
     output: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         short="-o",
         help="Image (.png) of the most different frame: A, B and their difference side by side.",

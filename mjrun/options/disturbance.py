@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.dataclass import dataclass
-from mjrun.options.kinds import Optional, ReadingContext, Several, Text
+from mjrun.options.kinds import ReadingContext, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Point, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, Path, check
@@ -53,8 +53,8 @@ class Push:
 class PushMapping(Options):
     """A force on a body at its centre of mass, or at a site, for a limited time."""
 
-    body: str | None = option(converter=Optional(Text()), default=None, help="Body to push at its centre of mass.")
-    site: str | None = option(converter=Optional(Text()), default=None, help="Site at which to push its body.")
+    body: str | None = option(converter=optional(Text()), default=None, help="Body to push at its centre of mass.")
+    site: str | None = option(converter=optional(Text()), default=None, help="Site at which to push its body.")
     force: Force = required(converter=Point(), help="Force in world coordinates [N].")
     at: Fraction = required(converter=ExactNumber(zero=True), help="Start of the push [s].")
     duration: Fraction = required(converter=ExactNumber(), help="Duration of the push [s].")
@@ -163,13 +163,13 @@ class DisturbanceOptions(Options):
     """Noise on the controls, and pushes."""
 
     ctrl_noise: float | None = option(
-        converter=Optional(Real(metavar="STD")),
+        converter=optional(Real(metavar="STD")),
         default=None,
         usual="0, or that of the task",
         help="Standard deviation of Gaussian noise on every control, in the actuators' units.",
     )
     ctrl_noise_time: float | None = option(
-        converter=Optional(Real(metavar="SECONDS")),
+        converter=optional(Real(metavar="SECONDS")),
         default=None,
         usual="0, or that of the task",
         help="Correlation time of the control noise [s]; 0 makes it independent at every step.",

@@ -4,9 +4,9 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Key, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Key, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
-from mjrun.options.option import Exclusion, Options, option, options, required
+from mjrun.options.option import Options, option, options, required
 from mjrun.options.rendering import SceneOptions
 
 # Extras of the formats: the libraries that each installs, and what needs them.
@@ -26,13 +26,13 @@ class EpisodeOptions(Options):
     section: ClassVar[str] = "Episodes (lerobot, minari)"
 
     episodes: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="10 of a policy, all in a file of demonstrations, otherwise 1",
         help="Number of episodes, with consecutive seeds from --seed on, as in mjrun eval; or of demonstrations.",
     )
     instruction: str | None = option(
-        converter=Optional(Text("TEXT")),
+        converter=optional(Text("TEXT")),
         default=None,
         usual="that of each demonstration, otherwise the name of the task",
         help="The task in words, which language-conditioned policies are trained with: 'put the cube into the box'.",
@@ -44,13 +44,13 @@ class EpisodeOptions(Options):
         "a keyframe, so that readers find any frame fast.",
     )
     crf: int | None = option(
-        converter=Optional(Integer(least=None)),
+        converter=optional(Integer(least=None)),
         default=None,
         usual="18; 20 with h265, 26 with av1",
         help="Constant rate factor of the encoder: lower values give better quality and larger files.",
     )
     preset: str | None = option(
-        converter=Optional(Key("NAME", "the name of a preset")),
+        converter=optional(Key("NAME", "the name of a preset")),
         default=None,
         usual="veryfast; 8 with av1",
         help="Encoder preset, a trade-off between encoding speed and compression.",
@@ -66,7 +66,6 @@ class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
     """
 
     section: ClassVar[str] = "Dataset"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     simulation: object = field(kw_only=False)
     output: str = required(
@@ -82,7 +81,7 @@ class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
         "without images.",
     )
     fps: Fraction | None = option(
-        converter=Optional(ExactNumber("FPS")),
+        converter=optional(ExactNumber("FPS")),
         default=None,
         usual="one row for each action of a policy or a demonstration, otherwise 30",
         help="Rows and images per simulated second [Hz]. With a policy, the number of actions per second, or that "

@@ -6,10 +6,10 @@ from dataclasses import field
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import File, Flag, Kind, Optional, Several, Text
+from mjrun.options.kinds import File, Flag, Kind, Several, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import Integer, Numbers
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+from mjrun.options.option import FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.report import PageOptions, TrackerOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
@@ -104,7 +104,6 @@ class EvaluationOptions(
     """
 
     section: ClassVar[str] = "Evaluation"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     task: object = field(kw_only=False)
     output: str = required(
@@ -121,13 +120,13 @@ class EvaluationOptions(
         converter=Integer(), default=0, help="Seed of the first episode; each later episode uses the next seed."
     )
     compare: object | None = option(
-        converter=Optional(PolicyKind()),
+        converter=optional(PolicyKind()),
         default=None,
         help="Second policy, evaluated on the same episodes; the report gives paired differences with confidence "
         "intervals.",
     )
     compare_normalize: str | None = option(
-        converter=Optional(NormalizationKind()),
+        converter=optional(NormalizationKind()),
         default=None,
         help="Normalization statistics for the observations of the second policy.",
     )
@@ -158,19 +157,16 @@ class EvaluationCommandOptions(Options):
     """Output of the command itself."""
 
     section: ClassVar[str] = "Report"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
-    csv: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all episodes to stdout."
-    )
+    csv: bool = option(converter=Flag(), default=False, help="Print the table of all episodes to stdout.")
     markdown: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print the report as Markdown to stdout, for the summary of a pull request.",
     )
     print_document: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print an evaluation document equivalent to this command and exit.",
     )

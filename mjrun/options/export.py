@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Several, Text, optional
 from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
 from mjrun.options.option import option, options, required
 from mjrun.options.output import EXPORT_FOLDERS, EXPORTS, OutputOptions
@@ -27,7 +27,7 @@ class ExportOptions(SceneOptions, OutputOptions):
         help=f"{EXPORTS}. With a format of folders: the folder, which a second run continues.",
     )
     format: str | None = option(
-        converter=Optional(Text("NAME")),
+        converter=optional(Text("NAME")),
         default=None,
         usual="the output's suffix",
         help=f"Format of the file, or of a folder: {EXPORT_FOLDERS}.",
@@ -73,7 +73,7 @@ class ExportOptions(SceneOptions, OutputOptions):
         "energy, xpos[hand], … as in a trace.",
     )
     rate: Fraction | None = option(
-        converter=Optional(ExactNumber("HZ")),
+        converter=optional(ExactNumber("HZ")),
         default=None,
         usual="one row per frame",
         help="Rows of measured values per simulated second [Hz], at most one per step.",
@@ -84,7 +84,7 @@ class ExportOptions(SceneOptions, OutputOptions):
         help="Number of processes that render images, in formats that hold them, or that play episodes.",
     )
     images: str | None = option(
-        converter=Optional(Choice(IMAGES)),
+        converter=optional(Choice(IMAGES)),
         default=None,
         usual=H264,
         help="Encoding of the images of cameras, in MCAP: a video in H.264, or separate images.",

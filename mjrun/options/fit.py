@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Optional, Several
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Several, optional
 from mjrun.options.number_kinds import Integer, Real, Size
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
@@ -34,30 +34,30 @@ class FitOptions(Options):
         "~normal(MEAN, STD) to add a prior.",
     )
     output: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         short="-o",
         help="Fitted model (.xml): the original text with only the fitted attributes changed.",
     )
     comparison: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Table of the measurements and of the predictions of the model before (/nominal) and after the fit "
         "(/fitted), for mjrun plot.",
     )
     ranges: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Distributions of the fitted parameters (.yaml), for the key vary in documents of mjrun sweep.",
     )
     html: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Self-contained page (.html) about the fit: parameters with confidence intervals, errors, "
         "correlations, and plots of the measurements with the model before and after the fit.",
     )
     video: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help=f"Video of the fitted model with the measured motion as a ghost: {VIDEOS}.",
     )
@@ -111,7 +111,7 @@ class FitOptions(Options):
         "default nothing is written.",
     )
     excite: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Instead of fitting, write a table of controls that excite the parameters: chirps of 0.1 to 10 Hz "
         "within the ranges of controls, joints and forces. --ctrl-from applies the table; --duration sets its"
@@ -124,7 +124,7 @@ class FitOptions(Options):
         "confidence intervals.",
     )
     velocity_limit: float | None = option(
-        converter=Optional(Real(1e-9, metavar="SPEED")),
+        converter=optional(Real(1e-9, metavar="SPEED")),
         default=None,
         help="Maximum joint velocity under --excite [rad/s, m/s].",
     )

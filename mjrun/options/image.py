@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional, Text
+from mjrun.options.kinds import File, Flag, Text, optional
 from mjrun.options.number_kinds import Instant, Integer
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
@@ -25,15 +25,15 @@ class ImageOptions(ViewOptions, OutputOptions):
         "or - for standard output.",
     )
     time: object = option(
-        converter=Optional(Instant()),
+        converter=optional(Instant()),
         default=None,
         usual="0",
         short="-t",
         help="Time of the image [s]; documents also accept an event.",
     )
-    step: int | None = option(converter=Optional(Integer()), default=None, help="Time of the image, as a step number.")
+    step: int | None = option(converter=optional(Integer()), default=None, help="Time of the image, as a step number.")
     format: str | None = option(
-        converter=Optional(Text("NAME")),
+        converter=optional(Text("NAME")),
         default=None,
         usual="the output's suffix; png in a pipe",
         help="File format; palette stores a segmentation as colours.",
@@ -42,7 +42,7 @@ class ImageOptions(ViewOptions, OutputOptions):
         converter=Flag(negatable=True), default=True, help="List the objects of a coloured segmentation beside it."
     )
     pointcloud: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m]; --view seg adds "
         "labels.",

@@ -324,28 +324,9 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         return {"anyOf": [each, {"type": "array", "items": each}]}
 
 
-class Optional(Kind["W | None", "T | None"], Generic[W, T]):
-    """A value that may be left out; it is then None."""
-
-    def __init__(self, each: Kind[W, T]) -> None:
-        super().__init__(each.metavar)
-        self.accepted = each.accepted
-        self.each: AnyKind = each
-
-    def __call__(self, value: "W | None") -> "T | None":
-        return None if value is None else self.each(value)
-
-    def parse(self, text: str) -> object:
-        return self.each.parse(text)
-
-    def plain(self, value: "T | None") -> object:
-        return None if value is None else self.each.plain(value)
-
-    def read(self, value: object, reader: ReadingContext) -> object:
-        return reader.form(self.each).read(value, reader)
-
-    def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
-        return reader.form(self.each).schema(reader, definitions)
+def optional(each: Kind[W, T]) -> Kind[W | None, T | None]:
+    """Returns a kind whose value may be left out, as of every option with the default None."""
+    return cast("Kind[W | None, T | None]", each)
 
 
 def read_list(each: AnyKind, items: Sequence[object], reader: ReadingContext) -> tuple[object, ...]:

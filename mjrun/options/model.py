@@ -4,7 +4,7 @@ import math
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Real, to_float
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema_validation import InvalidValueError, Schema
@@ -55,13 +55,13 @@ class ModelOptions(Options):
     section: ClassVar[str] = "Model"
 
     integrator: str | None = option(
-        converter=Optional(Choice(INTEGRATORS)), default=None, help="Integrator, instead of the model's."
+        converter=optional(Choice(INTEGRATORS)), default=None, help="Integrator, instead of the model's."
     )
     timestep: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")), default=None, help="Timestep [s], instead of the model's."
+        converter=optional(ExactNumber("SECONDS")), default=None, help="Timestep [s], instead of the model's."
     )
     ground: float | None = option(
-        converter=Optional(Real(least=None, metavar="HEIGHT")),
+        converter=optional(Real(least=None, metavar="HEIGHT")),
         default=None,
         help="Add a horizontal floor that collides, at this height [m].",
     )
@@ -82,7 +82,7 @@ class ServoOptions(ModelOptions):
     section: ClassVar[str] = "Model"
 
     position_control: str | None = option(
-        converter=Optional(ServoGains()),
+        converter=optional(ServoGains()),
         default=None,
         flag_value=AUTO,
         help="Replace motors on joints by servos, whose controls are joint positions [rad, m], from the initial ones "
@@ -102,16 +102,15 @@ class InfoOptions(Options):
     """Contents of the report about a model."""
 
     section: ClassVar[str] = "Info"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     columns: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="List every column that a trace of the model can have and exit.",
     )
     xml: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print the MJCF within a demonstration, with the paths of its meshes and textures here, and exit.",
     )

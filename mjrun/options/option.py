@@ -92,13 +92,13 @@ def option(
     default: V,
     usual: str = "",
     short: str | tuple[str, ...] = (),
-    places: FrontEnd = FrontEnd.EVERYWHERE,
+    places: FrontEnd | None = None,
     flag_value: str | None = None,
     key: str = "",
     kw_only: bool = True,
 ) -> T:
     """Declares a field of options; `converter` is its `Kind`, and `key` its name in documents if that differs."""
-    made = converter(default)
+    made = cast("T", None) if default is None else converter(default)
     facts = {**_facts(converter, help, usual, short, places, key), "flag_value": flag_value}
     if isinstance(made, dict):
         return dataclasses.field(default_factory=dict, kw_only=kw_only, metadata=facts)  # type: ignore[return-value]
@@ -111,7 +111,7 @@ def required(
     help: str,  # noqa: A002
     usual: str = "",
     short: str | tuple[str, ...] = (),
-    places: FrontEnd = FrontEnd.EVERYWHERE,
+    places: FrontEnd | None = None,
     key: str = "",
     kw_only: bool = True,
 ) -> T:
@@ -120,7 +120,7 @@ def required(
 
 
 def _facts(
-    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd, key: str
+    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd | None, key: str
 ) -> dict[str, object]:
     shorts = (short,) if isinstance(short, str) else short
     facts: dict[str, object] = {"kind": kind, "help": text, "usual": usual, "flag_value": None}
@@ -132,10 +132,12 @@ class Options:
 
     Attributes:
       section: heading in help.
+      places: the front ends that accept the options that a class declares itself, unless their declarations differ.
       exclusions: pairs of options that exclude each other.
     """
 
     section: ClassVar[str] = "Options"
+    places: ClassVar[FrontEnd] = FrontEnd.EVERYWHERE
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     def __post_init__(self) -> None:
@@ -293,7 +295,7 @@ def _is_given(each: Option, value: object) -> bool:
 
 def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    section = vars(home).get("section", cls.section)
+    section, places = vars(home).get("section", cls.section), vars(home).get("places", Options.places)
     for attribute in inspect.get_annotations(home):
         field = fields.get(attribute)
         if field is None or "kind" not in field.metadata:
@@ -301,4 +303,5 @@ def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
         default = field.default_factory() if callable(field.default_factory) else field.default
         name = attribute.rstrip("_")
         facts: dict[str, Any] = {**field.metadata, "key": field.metadata["key"] or name}
+        facts["places"] = facts["places"] or places
         yield Option(name, attribute, default=default, section=section, **facts)

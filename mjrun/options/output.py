@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional, Text
+from mjrun.options.kinds import File, Flag, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 
@@ -35,7 +35,7 @@ class OutputOptions(Options):
     simulation: object = field(kw_only=False)
     output: str = field(kw_only=False)
     manifest: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="JSON file that records how the output was made: versions, command, model, options, wall times and "
         "hashes.",
@@ -48,18 +48,17 @@ class RerunOptions(Options):
     """Options for a second run of the same command, and for build systems."""
 
     section: ClassVar[str] = "Output"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     if_changed: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Do nothing if the outputs are up to date: the contents of all files that are read and written, the "
         "options, the code and the versions are those of the last run that made them.",
     )
     depfile: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Also write a rule for make or ninja that lists all files that the outputs depend on: the model with its "
         "includes, meshes and textures, documents, tables, policies and code.",
     )
@@ -70,24 +69,22 @@ class SimulationCommandOptions(RerunOptions):
     """Additional outputs of the commands that simulate."""
 
     section: ClassVar[str] = "Output"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     recording: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Also write the state of every step (.npz), for replay.",
     )
     save_key: str | None = option(
-        converter=Optional(Text("FILE.xml[:NAME]")),
+        converter=optional(Text("FILE.xml[:NAME]")),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Also write the model's XML with the final state, or the state in the image, as a keyframe. FILE may "
         "be the model itself; the default NAME is end.",
     )
     print_document: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print a run document equivalent to this command and exit.",
     )
 
@@ -114,9 +111,9 @@ class KeyframeOptions(OutputOptions):
         help="Name of the keyframe; an existing keyframe with this name is replaced.",
     )
     time: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS", zero=True)),
+        converter=optional(ExactNumber("SECONDS", zero=True)),
         default=None,
         usual="the last instant",
         help="Time to save [s].",
     )
-    step: int | None = option(converter=Optional(Integer()), default=None, help="Time to save, as a step number.")
+    step: int | None = option(converter=optional(Integer()), default=None, help="Time to save, as a step number.")

@@ -5,7 +5,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Several, Text, optional
 from mjrun.options.number_kinds import FigureSize, Integer, Range, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
@@ -30,7 +30,7 @@ class FigureOptions(Options):
         "[mm]=penetration/deepest*1000.",
     )
     x: str | None = option(
-        converter=Optional(Text("COLUMN")),
+        converter=optional(Text("COLUMN")),
         default=None,
         usual="time",
         help="Column or expression on the x axis.",
@@ -41,7 +41,7 @@ class FigureOptions(Options):
         help="Logarithmic axes: y in all panels, or 2:y in the second panel only.",
     )
     xlim: tuple[float, float] | None = option(
-        converter=Optional(Range("LOW..HIGH")),
+        converter=optional(Range("LOW..HIGH")),
         default=None,
         usual="all values",
         help="Range of the x axis, of which the curves then show all details.",
@@ -63,12 +63,12 @@ class FigureOptions(Options):
         default=(),
         help="Draw a vertical line wherever a condition over columns becomes true: landed=contact/ncon > 0.",
     )
-    title: str | None = option(converter=Optional(Text("TEXT")), default=None, help="Title above all panels.")
+    title: str | None = option(converter=optional(Text("TEXT")), default=None, help="Title above all panels.")
     legend_title: str | None = option(
-        converter=Optional(Text("TEXT")), default=None, help="Title of the legend, such as the quantity that it lists."
+        converter=optional(Text("TEXT")), default=None, help="Title of the legend, such as the quantity that it lists."
     )
     xlabel: str | None = option(
-        converter=Optional(Text("TEXT")), default=None, usual="the column of the x axis", help="Label of the x axis."
+        converter=optional(Text("TEXT")), default=None, usual="the column of the x axis", help="Label of the x axis."
     )
     ylabel: tuple[str, ...] = option(
         converter=Several(Text("[PANEL:]TEXT")),
@@ -82,19 +82,19 @@ class FigureOptions(Options):
         help="Colour scheme; print is meant for paper and also distinguishes lines by dash patterns.",
     )
     size: tuple[int, int] | None = option(
-        converter=Optional(FigureSize()),
+        converter=optional(FigureSize()),
         default=None,
         usual="1280 to 1920 wide, and as high as the panels require",
         help="Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch.",
     )
     font_size: float | None = option(
-        converter=Optional(Real(above=0, metavar="POINTS")),
+        converter=optional(Real(above=0, metavar="POINTS")),
         default=None,
         usual="chosen by the size",
         help="Size of letters [pt], for figures in papers.",
     )
     columns: int | None = option(
-        converter=Optional(Integer(1, 8)),
+        converter=optional(Integer(1, 8)),
         default=None,
         usual="chosen by the number of panels",
         help="Number of panels side by side.",
@@ -114,7 +114,7 @@ class TablePlotOptions(PageOptions, FigureOptions):
 
     tables: Sequence[str | Path] | str | Path = field(kw_only=False)
     output: str | None = option(
-        converter=Optional(File(written=True, streamed=True)),
+        converter=optional(File(written=True, streamed=True)),
         default=None,
         usual="no image, with html",
         kw_only=False,
@@ -122,7 +122,7 @@ class TablePlotOptions(PageOptions, FigureOptions):
         help=f"{PLOTS}, or - for standard output.",
     )
     format: str | None = option(
-        converter=Optional(Text("NAME")),
+        converter=optional(Text("NAME")),
         default=None,
         usual="the output's suffix; png in a pipe",
         help="File format.",

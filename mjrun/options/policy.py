@@ -4,7 +4,7 @@ import re
 from os import PathLike, fspath
 from typing import ClassVar, cast
 
-from mjrun.options.kinds import Flag, Kind, Optional, ReadingContext
+from mjrun.options.kinds import Flag, Kind, ReadingContext, optional
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfit, MisfitError, Schema, check
 
@@ -58,11 +58,11 @@ class TrustOptions(Options):
     """Permission for files to run code; no document can grant it."""
 
     section: ClassVar[str] = "Policy"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     trust: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Allow policy files that can run code when they are opened: Stable-Baselines3 archives and torch files.",
     )
 
@@ -74,13 +74,13 @@ class PolicyOptions(TrustOptions):
     section: ClassVar[str] = "Policy"
 
     policy: object | None = option(
-        converter=Optional(PolicyKind()),
+        converter=optional(PolicyKind()),
         default=None,
         help=f"Policy that acts in the task: {POLICIES}, of which Stable-Baselines3 archives and TorchScript "
         "modules require --trust; Python code, policy.py:act or package.module:Policy; random; or zero.",
     )
     normalize: str | None = option(
-        converter=Optional(NormalizationKind()),
+        converter=optional(NormalizationKind()),
         default=None,
         help="Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz with mean, var, "
         "epsilon and clip. Use none for a Stable-Baselines3 policy that was trained without them.",

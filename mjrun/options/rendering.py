@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, GhostKind, MujocoName, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, GhostKind, MujocoName, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
@@ -34,18 +34,17 @@ class BackendOptions(Options):
     """OpenGL on this machine; documents cannot set it."""
 
     section: ClassVar[str] = "Renderer"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     gl: str | None = option(
-        converter=Optional(Text("BACKEND")),
+        converter=optional(Text("BACKEND")),
         default=None,
         usual="$MUJOCO_GL, or auto",
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help=f"OpenGL backend: {BACKENDS}.",
     )
     require_gpu: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Fail instead of rendering in software.",
     )
 
@@ -91,7 +90,7 @@ class SceneOptions(RendererOptions):
         "the model closely, or none; auto adds what a model without a floor and a sky lacks.",
     )
     geoms: str | None = option(
-        converter=Optional(Choice(GEOMS)),
+        converter=optional(Choice(GEOMS)),
         default=None,
         usual="visual where both have about the same place",
         help="Geoms to show of bodies that have some for looks and others for collisions.",
@@ -107,25 +106,25 @@ class SceneOptions(RendererOptions):
         help="Visual flags to switch off: shadow, skybox, texture, …",
     )
     geomgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of geoms to show: 0,1,2, all or none."
+        converter=optional(Groups()), default=None, help="Groups of geoms to show: 0,1,2, all or none."
     )
     sitegroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of sites to show."
+        converter=optional(Groups()), default=None, help="Groups of sites to show."
     )
     jointgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of joints to show."
+        converter=optional(Groups()), default=None, help="Groups of joints to show."
     )
     tendongroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of tendons to show."
+        converter=optional(Groups()), default=None, help="Groups of tendons to show."
     )
     actuatorgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of actuators to show."
+        converter=optional(Groups()), default=None, help="Groups of actuators to show."
     )
     flexgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of flexes to show."
+        converter=optional(Groups()), default=None, help="Groups of flexes to show."
     )
     skingroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of skins to show."
+        converter=optional(Groups()), default=None, help="Groups of skins to show."
     )
     frame_axes: str = option(
         converter=MujocoName("KIND", of="frame"),
@@ -143,7 +142,7 @@ class SceneOptions(RendererOptions):
         help="Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed is higher.",
     )
     trail_span: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="all",
         help="Duration of the motion that a trail shows [s].",
@@ -172,14 +171,14 @@ class ImageContentOptions(Options):
     )
     captions: bool = option(converter=Flag(), default=False, help="Label each view with its camera and its kind.")
     style: str | None = option(
-        converter=Optional(Choice(STYLES)),
+        converter=optional(Choice(STYLES)),
         default=None,
         usual="chosen by the file format",
         help="Pixel values of depth and segmentation: color writes colours for viewing; exact writes 16-bit "
         "millimetres or ids.",
     )
     depth_range: tuple[float, float] | None = option(
-        converter=Optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
+        converter=optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
         default=None,
         usual="the visible range",
         help="Depths [m] shown in the first and the last colour.",
@@ -190,19 +189,19 @@ class ImageContentOptions(Options):
         help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
     )
     text: str | None = option(
-        converter=Optional(Text("TEMPLATE")),
+        converter=optional(Text("TEMPLATE")),
         default=None,
         help="Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a trace as in "
         "'{qpos/knee:.1f}'.",
     )
     text_corner: str | None = option(
-        converter=Optional(Choice(CORNERS)),
+        converter=optional(Choice(CORNERS)),
         default=None,
         usual="top-left; bottom-right with captions",
         help="Position of the text.",
     )
     calibration: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="File for the calibration of each frame: K, world from camera, near and far [m] and time [s], in "
         "OpenCV axes.",

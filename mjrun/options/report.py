@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional
+from mjrun.options.kinds import File, Flag, optional
 from mjrun.options.number_kinds import Real
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
 
@@ -12,23 +12,21 @@ class ReportFormatOptions(Options):
     """Formats of the report for CI systems; only one can print to standard output."""
 
     section: ClassVar[str] = "Report"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     github: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print GitHub Actions annotations to stdout.",
     )
     junit: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print JUnit XML to stdout, in which errors and warnings are failures.",
     )
     markdown: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print a Markdown table of what failed to stdout, for the summary of a pull request.",
     )
 
@@ -41,11 +39,11 @@ class TrackerOptions(Options):
     """Results as runs of an experiment tracker."""
 
     section: ClassVar[str] = "Output"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     export_to: str | None = option(
-        converter=Optional(File("DIR", written=True)),
+        converter=optional(File("DIR", written=True)),
         default=None,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Also write the results as runs of MLflow, one for each point with its parameters and metrics, to this "
         "folder (mlruns), which is replaced as a whole.",
     )
@@ -58,7 +56,7 @@ class PageOptions(Options):
     section: ClassVar[str] = "Page"
 
     html: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Page about the result (.html): plots, images, videos, descriptions of columns, assertions and manifests.",
     )

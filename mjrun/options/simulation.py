@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction, Text
+from mjrun.options.kinds import Choice, File, Flag, Key, PythonFunction, Text, optional
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
@@ -30,20 +30,19 @@ class ControllerOptions(Options):
     """Code that controls a simulation; documents cannot contain it."""
 
     section: ClassVar[str] = "Simulation"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     controller: Callable[..., object] | None = option(
         converter=PythonFunction(),
         default=None,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Python code that sets the controls: a function or class such as policy.py:act or "
         "package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a "
         "class may have a method reset.",
     )
     control_dt: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="every step",
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Time between two calls of the controller, or of a policy that has no task document [s].",
     )
 
@@ -72,7 +71,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         ),
     )
 
-    key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
+    key: str | None = option(converter=optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
         converter=JointNumbers(),
         default=NO_VALUES,
@@ -89,7 +88,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         help="Constant controls by actuator name or wildcard, in the actuator's units: motor=20, left_*=0.5.",
     )
     ctrl_from: str | None = option(
-        converter=Optional(File()),
+        converter=optional(File()),
         default=None,
         help="Table of controls over time, with a column time [s] and one for each actuator, which is named "
         "ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.",
@@ -100,7 +99,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         help="Interpolation between the rows of the table of controls.",
     )
     replay: str | None = option(
-        converter=Optional(File()),
+        converter=optional(File()),
         default=None,
         help="Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5 such as "
         "demo.hdf5:demo_3, or a table of joint positions over time, with columns such as qpos/hip: motion capture, a "
@@ -113,7 +112,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         "with the recorded controls and forces.",
     )
     replay_rate: Fraction | None = option(
-        converter=Optional(ExactNumber("HZ")),
+        converter=optional(ExactNumber("HZ")),
         default=None,
         usual="from the column time",
         help="Rows per second of a table without a column time [Hz].",
@@ -149,16 +148,16 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
     )
     seed: int = option(converter=Integer(), default=0, help="Seed of all noise; with a policy, seed of the episode.")
     duration: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="5, or that of the recording or episode; unlimited in a view",
         help="Simulated time [s].",
     )
     steps: int | None = option(
-        converter=Optional(Integer(1)), default=None, help="Number of steps, instead of a duration."
+        converter=optional(Integer(1)), default=None, help="Number of steps, instead of a duration."
     )
     until: str | None = option(
-        converter=Optional(Text("EXPR")),
+        converter=optional(Text("EXPR")),
         default=None,
         help="End the simulation at the first step at which this condition on its columns holds, if that is before its "
         "duration: qpos/root/z < 0.3, contact(ball, floor).",

@@ -8,7 +8,7 @@ from itertools import combinations
 from typing import ClassVar
 
 from mjrun.errors import option as mention
-from mjrun.options.kinds import Choice, File, Flag, Kind, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Kind, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
@@ -75,7 +75,7 @@ class KeepOptions(SelectedVideoOptions):
         help="Keep the files of the N points with the highest values of a metric: 4:drift.",
     )
     contact_sheet: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help=f"Video that shows the videos of all kept points side by side with their values: {VIDEOS}.",
     )
@@ -117,7 +117,7 @@ class VariationOptions(Options):
         "simulation, such as controller=a.py:act,b.py:act.",
     )
     points: str | None = option(
-        converter=Optional(File()),
+        converter=optional(File()),
         default=None,
         help="Table of points: one column per parameter, one row per point.",
     )
@@ -239,7 +239,6 @@ class ExecutionOptions(Options):
     """Execution of the points, or of the episodes of an evaluation or a dataset."""
 
     section: ClassVar[str] = "Execution"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     jobs: int | str = option(
         converter=Processes("N", of="processes"),
@@ -265,20 +264,20 @@ class ExecutionOptions(Options):
         "constraint, and array=N, the largest number of jobs that run at once. Requires --engine slurm.",
     )
     chunk: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="a few seconds' worth",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Number of points or episodes per task of the engine.",
     )
     time_limit: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="none",
         help="Maximum wall time per point or episode [s].",
     )
     time_budget: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="none",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -286,7 +285,7 @@ class ExecutionOptions(Options):
         "finish. Exits with code 8 if some are left; the same command continues.",
     )
     max_failures: int | None = option(
-        converter=Optional(Integer(1)),
+        converter=optional(Integer(1)),
         default=None,
         usual="none",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -317,6 +316,7 @@ class StudyCommandOptions(Options):
     """Modes that replace the normal run, and what the command prints."""
 
     section: ClassVar[str] = "Execution"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
     exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
         Exclusion(pair, "each of these replaces the run; give only one")
         for pair in combinations(STOPPING, 2)
@@ -326,56 +326,47 @@ class StudyCommandOptions(Options):
     dry_run: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Report the number of simulations and an estimate of their time, and exit; with --gc, what it removes.",
     )
     print_document: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print a study document equivalent to this command and exit.",
     )
     plan: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )
     task: tuple[int, int] | None = option(
-        converter=Optional(TaskNumber()),
+        converter=optional(TaskNumber()),
         default=None,
-        places=FrontEnd.COMMAND,
         help="Simulate the I-th of N equal parts of a plan and exit; for job arrays, xargs and make.",
     )
     collect: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Write the table from the existing results, without simulating.",
     )
     status: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Report the progress of a study, also while processes work on it, and exit with 1 unless it is finished. "
         "With --html, update a page until it is finished or no process works on it.",
     )
     gc: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Remove files of a study that its table does not use: parts of other versions, damaged parts, "
         "leases and temporary files of ended processes, and logs of Slurm jobs.",
     )
     csv: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help=f"Print the table of all points to stdout; write results.csv even of more than {MOST_IN_CSV:,} points.",
     )
     markdown: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Print the report as Markdown to stdout, for the summary of a pull request.",
     )

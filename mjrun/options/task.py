@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar, cast
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Key, Kind, Optional, ReadingContext, Several, Text
+from mjrun.options.kinds import Choice, File, Key, Kind, ReadingContext, Several, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
@@ -155,7 +155,7 @@ class ResetOptions(Options):
 
     section: ClassVar[str] = "Reset"
 
-    key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
+    key: str | None = option(converter=optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
         converter=JointNumbers(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
     )
@@ -191,31 +191,31 @@ class ObservationOptions(Options):
 
     name: str = required(converter=Text("NAME"), help="Name of the term.")
     probe: tuple[str, ...] | None = option(
-        converter=Optional(Several(Text("COLUMN"), commas=True)),
+        converter=optional(Several(Text("COLUMN"), commas=True)),
         default=None,
         help="Columns of a trace, by name, group or wildcard, in the model's order: xpos/car, qvel[left_*].",
     )
     joints: tuple[str, ...] | None = option(
-        converter=Optional(Several(Text("JOINT"))),
+        converter=optional(Several(Text("JOINT"))),
         default=None,
         help="Joints by name or wildcard, in this order.",
     )
     of: str = option(converter=Choice(JOINT_FIELDS), default="qpos", help="Quantity of the joints to observe.")
     action: str | None = option(
-        converter=Optional(Choice((PREVIOUS,))),
+        converter=optional(Choice((PREVIOUS,))),
         default=None,
         help="Previous action of the policy, before any processing; zeros at the start.",
     )
     command: str | None = option(
-        converter=Optional(Text("COMMAND")), default=None, help="Command of the task to observe."
+        converter=optional(Text("COMMAND")), default=None, help="Command of the task to observe."
     )
     phase: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         help="Period [s]; the sine and the cosine of 2π t/period are observed.",
     )
     value: str | None = option(
-        converter=Optional(Text("EXPR")), default=None, help="An expression over columns: qpos/root/z - 1.2."
+        converter=optional(Text("EXPR")), default=None, help="An expression over columns: qpos/root/z - 1.2."
     )
     frame: str = option(
         converter=Text("world|BODY"),
@@ -223,7 +223,7 @@ class ObservationOptions(Options):
         help="Body into whose axes vectors of three components are rotated; world leaves them unchanged.",
     )
     noise: str | None = option(
-        converter=Optional(RandomValue()),
+        converter=optional(RandomValue()),
         default=None,
         help="Noise added to each number, drawn at every observation: normal(0, 0.01).",
     )
@@ -234,7 +234,7 @@ class ObservationOptions(Options):
         converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     clip: tuple[Numbers, Numbers] | None = option(
-        converter=Optional(Limits()), default=None, help="Lowest and highest value."
+        converter=optional(Limits()), default=None, help="Lowest and highest value."
     )
     delay: int = option(converter=Integer(), default=0, help="Delay of the observation, in control periods.")
     history: int = option(converter=Integer(1), default=1, help="Number of latest values to observe, oldest first.")
@@ -248,17 +248,17 @@ class ActionOptions(Options):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("actuators", "joints"), "an action drives either"),)
 
     actuators: tuple[str, ...] | None = option(
-        converter=Optional(Several(Text("ACTUATOR"))),
+        converter=optional(Several(Text("ACTUATOR"))),
         default=None,
         help="Actuators by name or wildcard, in this order.",
     )
     joints: tuple[str, ...] | None = option(
-        converter=Optional(Several(Text("JOINT"))),
+        converter=optional(Several(Text("JOINT"))),
         default=None,
         help="Joints by name or wildcard, in this order, each with one actuator.",
     )
     target: str | None = option(
-        converter=Optional(Choice(TARGETS)),
+        converter=optional(Choice(TARGETS)),
         default=None,
         usual="control with actuators",
         help="Quantity that the action sets: control, of the actuator; position or velocity, a target q* or q̇* of"
@@ -266,10 +266,10 @@ class ActionOptions(Options):
         " or torque, of the joint.",
     )
     kp: Numbers | None = option(
-        converter=Optional(NumberVector()), default=None, help="Stiffness of a position target [N·m/rad, N/m]."
+        converter=optional(NumberVector()), default=None, help="Stiffness of a position target [N·m/rad, N/m]."
     )
     kd: Numbers | None = option(
-        converter=Optional(NumberVector()), default=None, help="Damping of a target [N·m·s/rad, N·s/m]."
+        converter=optional(NumberVector()), default=None, help="Damping of a target [N·m·s/rad, N·s/m]."
     )
     squash: str = option(
         converter=Choice(SQUASHES),
@@ -277,7 +277,7 @@ class ActionOptions(Options):
         help="Function applied to the action first; tanh limits it to -1 … 1.",
     )
     clip: tuple[Numbers, Numbers] | None = option(
-        converter=Optional(Limits()), default=None, help="Lowest and highest value, before scale and offset."
+        converter=optional(Limits()), default=None, help="Lowest and highest value, before scale and offset."
     )
     scale: Numbers = option(
         converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
@@ -300,28 +300,28 @@ class CommandOptions(Options):
 
     section: ClassVar[str] = "Command"
 
-    constant: Numbers | None = option(converter=Optional(NumberVector()), default=None, help="Constant values.")
+    constant: Numbers | None = option(converter=optional(NumberVector()), default=None, help="Constant values.")
     table: str | None = option(
-        converter=Optional(File()), default=None, help="Table with a column time [s] and one column per value."
+        converter=optional(File()), default=None, help="Table with a column time [s] and one column per value."
     )
     interpolation: str = option(
         converter=Choice(INTERPOLATIONS), default="hold", help="Interpolation between the rows of the table."
     )
     schedule: "tuple[tuple[Fraction, Numbers], ...] | None" = option(
-        converter=Optional(Schedule()),
+        converter=optional(Schedule()),
         default=None,
         help="Values that change at given times [s]: [[0, [1, 0]], [2, [0, 1]]].",
     )
     random: tuple[str, ...] | None = option(
-        converter=Optional(Several(RandomValue())),
+        converter=optional(Several(RandomValue())),
         default=None,
         help="Distribution of each value, or one for all: uniform(-1, 1).",
     )
     size: int | None = option(
-        converter=Optional(Integer(1)), default=None, usual="one per distribution", help="Number of random values."
+        converter=optional(Integer(1)), default=None, usual="one per distribution", help="Number of random values."
     )
     every: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumber("SECONDS")),
         default=None,
         usual="once per episode",
         help="Time after which new random values are drawn [s], a whole number of control periods.",

@@ -4,7 +4,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.diff import ToleranceOptions
-from mjrun.options.kinds import Choice, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
@@ -21,12 +21,12 @@ class SamplingOptions(OutputOptions):
 
     every: int = option(converter=Integer(1), default=1, help="Write a row every N steps.")
     rate: Fraction | None = option(
-        converter=Optional(ExactNumber("HZ")),
+        converter=optional(ExactNumber("HZ")),
         default=None,
         help="Rows per simulated second [Hz], at most one per step, instead of every N steps.",
     )
     format: str | None = option(
-        converter=Optional(Text("NAME")), default=None, usual="the output's suffix", help="File format."
+        converter=optional(Text("NAME")), default=None, usual="the output's suffix", help="File format."
     )
 
 
@@ -37,7 +37,7 @@ class GoldenOptions(ToleranceOptions):
     section: ClassVar[str] = "Golden table"
 
     golden: str | None = option(
-        converter=Optional(File()),
+        converter=optional(File()),
         default=None,
         help="Table of an earlier run with which to compare, within the tolerances; the exit code is 1 if they differ.",
     )
@@ -75,7 +75,7 @@ class TraceOptions(SamplingOptions, GoldenOptions):
         help="Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.",
     )
     units: str | None = option(
-        converter=Optional(Choice(UNIT_PLACES)),
+        converter=optional(Choice(UNIT_PLACES)),
         default=None,
         help="Where a CSV file states its units: in a comment below the header, # units: s,rad, or in a file beside "
         "it, run.csv-metadata.json (CSV on the Web). Other formats hold their units.",
@@ -84,7 +84,7 @@ class TraceOptions(SamplingOptions, GoldenOptions):
         converter=Flag(), default=False, help="If the simulation becomes unstable, keep the rows from before."
     )
     contacts: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
         help="Second table with one row per contact and instant: the geoms, position and depth [m], force [N] and "
         "torque [N m].",
@@ -96,24 +96,22 @@ class TraceCommandLineOptions(Options):
     """Modes that replace the normal run, and a short form."""
 
     section: ClassVar[str] = "Trace"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
-    csv: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Same as --format csv.")
+    csv: bool = option(converter=Flag(), default=False, help="Same as --format csv.")
     list_: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="List the groups of columns that the model offers, or the columns of --probe, and exit.",
     )
     all_: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="List every column with --list, not only their groups.",
     )
     verify: bool = option(
         converter=Flag(),
         default=False,
-        places=FrontEnd.COMMAND,
         help="Simulate the recording of --replay again, compare every state bit for bit, and exit; the exit code "
         "is 1 if a state differs.",
     )

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Key, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Key, Several, Text, optional
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
@@ -29,7 +29,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         help=f"{VIDEOS}, a folder or pattern of PNGs (frames/, frame_%04d.png), or - for standard output.",
     )
     fps: Fraction | None = option(
-        converter=Optional(ExactNumber("FPS")),
+        converter=optional(ExactNumber("FPS")),
         default=None,
         usual="30; 25 in a GIF",
         help="Frames per second of the video [Hz], such as 60 or 30000/1001.",
@@ -38,20 +38,20 @@ class VideoOptions(ViewOptions, OutputOptions):
         converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
     )
     format: str | None = option(
-        converter=Optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="File format."
+        converter=optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="File format."
     )
     codec: str | None = option(
-        converter=Optional(Text("NAME")),
+        converter=optional(Text("NAME")),
         default=None,
         help=f"Video codec: {CODECS}; each format supports some of them.",
     )
     crf: int | None = option(
-        converter=Optional(Integer(least=None)),
+        converter=optional(Integer(least=None)),
         default=None,
         help="Constant rate factor of the encoder: lower values give better quality and larger files.",
     )
     preset: str | None = option(
-        converter=Optional(Key("NAME", "the name of a preset")),
+        converter=optional(Key("NAME", "the name of a preset")),
         default=None,
         help="Encoder preset, a trade-off between encoding speed and compression.",
     )

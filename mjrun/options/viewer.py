@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional
+from mjrun.options.kinds import File, Flag, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import FrontEnd, Options, option, options
 
@@ -15,31 +15,28 @@ class ViewerOptions(Options):
     """The place where a live view opens, and its initial playback."""
 
     section: ClassVar[str] = "Viewer"
+    places: ClassVar[FrontEnd] = LIVE
 
     speed: Fraction = option(
         converter=ExactNumber("FACTOR"),
         default=1,
-        places=LIVE,
         help="Simulated seconds per second of wall time; 0.25 is slow motion.",
     )
-    paused: bool = option(converter=Flag(), default=False, places=LIVE, help="Start paused at time 0.")
+    paused: bool = option(converter=Flag(), default=False, help="Start paused at time 0.")
     browser: bool | None = option(
-        converter=Optional(Flag(negatable=True)),
+        converter=optional(Flag(negatable=True)),
         default=None,
         usual="a window if a display exists",
-        places=LIVE,
         help="Open the view in a browser on this machine instead of a window.",
     )
     port: int | None = option(
-        converter=Optional(Integer(1, 65535, "PORT")),
+        converter=optional(Integer(1, 65535, "PORT")),
         default=None,
         usual="the first free one from 8080",
-        places=LIVE,
         help="Port of the browser view, served on 127.0.0.1 only; implies --browser.",
     )
     recording: str | None = option(
-        converter=Optional(File(written=True)),
+        converter=optional(File(written=True)),
         default=None,
-        places=LIVE,
         help="File for the state of every step since the last reset (.npz), for replay; written however the view ends.",
     )

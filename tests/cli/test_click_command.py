@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.options.kinds import Choice, Flag, Optional, Several, Text
+from mjrun.options.kinds import Choice, Flag, Several, Text, optional
 from mjrun.options.model import ServoGains
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import FrontEnd, Options, option, options, required
@@ -29,7 +29,7 @@ class Cake(Base):
 
     name: str = required(converter=Text(), short="-n", usual="SUBJECT.cake", help="What it is called.")
     heat: Fraction = option(converter=ExactNumber("KELVIN"), default=450, help="Of the oven [K].")
-    layers: int | None = option(converter=Optional(Integer(1)), default=None, usual="as many as fit", help="How many.")
+    layers: int | None = option(converter=optional(Integer(1)), default=None, usual="as many as fit", help="How many.")
     shape: str = option(converter=Choice(("round", "square")), default="round", help="Seen from above.")
     icing: bool = option(converter=Flag(negatable=True), default=True, help="Whether there is icing.")
     topping: tuple[str, ...] = option(converter=Several(Text()), default=(), help="On top.")
@@ -162,7 +162,7 @@ def test_what_a_command_does_not_have_by_any_name_is_not_suggested() -> None:
 class _Optional(Options):
     """An option that may do without its value."""
 
-    gains: str | None = option(converter=Optional(ServoGains()), default=None, flag_value="auto", help="Gains.")
+    gains: str | None = option(converter=optional(ServoGains()), default=None, flag_value="auto", help="Gains.")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.document import reader
 from mjrun.errors import DocumentError, FileError
-from mjrun.options.kinds import Kind, Optional, ReadingContext, Text
+from mjrun.options.kinds import Kind, ReadingContext, Text, optional
 from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.setting_kinds import NamedNumbers
@@ -44,7 +44,7 @@ class Film(Options):
     """A part of a document."""
 
     fps: float = option(converter=Real(above=0), default=60.0, help="Frames per second.")
-    title: str | None = option(converter=Optional(Text()), default=None, help="A text.")
+    title: str | None = option(converter=optional(Text()), default=None, help="A text.")
 
 
 @options
@@ -52,7 +52,7 @@ class Run(Options):
     """A document as the ones to come will be."""
 
     duration: float = option(converter=Real(above=0), default=1.0, help="How long [s].")
-    steps: int | None = option(converter=Optional(Integer(None)), default=None, help="How many.")
+    steps: int | None = option(converter=optional(Integer(None)), default=None, help="How many.")
     model: str = option(converter=Text(), default="m.xml", help="A file.")
     films: tuple[Film, ...] = option(converter=ListOf[Film](OptionsMapping(Film, Film)), default=(), help="Films.")
     start: Any = option(converter=NamedNumbers(), default={}, help="Numbers by name.")

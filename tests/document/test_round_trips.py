@@ -56,8 +56,6 @@ HERE = DocumentContext(Path(), OutputFolder(Path()))
 def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
     """Values of a kind, as Python gives them."""
     match kind:
-        case kinds.Optional(each=each):
-            return values(each)
         case kinds.Several(each=each):
             return st.lists(values(each), min_size=1, max_size=3)
         case kinds.MujocoName(of=of):

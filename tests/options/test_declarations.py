@@ -63,7 +63,7 @@ EVENT = object()
 def test_a_default_is_a_value_of_its_kind_and_help_has_single_spaces(cls: type[Options]) -> None:
     for each in options_of(cls):
         assert "  " not in each.help, each.name
-        assert each.is_required or each.kind(each.default) == each.default, each.name
+        assert each.is_required or each.default is None or each.kind(each.default) == each.default, each.name
 
 
 def test_a_name_means_the_same_in_every_command_that_simulates() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Key, Kind, Optional, Several, Text
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Key, Kind, Several, Text, optional
 from mjrun.options.number_kinds import (
     GROUPS,
     ExactNumber,
@@ -74,8 +74,6 @@ from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Setting
         (Several(Text()), ["one", "two"], ("one", "two")),
         (Several(Size()), (640, 480), ((640, 480),)),
         (Several(Size()), [(640, 480), (320, 240)], ((640, 480), (320, 240))),
-        (Optional(ExactNumber()), None, None),
-        (Optional(ExactNumber()), 2, Fraction(2)),
     ],
 )
 def test_python_gives_a_value_and_a_kind_makes_it_immutable(
@@ -207,6 +205,6 @@ def test_a_setting_that_has_no_text_is_refused(value: object) -> None:
         setting_text(value)
 
 
-@pytest.mark.parametrize("make", [lambda: Several(Size()), lambda: Optional(Choice(("a", "b"))), lambda: Integer()])
+@pytest.mark.parametrize("make", [lambda: Several(Size()), lambda: optional(Choice(("a", "b"))), lambda: Integer()])
 def test_a_kind_says_what_stands_for_its_value(make: Callable[[], Kind[Any, Any]]) -> None:
     assert make().metavar in ("WxH", "a|b", "N")

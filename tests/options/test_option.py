@@ -5,7 +5,7 @@ from typing import ClassVar
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.options.kinds import Flag, Optional, Several, Text
+from mjrun.options.kinds import Flag, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import (
     Exclusion,
@@ -36,8 +36,8 @@ class Race(Common):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("laps", "length"), "both say how far"),)
 
     track: str = required(converter=Text(), kw_only=False, help="Where.")
-    laps: int | None = option(converter=Optional(Integer(1)), default=None, help="How often.")
-    length: object = option(converter=Optional(ExactNumber()), default=None, help="How far [m].")
+    laps: int | None = option(converter=optional(Integer(1)), default=None, help="How often.")
+    length: object = option(converter=optional(ExactNumber()), default=None, help="How far [m].")
     weights: object = option(converter=NamedNumbers(), default={}, help="How heavy [kg].")
     assert_: tuple[str, ...] = option(converter=Several(Text()), default=(), help="What must hold.")
 
@@ -68,8 +68,8 @@ class Ride(Options):
         Exclusion(("laps", "length"), "a lap is long enough", when=("round", True)),
     )
 
-    laps: int | None = option(converter=Optional(Integer(1)), default=None, help="How often.")
-    length: object = option(converter=Optional(ExactNumber()), default=None, help="How far [m].")
+    laps: int | None = option(converter=optional(Integer(1)), default=None, help="How often.")
+    length: object = option(converter=optional(ExactNumber()), default=None, help="How far [m].")
     round: bool = option(converter=Flag(), default=True, help="Back to the start.")
 
 

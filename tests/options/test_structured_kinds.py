@@ -21,7 +21,7 @@ class Toaster(Options):
     heat: float = required(converter=number_kinds.Real(above=0.0, most=9.0), help="How hot.")
     slices: int = option(converter=number_kinds.Integer(1), default=2, help="How many.")
     bagel: bool = option(converter=kinds.Flag(), default=False, help="Toast one side.")
-    assert_: str | None = option(converter=kinds.Optional(kinds.Text()), default=None, usual="nothing", help="A claim.")
+    assert_: str | None = option(converter=kinds.optional(kinds.Text()), default=None, usual="nothing", help="A claim.")
 
 
 @options

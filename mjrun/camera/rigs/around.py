@@ -13,7 +13,7 @@ from mjrun.camera.setting_kinds import ObjectName, PlaceKind, RampKind
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
-from mjrun.options.kinds import Choice, Flag, Optional
+from mjrun.options.kinds import Choice, Flag, optional
 from mjrun.options.number_kinds import Point
 from mjrun.options.option import option, options, required
 from mjrun.options.schema_validation import Path
@@ -32,12 +32,12 @@ class FreeRig(Rig):
     kind: ClassVar[str] = "free"
     help: ClassVar[str] = "MuJoCo's free camera."
 
-    lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
+    lookat: Place | None = option(converter=optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
     distance: EasedNumber | None = option(
-        converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
+        converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
     )
-    azimuth: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
-    elevation: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
         azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
@@ -52,14 +52,14 @@ class OrbitRig(Rig):
     help: ClassVar[str] = "Around a point or an object."
     eased: ClassVar[bool] = True
 
-    lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
+    lookat: Place | None = option(converter=optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
     distance: EasedNumber | None = option(
-        converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
+        converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
     )
     azimuth: EasedNumber | None = option(
-        converter=Optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; a full circle if left out."
+        converter=optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; a full circle if left out."
     )
-    elevation: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     ease: str = option(
         converter=Choice((*EASINGS,)),
         default="linear",
@@ -90,10 +90,10 @@ class TrackRig(Rig):
         converter=ObjectName(), kw_only=False, help="The object: box, geom:edge, site:tip or subtree:torso."
     )
     distance: EasedNumber | None = option(
-        converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
+        converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
     )
-    azimuth: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
-    elevation: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     heading: bool = option(
         converter=Flag(),
         default=False,

@@ -10,7 +10,7 @@ from mjrun.camera.pose import Frustum, Pose, around, contains, fitted
 from mjrun.camera.rigs.around import AZIMUTH, ELEVATION
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
 from mjrun.camera.targets import MovingParts, moving_parts
-from mjrun.options.kinds import Optional
+from mjrun.options.kinds import optional
 from mjrun.options.number_kinds import Real
 from mjrun.options.option import option, options
 
@@ -27,8 +27,8 @@ class AutoRig(Rig):
     kind: ClassVar[str] = "auto"
     help: ClassVar[str] = "MuJoCo's free camera, moved so that the whole motion is in view."
 
-    azimuth: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=AZIMUTH)
-    elevation: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)
+    azimuth: float | None = option(converter=optional(Real(least=None)), default=None, kw_only=False, help=AZIMUTH)
+    elevation: float | None = option(converter=optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAutoRig":
         free, direction = cameras.free, (cameras.free.azimuth, cameras.free.elevation)

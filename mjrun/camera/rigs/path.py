@@ -14,7 +14,7 @@ from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.setting_kinds import PlaceKind
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import UsageError, concerning
-from mjrun.options.kinds import Choice, Optional
+from mjrun.options.kinds import Choice, optional
 from mjrun.options.number_kinds import Point, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import Path
@@ -30,28 +30,28 @@ class Waypoint(Options):
     """A point on the camera's path: an eye, or distance, azimuth and elevation around the target."""
 
     eye: Vector | None = option(
-        converter=Optional(Point()), default=None, kw_only=False, help="Position of the camera [m]."
+        converter=optional(Point()), default=None, kw_only=False, help="Position of the camera [m]."
     )
     distance: float | None = option(
-        converter=Optional(Real(above=0)), default=None, kw_only=False, help="Distance from the target [m]."
+        converter=optional(Real(above=0)), default=None, kw_only=False, help="Distance from the target [m]."
     )
     azimuth: float | None = option(
-        converter=Optional(Real(least=None)),
+        converter=optional(Real(least=None)),
         default=None,
         kw_only=False,
         help="Direction of view, counter-clockwise from above [deg].",
     )
     elevation: float | None = option(
-        converter=Optional(Real(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
+        converter=optional(Real(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
     )
     lookat: Place | None = option(
-        converter=Optional(PlaceKind()),
+        converter=optional(PlaceKind()),
         default=None,
         kw_only=False,
         help="Point to look at from here: an object, or a point [m]; the path's lookat if left out.",
     )
     at: float | None = option(
-        converter=Optional(Real()),
+        converter=optional(Real()),
         default=None,
         kw_only=False,
         help="Time at this waypoint [s], from the beginning of the shot; only with pace: time.",
@@ -80,7 +80,7 @@ class PathRig(Rig):
         help="The points, in order; all by eye, or all by distance, azimuth and elevation.",
     )
     lookat: Place | None = option(
-        converter=Optional(PlaceKind()),
+        converter=optional(PlaceKind()),
         default=None,
         kw_only=False,
         help="Point to look at on the way: an object, or a point [m]; the direction of the path if left out.",
