@@ -16,7 +16,7 @@ from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.stepper import CHUNK, RK4, SLEEP, PhysicsStepper, Stepper
+from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.copied_contacts import ContactProbe, CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
@@ -179,7 +179,7 @@ class ProbeSampler:
             return
         stepper.advance(steps[0])
         while count := steps[-1] - stepper.step:
-            count, before = min(count, CHUNK, stepper.steps_together()), len(readings)
+            count, before = min(count, stepper.steps_together()), len(readings)
             if count > 1 and stepper.read_steps(count, lambda data: readings.append(self._reading(stepper, data))):
                 continue
             del readings[before:]
@@ -423,7 +423,7 @@ class _InstantRecorder:
         if count >= self._least and self._add_recorded(rows, count):
             return False
         if count < self._least:
-            count, before = min(left, CHUNK, stepper.steps_together()), rows.count
+            count, before = min(left, stepper.steps_together()), rows.count
             if count > 1 and stepper.read_steps(count, rows.add):
                 return False
             rows.remove(before)

@@ -59,6 +59,8 @@ class PeriodicController:
 
     def __init__(self, controller: Controller, period: Fraction, timestep: Fraction) -> None:
         self._controller = controller
+        self._data: mujoco.MjData | None = None  # the last one
+        self._ctrl = np.empty(0)
         self._reset = getattr(controller, "reset", None)
         self._ratio = period / timestep
         self._stride = self._ratio.numerator if self._ratio.denominator == 1 else 0
@@ -108,46 +110,47 @@ class PeriodicController:
         Raises:
           ControllerError: it failed, returned invalid controls, or changed the state.
         """
-        before = [(name, values := getattr(data, name), values.tobytes()) for name in guarded]
-        time, ctrl = data.time, data.ctrl
-
-        def when() -> str:
-            return f"at step {step}, time {time:.9g} s"
-
+        if data is not self._data:
+            self._data, self._ctrl = data, data.ctrl  # which stays in place
+        ctrl = self._ctrl
+        before = [(name, values := getattr(data, name), values.tobytes()) for name in guarded] if guarded else ()
         try:
             controls = self._controller(model, data)
         except (Exception, SystemExit) as error:
-            raise self._failed(when(), error) from error
+            raise self._failed(_when(data, step), error) from error
         if controls is not None:
-            ctrl[:] = self._checked(model, controls, when)
+            ctrl[:] = self._checked(model, controls, data, step)
         for name, values, content in before:
             if values.tobytes() != content:
-                self._put_back(name, values, content, when)
+                self._put_back(name, values, content, _when(data, step))
 
         if not mujoco.mju_norm(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
             actuator = control_names(model)[int(bad[0])]
-            raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {ctrl[bad[0]]} {when()}")
+            value = f"{ctrl[bad[0]]} {_when(data, step)}"
+            raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {value}")
 
-    def _put_back(self, name: str, values: np.ndarray, content: bytes, when: Callable[[], str]) -> None:
+    def _put_back(self, name: str, values: np.ndarray, content: bytes, when: str) -> None:
         """Restores a field that the controller overwrote; a state that differs is an error."""
         before = np.frombuffer(content, values.dtype).reshape(values.shape)
         if name in state.MOTION and not np.array_equal(before, values, equal_nan=True):
             raise ControllerError(
-                f"the controller {self.name} changed the state {when()}\n"
+                f"the controller {self.name} changed the state {when}\n"
                 "it may set ctrl, qfrc_applied, xfrc_applied, eq_active, mocap_pos, mocap_quat and userdata"
             )
         values[:] = before
 
-    def _checked(self, model: mujoco.MjModel, controls: Any, when: Callable[[], str]) -> np.ndarray:
+    def _checked(self, model: mujoco.MjModel, controls: Any, data: mujoco.MjData, step: int) -> np.ndarray:
         try:
             ctrl = np.asarray(controls, float)
         except (TypeError, ValueError):
             kind = type(controls).__name__
-            raise ControllerError(f"the controller {self.name} returned a {kind} {when()}, not numbers") from None
+            raise ControllerError(
+                f"the controller {self.name} returned a {kind} {_when(data, step)}, not numbers"
+            ) from None
         if ctrl.shape == (model.nu,) or (ctrl.shape == () and model.nu == 1):
             return ctrl
         actuators = listing(control_names(model))
-        shape = f"shape {ctrl.shape} {when()}; the model takes ({model.nu},)"
+        shape = f"shape {ctrl.shape} {_when(data, step)}; the model takes ({model.nu},)"
         raise ControllerError(
             f"the controller {self.name} returned {shape}\n"
             + (f"actuators: {actuators}" if model.nu else "no actuators")
@@ -155,6 +158,10 @@ class PeriodicController:
 
     def _failed(self, when: str, error: BaseException) -> ControllerError:
         return ControllerError.of(f"the controller {self.name}, {when},", error)
+
+
+def _when(data: mujoco.MjData, step: int) -> str:
+    return f"at step {step}, time {data.time:.9g} s"
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:
