@@ -407,7 +407,7 @@ class Dataset(_Dataset):
         data.yaml; nerfstudio writes transforms.json; bop writes scenes of 6D object poses. [default:
         ('folder',)]
       split: Parts of the dataset and their shares. Points keep their part when samples are added.
-        [default: (('train', Fraction(4, 5)), ('val', Fraction(1, 5)))]
+        [default: train=0.8,val=0.2]
       polygons: Write masks in COCO as polygons, which cannot have holes, instead of run lengths, which
         are exact.
       yolo_task: Labels of YOLO: boxes, polygons of masks, or keypoints. One of detect, segment, pose.
@@ -417,8 +417,9 @@ class Dataset(_Dataset):
         'camera.azimuth=uniform(0,360)', camera.distance, camera.lookat, camera.fovy, … [default:
         ('auto',)]
       times: Simulated times of the images of each point [s]. [default: (Fraction(0, 1),)]
-      objects: Bodies to label, each with everything attached to it, by name or wildcard, and their
-        category: 'mug*=mug,robot'. [default: all bodies in the world, each a category]
+      objects: Bodies, each with everything attached to it, and flexes to label, by name or wildcard,
+        and their category: 'mug*=mug,robot'. [default: all bodies and flexes in the world, each a
+        category]
       keypoints: Sites to label as keypoints of the object that they belong to, by name or wildcard.
       accept: Include only images for which this condition holds: visible/mug > 0.3 and pixels/mug >
         200. The values are pixels/OBJECT, visible/OBJECT and truncated/OBJECT (shares of its

@@ -69,9 +69,9 @@ class LabelOptions(RendererOptions):
     objects: tuple[str, ...] = option(
         converter=Several(Text("BODY[=CATEGORY]"), commas=True),
         default=(),
-        usual="all bodies in the world, each a category",
-        help="Bodies to label, each with everything attached to it, by name or wildcard, and their category: "
-        "'mug*=mug,robot'.",
+        usual="all bodies and flexes in the world, each a category",
+        help="Bodies, each with everything attached to it, and flexes to label, by name or wildcard, and their "
+        "category: 'mug*=mug,robot'.",
     )
     keypoints: tuple[str, ...] = option(
         converter=Several(Text("SITE"), commas=True),
@@ -125,6 +125,7 @@ class DatasetOptions(LabelOptions, VariationOptions):
     split: tuple[tuple[str, Fraction], ...] = option(
         converter=Shares(),
         default=SPLIT,
+        usual=SPLIT,
         help="Parts of the dataset and their shares. Points keep their part when samples are added.",
     )
     polygons: bool = option(

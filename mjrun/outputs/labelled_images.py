@@ -14,6 +14,7 @@ from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import Region, regions
+from mjrun.model.flex_bodies import carriers, flex_owners
 from mjrun.model.names import matching, names
 from mjrun.model.rendered_view import CameraCalibration, RenderedView
 from mjrun.model.stage import FLOOR, GROUND
@@ -38,7 +39,7 @@ IN_VIEW = "objects"
 
 @dataclass(frozen=True)
 class LabelledObject:
-    """An object that images are labelled with: a body with everything attached to it.
+    """An object that images are labelled with: a body with everything attached to it, or a flex.
 
     Attributes:
       category: the name of its kind.
@@ -52,24 +53,31 @@ class LabelledObject:
 
 
 def labelled_objects(options: LabelOptions, model: mujoco.MjModel) -> list[LabelledObject]:
-    """Returns the objects that `options` name; by default, all children of the world that have geoms.
+    """Returns the objects that `options` name; by default, all children of the world that have geoms, and flexes.
 
     Raises:
       UnknownNameError: a body or a site is unknown.
       UsageError: an object is part of another one, or the model has no bodies to label.
     """
-    bodies = names(model, "body")
+    bodies, roots = names(model, "body"), model.body_rootid
+    solid = {0, *roots[model.geom_bodyid].tolist()}
+    flexes = dict[int, int]()  # the bodies that only carry a flex → that of the object
+    for flex, (name, owner) in enumerate(zip(names(model, "flex"), roots[flex_owners(model)].tolist(), strict=True)):
+        if owner not in solid:
+            flexes |= dict.fromkeys({*roots[carriers(model, flex)].tolist()} - solid, owner)
+            bodies[owner] = bodies[owner] if name in bodies else name
     chosen: dict[int, str] = {}
     for index, text in enumerate(options.objects):
         pattern, _, category = text.partition("=")
         with concerning("objects", index):
-            for body in matching(model, "body", pattern):
+            for place in [bodies.index(pattern)] if pattern in bodies else matching(model, "body", pattern):
+                body = flexes.get(place, place)
                 if body == 0:
                     raise UsageError(f"{option('objects')}: the world is not an object")
                 chosen.setdefault(body, category or bodies[body])
     if not options.objects:
-        shown = {int(model.body_rootid[body]) for body in model.geom_bodyid} | set(_flexible(model))
-        chosen = {body: bodies[body] for body in sorted(shown - {0}) if bodies[body] not in (FLOOR, GROUND)}
+        shown = sorted({*solid, *flexes.values()} - {0})
+        chosen = {body: bodies[body] for body in shown if bodies[body] not in (FLOOR, GROUND)}
     if not chosen:
         raise UsageError(f"{option('objects')}: the model has no bodies to label")
     for body in chosen:
@@ -436,7 +444,7 @@ def _bodies_of(model: mujoco.MjModel, kind: str) -> np.ndarray:
         case "site":
             return np.array(model.site_bodyid)
         case "flex":
-            return np.array([model.flex_vertbodyid[first] for first in model.flex_vertadr], int)
+            return flex_owners(model)
         case "skin":
             return np.array([model.skin_bonebodyid[first] for first in model.skin_boneadr], int)
         case _:
@@ -495,12 +503,6 @@ def _keypoints(points: np.ndarray, seen: RenderedView, own: np.ndarray) -> np.nd
 
 def _has_floor(model: mujoco.MjModel) -> bool:
     return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) >= 0
-
-
-def _flexible(model: mujoco.MjModel) -> Iterator[int]:
-    """Yields the roots of the bodies of flexes."""
-    for body in model.flex_vertbodyid:
-        yield int(model.body_rootid[body])
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> Iterator[int]:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.model.flex_bodies import flex_owners
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)
 PLANE = mujoco.mjtGeom.mjGEOM_PLANE
@@ -63,9 +64,11 @@ class ObjectBoxes:
                 corners = (_exact_corners if body == roots[owner] else _own_corners)(model, int(geom))
                 self._parts.setdefault(owner, []).append((body, corners))
         self._vertices: dict[int, np.ndarray] = {}
-        for vertex, body in enumerate(model.flex_vertbodyid):
+        for flex, body in enumerate(flex_owners(model)):
             if (owner := int(owners[body])) >= 0:
-                self._vertices[owner] = np.append(self._vertices.get(owner, np.empty(0, int)), vertex)
+                first, count = int(model.flex_vertadr[flex]), int(model.flex_vertnum[flex])
+                vertices = np.arange(first, first + count)
+                self._vertices[owner] = np.append(self._vertices.get(owner, np.empty(0, int)), vertices)
 
     def box(self, index: int, pose: np.ndarray, data: mujoco.MjData) -> ObjectBox:
         """Returns the box around an object at `pose` `(4, 4)`, world from object; empty if nothing is visible."""

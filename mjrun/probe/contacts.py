@@ -10,6 +10,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
+from mjrun.model.flex_bodies import carriers
 from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.table_column import Column
 from mjrun.probe.copied_contacts import ContactProbe, RecordedContacts
@@ -138,18 +139,8 @@ def _party(model: mujoco.MjModel, text: str) -> _Party:
     for body in range(index + 1, model.nbody):  # parents come first
         bodies[body] = bodies[model.body_parentid[body]]
     for flex in range(model.nflex):
-        things[model.ngeom + flex] = bodies[_carriers(model, flex)].all()
+        things[model.ngeom + flex] = bodies[carriers(model, flex)].all()
     return _Party(things, bodies)
-
-
-def _carriers(model: mujoco.MjModel, flex: int) -> np.ndarray:
-    """Returns the bodies of the vertices of a flex, or of the nodes that its vertices are interpolated between."""
-    vertices, nodes = model.flex_vertadr[flex], model.flex_nodeadr[flex]
-    rows = (
-        model.flex_vertbodyid[vertices : vertices + model.flex_vertnum[flex]],
-        model.flex_nodebodyid[nodes : nodes + model.flex_nodenum[flex]],
-    )
-    return np.concatenate([bodies[bodies >= 0] for bodies in rows])
 
 
 def _split(text: str, model: mujoco.MjModel) -> tuple[str, str]:

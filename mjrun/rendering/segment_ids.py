@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError
+from mjrun.model.flex_bodies import flex_owners
 from mjrun.model.names import KINDS, names
 from mjrun.model.rendered_view import SegmentedObject
 
@@ -60,12 +61,11 @@ class Segmentation:
         self._ids_by_type[int(KINDS["body"])] = index.astype(np.int32)
         for kind, owners in BODY_OF.items():
             self._ids_by_type[int(KINDS[kind])] = index[getattr(model, owners)].astype(np.int32)
-        # A flex belongs to the body of its first vertex, a skin to that of its first bone.
-        flexes = zip(model.flex_vertadr, model.flex_vertnum, strict=True)
+        self._ids_by_type[int(KINDS["flex"])] = index[flex_owners(model)].astype(np.int32)
+        # A skin belongs to the body of its first bone.
         skins = zip(model.skin_boneadr, model.skin_bonenum, strict=True)
-        for kind, parts, owners in (("flex", flexes, model.flex_vertbodyid), ("skin", skins, model.skin_bonebodyid)):
-            ids = [index[owners[first]] if count else NOTHING for first, count in parts]
-            self._ids_by_type[int(KINDS[kind])] = np.array(ids, np.int32)
+        ids = [index[model.skin_bonebodyid[first]] if count else NOTHING for first, count in skins]
+        self._ids_by_type[int(KINDS["skin"])] = np.array(ids, np.int32)
 
 
 def groupings() -> Sequence[str]:

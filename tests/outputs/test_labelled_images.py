@@ -61,6 +61,36 @@ def test_masks_and_depth_are_those_of_mjruns_segmentation(renderer: LabelledRend
     assert (image.bodies == hand).any()
 
 
+SOFT = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
+<worldbody><light pos="0 -1 3"/>
+  <flexcomp name="pinned" type="grid" dim="2" count="3 3 1" spacing=".2 .2 .2" pos="-.3 0 .5" euler="60 0 0"
+    radius=".01" mass="1"><edge equality="true"/><pin id="0 2"/></flexcomp>
+  <flexcomp name="bulk" type="grid" dim="3" count="3 3 3" spacing=".1 .1 .1" pos=".3 0 .5" dof="trilinear" radius=".01"
+    mass="1"><elasticity young="1e4" poisson=".2"/></flexcomp>
+  <body name="last" pos="0 0 1"><freejoint/><geom size=".05"/></body></worldbody></mujoco>"""
+
+
+def test_a_flex_is_one_object_pinned_or_interpolated() -> None:
+    model = mujoco.MjModel.from_xml_string(SOFT)
+    renderer = LabelledRenderer(LabelOptions(size=SIZE))
+    image = pictured(renderer, model)
+    renderer.close()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ids = render(model, data, CAMERA, SIZE, "seg")
+    numbers = {each.name: number for number, each in enumerate(Segmentation(model).legend) if each.type == "flex"}
+    assert [view.object.category for view in image.views] == ["pinned", "bulk", "last"]
+    for index, name in enumerate(["pinned", "bulk"]):
+        view = image.views[index]
+        assert view.pixels > 50
+        np.testing.assert_array_equal(image.objects == index, ids == numbers[name])
+        first, count = model.flex_vertadr[index], model.flex_vertnum[index]
+        world = image.calibration.pose @ view.pose
+        points = (data.flexvert_xpos[first : first + count] - world[:3, 3]) @ world[:3, :3] - view.box.center
+        np.testing.assert_allclose(np.abs(points).max(axis=0), view.box.size / 2, atol=1e-9)
+    assert image.views[2].box.size.max() == pytest.approx(0.1)
+
+
 def test_colours_are_those_of_a_rendering_of_each_model_in_turn(renderer: LabelledRenderer) -> None:
     model = compiled()
     first = pictured(renderer, model)
@@ -161,6 +191,12 @@ def _at(model: mujoco.MjModel, state: np.ndarray) -> mujoco.MjData:
 def test_objects_are_chosen_by_name(options: dict[str, str], expected: list[tuple[str, str]]) -> None:
     objects = labelled_objects(LabelOptions(**options), compiled())  # type: ignore[arg-type]
     assert [(each.name, each.category) for each in objects] == expected
+
+
+@pytest.mark.parametrize("pattern", ["pinned", "pinned_*", "pinned_4"])
+def test_a_flex_is_chosen_by_its_name_or_by_bodies_that_carry_it(pattern: str) -> None:
+    objects = labelled_objects(LabelOptions(objects=f"{pattern}=cloth"), mujoco.MjModel.from_xml_string(SOFT))
+    assert [(each.name, each.category) for each in objects] == [("pinned", "cloth")]
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,22 @@ def test_by_bodies_everything_that_has_one_belongs_to_it_or_to_the_root_of_its_t
     assert {segment.id for segment in segmentation.legend} == roots
 
 
+def test_an_interpolated_flex_belongs_to_the_body_of_a_node() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><flexcomp name="bulk" type="grid" dim="3" count="2 2 2" spacing=".1 .1 .1" dof="trilinear"
+        radius=".01" mass="1"><elasticity young="1e4" poisson=".2"/></flexcomp>
+        <body name="last"><geom size=".1"/></body></worldbody></mujoco>"""
+    )
+    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, 10)
+    mujoco.mj_forward(model, data)
+    every = mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), every, scene)
+    segmentation = Segmentation(model, "body")
+    ids = segmentation.ids(scene)
+    shown = {kind_of(geom): segmentation.legend[ids[geom.segid + 1]].id for geom in scene.geoms[: scene.ngeom]}
+    assert shown == {"flex": model.flex_nodebodyid[0], "geom": model.body("last").id}
+
+
 def test_what_is_added_to_a_scene_is_nothing(scene: mujoco.MjvScene) -> None:
     segmentation = Segmentation(MODEL)
     decorated = mujoco.MjvScene(MODEL, 10)
