@@ -619,6 +619,17 @@ class FileError(MjrunError):
         super().__init__(f"{clean(text)}: {reason}" + (f"\n{hint}" if hint else ""))
 
 
+@contextmanager
+def file_errors(path: Path | str, how: str = "read", unless: type[OSError] | tuple[()] = ()) -> Generator[None]:
+    """Turns errors of the operating system in the `with` block into a FileError: the file cannot be `how`."""
+    try:
+        yield
+    except unless:
+        raise
+    except OSError as error:
+        raise FileError(path, f"cannot be {how}: {error.strerror or error}") from None
+
+
 class CellError(FileError):
     """A table cell that is not a number; an error only in columns that are read."""
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, listing, option
+from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
 
 FigureId = tuple[str, str]  # name, and device if that is not the processor
 Document = Mapping[str, Any]  # a benchmark as JSON
@@ -166,9 +166,8 @@ def read_base(path: str | Path) -> Document:
     """
     path = Path(path)
     try:
-        document: Document = json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+        with file_errors(path):
+            document: Document = json.loads(path.read_text("utf-8"))
     except ValueError as error:
         raise FileError(path, f"is not JSON: {clean(str(error))}") from None
 

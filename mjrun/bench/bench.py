@@ -19,7 +19,7 @@ from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
-from mjrun.errors import FileError, UsageError, option
+from mjrun.errors import UsageError, file_errors, option
 from mjrun.experiment.design import SHORT_PATHS, value_list
 from mjrun.formats.destinations import StagedFile
 from mjrun.model.mujoco_globals import collected_warnings
@@ -273,9 +273,7 @@ class Bench(BenchOptions):
 
 
 def _publish(target: StagedFile, result: BenchResult) -> None:
-    try:
+    with file_errors(target.shown, "written"):
         Path(target.path).write_text(json.dumps(asdict(result), indent=2) + "\n", "utf-8", newline="\n")
         target.sync()
-    except OSError as error:
-        raise FileError(target.shown, f"cannot be written: {error.strerror or error}") from None
     target.publish()

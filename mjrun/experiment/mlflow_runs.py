@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import FileError, UsageError, option
+from mjrun.errors import FileError, UsageError, file_errors, option
 from mjrun.experiment.results_table import POINT, ResultsTable
 from mjrun.formats.crash_safe_replacement import NEW, replace_folder
-from mjrun.formats.destinations import unwritable
 from mjrun.formats.temporary_output import TemporaryOutput
 
 MOST = 10_000  # runs, each of a dozen files
@@ -58,7 +57,7 @@ def write_runs(
     """
     check_runs(folder, len(table))
     target = Path(folder).resolve()
-    try:
+    with file_errors(folder, "written"):
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary = TemporaryOutput(target, folder=True)
         try:
@@ -66,8 +65,6 @@ def write_runs(
             replace_folder(temporary.path, target)
         finally:
             temporary.remove()
-    except OSError as error:
-        raise unwritable(folder, error) from None
 
 
 def _write_experiment(

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar
 
-from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError
-from mjrun.formats.destinations import Destination, unwritable
+from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError, file_errors
+from mjrun.formats.destinations import Destination
 from mjrun.formats.folders import destination_at
 from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
@@ -45,10 +45,8 @@ class OutputWriter:
         """
         if not self._is_finished:
             self.complete()
-            try:
+            with file_errors(self.destination.shown, "written"):
                 self.destination.sync()
-            except OSError as error:
-                raise unwritable(self.destination.shown, error) from None
             self._is_finished = True
 
     def complete(self) -> None:
@@ -91,11 +89,10 @@ class OutputWriter:
     def writing(self) -> Iterator[None]:
         """Turns errors of the operating system into those of mjrun."""
         try:
-            yield
+            with file_errors(self.destination.shown, "written", unless=BrokenPipeError):
+                yield
         except BrokenPipeError:
             raise ClosedPipeError from None
-        except OSError as error:
-            raise unwritable(self.destination.shown, error) from None
 
     def open_file(self) -> BinaryIO:
         """Opens the file to write to, which is closed with the writer."""

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from mjrun.confinement.confinement import is_writable
-from mjrun.errors import FileError, option
+from mjrun.errors import FileError, file_errors, option
 from mjrun.formats import crash_safe_replacement
 from mjrun.formats.parent_folders import TRIES, ParentFolders
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
@@ -63,10 +63,8 @@ class _Staged(Destination):
         self.shown, self._shown, self.folder = shown, shown, target.parent
         self._target, self._parents = target, _parents(shown, target)
         with self._parents.opening():
-            try:
+            with file_errors(shown, "written"):
                 self.prepare()
-            except OSError as error:
-                raise unwritable(shown, error) from None
             self._temporary = _temporary(target, shown, self._parents, folder=is_folder)
         self.path = str(self._temporary.path)
         if is_folder:
@@ -119,10 +117,8 @@ class StagedFile(_Staged):
 
     def publish(self) -> list[Path]:
         self._is_new = not os.path.lexists(self._target)
-        try:
+        with file_errors(self._shown, "written"):
             self._older = crash_safe_replacement.replace_file(self._temporary.path, self._target)
-        except OSError as error:
-            raise unwritable(self._shown, error) from None
         return [self._shown]
 
     def take_back(self) -> None:

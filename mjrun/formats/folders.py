@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
-from mjrun.errors import FileError, UsageError, clean
+from mjrun.errors import FileError, UsageError, clean, file_errors
 from mjrun.formats.destinations import Destination, StagedFile
 from mjrun.formats.input_file import is_file, is_folder, opened
 from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
@@ -176,7 +176,7 @@ class LocalFolder(Folder):
         return LocalFolder(self._path / name)
 
     def create(self, *, is_cleaned: bool = True) -> None:
-        with _failing(self.path(), "made"):
+        with file_errors(self.path(), "made"):
             self._path.mkdir(parents=True, exist_ok=True)
         if is_cleaned:
             remove_left_behind(self._path)
@@ -192,34 +192,34 @@ class LocalFolder(Folder):
         return is_file(self._path / name)
 
     def names(self, suffix: str | tuple[str, ...]) -> list[str]:
-        with _failing(self.path()), suppress(FileNotFoundError, NotADirectoryError):
+        with file_errors(self.path()), suppress(FileNotFoundError, NotADirectoryError):
             return sorted(name for name in os.listdir(self._path) if name.endswith(suffix))  # noqa: PTH208
         return []
 
     def size(self, name: str) -> int:
-        with _failing(self.path(name)), suppress(FileNotFoundError):
+        with file_errors(self.path(name)), suppress(FileNotFoundError):
             return (self._path / name).stat().st_size
         return 0
 
     def age(self, name: str) -> float:
-        with _failing(self.path(name), unless=FileNotFoundError):
+        with file_errors(self.path(name), unless=FileNotFoundError):
             return time.time() - (self._path / name).stat().st_mtime
 
     def open(self, name: str) -> BinaryIO:
-        with _failing(self.path(name), unless=FileNotFoundError):
+        with file_errors(self.path(name), unless=FileNotFoundError):
             return (self._path / name).open("rb")
 
     def create_file(self, name: str, content: bytes) -> None:
-        with _failing(self.path(name), "written"), (self._path / name).open("xb") as stream:
+        with file_errors(self.path(name), "written"), (self._path / name).open("xb") as stream:
             stream.write(content)
 
     def rewrite(self, name: str, content: bytes) -> None:
-        with _failing(self.path(name), "written"), (self._path / name).open("r+b") as stream:
+        with file_errors(self.path(name), "written"), (self._path / name).open("r+b") as stream:
             stream.write(content)
             stream.truncate()
 
     def remove(self, name: str) -> None:
-        with _failing(self.path(name), "removed"):
+        with file_errors(self.path(name), "removed"):
             (self._path / name).unlink(missing_ok=True)
 
     def destination(self, name: str) -> StagedFile:
@@ -263,30 +263,30 @@ class StoredFolder(Folder):
             self._store.mkdir(self._key, create_parents=False)
 
     def exists(self) -> bool:
-        with _failing(self._url):
+        with file_errors(self._url):
             return self._call(lambda: self._store.exists(self._key))
 
     def has(self, name: str) -> bool:
-        with _failing(self.path(name)):
+        with file_errors(self.path(name)):
             return self._call(lambda: self._store.isfile(self._place(name)))
 
     def names(self, suffix: str | tuple[str, ...]) -> list[str]:
         places: list[str] = []
-        with _failing(self._url), suppress(FileNotFoundError):
+        with file_errors(self._url), suppress(FileNotFoundError):
             places = self._call(lambda: self._store.ls(self._key, detail=False, refresh=True))
         return sorted(name for place in places if (name := place.rstrip("/").rpartition("/")[2]).endswith(suffix))
 
     def size(self, name: str) -> int:
-        with _failing(self.path(name)), suppress(FileNotFoundError):
+        with file_errors(self.path(name)), suppress(FileNotFoundError):
             return self._call(lambda: self._store.size(self._place(name)))
         return 0
 
     def age(self, name: str) -> float:
-        with _failing(self.path(name), unless=FileNotFoundError):
+        with file_errors(self.path(name), unless=FileNotFoundError):
             return time.time() - self._call(lambda: self._store.modified(self._place(name))).timestamp()
 
     def open(self, name: str) -> BinaryIO:
-        with _failing(self.path(name), unless=FileNotFoundError), scratch_folder() as folder:
+        with file_errors(self.path(name), unless=FileNotFoundError), scratch_folder() as folder:
             copy = folder / "copy"
             self._call(lambda: self._store.get_file(self._place(name), str(copy)))
             return copy.open("rb")  # which stays readable without its name
@@ -303,7 +303,7 @@ class StoredFolder(Folder):
                 if tries == 1:  # a later one finds what the first has created in spite of its error
                     raise
 
-        with _failing(self.path(name), "written"):
+        with file_errors(self.path(name), "written"):
             try:
                 self._call(create)
             except OSError as error:
@@ -314,11 +314,11 @@ class StoredFolder(Folder):
     def rewrite(self, name: str, content: bytes) -> None:
         if not self.has(name):
             raise FileError(self.path(name), "cannot be written: it is removed")
-        with _failing(self.path(name), "written"):
+        with file_errors(self.path(name), "written"):
             self._call(lambda: self._store.pipe_file(self._place(name), content))
 
     def remove(self, name: str) -> None:
-        with _failing(self.path(name), "removed"), suppress(FileNotFoundError):
+        with file_errors(self.path(name), "removed"), suppress(FileNotFoundError):
             self._call(lambda: self._store.rm_file(self._place(name)))
 
     def destination(self, name: str) -> "UploadedFile":
@@ -326,7 +326,7 @@ class StoredFolder(Folder):
 
     def upload(self, file: str, name: str) -> None:
         """Writes the content of a local file as a file of the folder."""
-        with _failing(self.path(name), "written"):
+        with file_errors(self.path(name), "written"):
             self._call(lambda: self._store.put_file(file, self._place(name)))
 
     def _place(self, name: str) -> str:
@@ -368,17 +368,6 @@ class UploadedFile(Destination):
 
     def discard(self) -> None:
         self._scratch.__exit__(None, None, None)
-
-
-@contextmanager
-def _failing(shown: str, how: str = "read", unless: type[OSError] | tuple[()] = ()) -> Iterator[None]:
-    """Turns errors of the operating system or of a store into a FileError: a file cannot be `how`."""
-    try:
-        yield
-    except unless:
-        raise
-    except OSError as error:
-        raise FileError(shown, f"cannot be {how}: {error.strerror or error}") from None
 
 
 def _missing_library(url: str, scheme: str) -> UsageError:

@@ -46,13 +46,10 @@ def read_image(path: str | Path, *, indices: bool = False) -> np.ndarray:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise UnknownNameError("image format", suffix, SUFFIXES, where=str(path))
-    try:
-        with decoding(path):
-            if suffix == ".npy":
-                return _npy(path)
-            return _exr(path) if suffix == ".exr" else _picture(path, indices)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    with decoding(path):
+        if suffix == ".npy":
+            return _npy(path)
+        return _exr(path) if suffix == ".exr" else _picture(path, indices)
 
 
 def read_palette(path: str | Path) -> bytes:

@@ -100,8 +100,7 @@ def decoding(path: Path, fault: str = "", hint: str = "") -> Iterator[None]:
       hint: advice for the user.
 
     Raises:
-      FileError: it cannot be decoded.
-      OSError: the operating system failed, not the decoder.
+      FileError: it cannot be decoded, or the operating system failed.
     """
     try:
         with warnings.catch_warnings():
@@ -112,7 +111,7 @@ def decoding(path: Path, fault: str = "", hint: str = "") -> Iterator[None]:
     except Exception as error:
         # EINVAL comes from an offset in the content that points before the beginning of the file.
         if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
-            raise
+            raise FileError(path, f"cannot be read: {error.strerror or error}") from None
         reason = (str(error) or "it ends early").splitlines()[0]  # StopIteration and EOFError say nothing
         fault = fault or f"cannot be read as {path.suffix.lower()}"
         raise FileError(path, f"{fault}: {clean(cut(reason))}", hint) from error

@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError
+from mjrun.errors import FileError, file_errors
 
 TICKS = 512  # per frame, as ffmpeg has: a low number of ticks per second confuses some players
 BLOCK = 2**20  # bytes that are copied at once
@@ -61,11 +61,9 @@ def read_samples(path: Path) -> Mp4Samples:
       FileError: it is not such a file, or cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with file_errors(path), path.open("rb") as file:
             size = file.seek(0, 2)
             return _samples(path, dict(_boxes(file, 0, size)), size)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
     except (struct.error, ValueError, IndexError, RecursionError):
         raise FileError(path, "is not an MP4 file, or is damaged") from None
 

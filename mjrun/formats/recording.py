@@ -22,7 +22,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, option, quoted
+from mjrun.errors import FileError, UsageError, clean, file_errors, option, quoted
 from mjrun.formats import npy_reader
 from mjrun.formats.atomic_output import OutputWriter, closing_quietly
 from mjrun.formats.destinations import StagedFile
@@ -73,8 +73,6 @@ class RecordingReader:
         try:
             with decoding(self.path, "is not a recording", HINT):
                 self._read()
-        except OSError as error:
-            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
         except MemoryError:
             raise FileError(self.path, "does not fit in memory") from None
 
@@ -115,10 +113,8 @@ class RecordingReader:
         if not self._closing.alive:
             raise ValueError("the recording is closed")
         row = 8 * self.size
-        try:
+        with file_errors(self.path):
             content = os.pread(self._file, count * row, self._start + index * row)
-        except OSError as error:
-            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
         if len(content) < count * row:
             raise FileError(self.path, f"has changed while it was read: state {index + len(content) // row} is missing")
         return np.frombuffer(content, "<f8").reshape(count, self.size).astype(np.float64)

@@ -10,13 +10,12 @@ import io
 import sys
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, file_errors
 from mjrun.formats.folders import open_url
 from mjrun.formats.input_file import cut, require_file
 from mjrun.formats.table import NumericTable
@@ -108,17 +107,14 @@ class TableReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @contextlib.contextmanager
     def _failing(self) -> Iterator[None]:
         try:
-            yield
-        except OSError as error:
-            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
+            with file_errors(self.path):
+                yield
         except MemoryError:
             raise FileError(self.path, "its columns do not fit in memory") from None
 
@@ -159,10 +155,8 @@ def open_table(
     if not is_url(path):
         require_file(shown, "table", suffixes())
     form = input_format(shown)
-    try:
+    with file_errors(path):
         file = open_url(str(path)) if is_url(path) else shown.open("rb")
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     try:
         return TableReader(shown, form, file, columns, cells)
     except BaseException:

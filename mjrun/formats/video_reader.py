@@ -126,8 +126,6 @@ class VideoReader:
         try:
             with decoding(self._path):
                 yield
-        except OSError as error:
-            raise FileError(self._path, f"cannot be read: {error.strerror or error}") from None
         except FileError as error:
             if error.__cause__:  # the stack frames of imageio-ffmpeg keep pipes open
                 with warnings.catch_warnings(action="ignore"):

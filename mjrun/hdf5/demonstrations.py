@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, MjrunError, clean, quoted, suggestion
+from mjrun.errors import FileError, MjrunError, clean, file_errors, quoted, suggestion
 from mjrun.hdf5.datasets import require_own_content
 from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationSummary
 from mjrun.hdf5.strings import text_attributes
@@ -44,10 +44,8 @@ class DemonstrationFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
+        with file_errors(path):
             self._file: BinaryIO = path.open("rb")
-        except OSError as error:
-            raise FileError(path, f"cannot be read: {error.strerror or error}") from None
         self._archive: h5py.File | None = None
         try:
             with self._decoding():

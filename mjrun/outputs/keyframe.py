@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
+from mjrun.errors import UsageError, clean, file_errors, listing, option, quoted
 from mjrun.formats.keyframe_writer import KeyframeWriter, key_names
 from mjrun.model.names import names
 from mjrun.options.option import options
@@ -70,11 +70,10 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
           UsageError: the key cannot be added to the XML.
         """
         model, file = context.model, self._main_file()
-        try:
+        with file_errors(file):
             xml = file.read_bytes()
+        try:
             written = key_names(xml)
-        except OSError as error:
-            raise FileError(file, f"cannot be read: {error.strerror or error}") from None
         except ValueError as error:
             raise UsageError(f"cannot add a key to {clean(str(file))}: {error}") from None
         if self.name in names(model, "keyframe") and self.name not in written:

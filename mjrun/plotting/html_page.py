@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError
+from mjrun.errors import file_errors
 from mjrun.plotting.manifest_html import FileManifest, manifest_articles
 from mjrun.plotting.markup import Markup, element, table_element
 from mjrun.plotting.table_statistics import ColumnStatistics
@@ -175,13 +175,11 @@ def page_file(path: str, page: str, limit: float) -> PageFile:
     """
     file = Path(path)
     kind = (IMAGES | VIDEOS).get(file.suffix.lower())
-    try:
+    with file_errors(file):
         size = None if file.is_dir() else file.stat().st_size
         if kind and size is not None and size <= limit * MEGABYTE:
             content = base64.b64encode(file.read_bytes()).decode()
             return PageFile(path, kind, f"data:{kind};base64,{content}", size)
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
 
     beside = os.path.relpath(os.path.realpath(file), Path(os.path.realpath(page)).parent)
     return PageFile(path, kind if size is not None else None, f"./{quote(beside)}", size)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from mjrun.errors import BadValueError, FileError, clean, concerning, option
+from mjrun.errors import BadValueError, clean, concerning, file_errors, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
@@ -106,8 +106,6 @@ def recorded_verdicts(manifests: Iterable[FileManifest]) -> list[tuple[str, Verd
 
 def _manifest(path: str) -> dict[str, object] | None:
     """Returns the content of a JSON document if it is an mjrun manifest."""
-    try:
+    with file_errors(path):
         content = parse_manifest(Path(path).read_bytes())
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     return content if content and "mjrun" in content else None

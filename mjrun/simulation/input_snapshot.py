@@ -13,7 +13,7 @@ from typing import BinaryIO, Self
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, MjrunError
+from mjrun.errors import FileError, MjrunError, file_errors
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.referenced_files import with_absolute_paths
@@ -74,10 +74,8 @@ class InputSnapshot:
             if not is_readable(path):  # and reading it fails with the reason
                 continue
             folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
-            try:
+            with file_errors(path):
                 file = Path(path).open("rb")  # noqa: SIM115 – errors of copying are others
-            except OSError as error:
-                raise FileError(path, f"cannot be read: {error.strerror or error}") from None
             with file:
                 digests[absolute] = self._add(absolute, file, folder)
             folders.add(folder)
@@ -165,34 +163,28 @@ class InputSnapshot:
             self._write(absolute, content, digest, folder)
             return digest
         self._make_folder(folder)
-        try:
+        with file_errors(copy, "written"):
             copy.parent.mkdir(parents=True, exist_ok=True)
             with copy.open("w+b") as target:
                 shutil.copyfileobj(file, target, PIECE)
                 target.seek(0)
                 return hashlib.file_digest(target, "sha256").hexdigest()
-        except OSError as error:
-            raise FileError(copy, f"cannot be written: {error.strerror or error}") from None
 
     def _write(self, absolute: str, content: bytes, digest: str, folder: str) -> None:
         copy = self._copy(absolute)
         copied = with_absolute_paths(content, self.place) if copy.suffix in XML else content
         self._make_folder(folder)
-        try:
+        with file_errors(copy, "written"):
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(copied)
             if copied != content:
                 (self.root / ORIGINALS).mkdir(exist_ok=True)
                 (self.root / ORIGINALS / digest).write_bytes(content)
-        except OSError as error:
-            raise FileError(copy, f"cannot be written: {error.strerror or error}") from None
 
     def _make_folder(self, folder: str) -> None:
         """Creates a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""
-        try:
+        with file_errors(folder, "copied"):
             os.makedirs(self._copy(folder), exist_ok=True)  # noqa: PTH103
-        except OSError as error:
-            raise FileError(folder, f"cannot be copied: {error.strerror or error}") from None
 
     def _original(self, path: str, digest: str) -> Path:
         """Returns the file with the unchanged content of an original."""

@@ -47,7 +47,9 @@ def test_whatever_a_decoder_raises_is_reported_in_a_sentence() -> None:
     assert str(caught.value) == "a.npz: cannot be read as .npz: bad\\x1b size\ntry another"
     with pytest.raises(FileError, match=r"cannot be read as .npz: it ends early"):
         decode(EOFError())
-    for passed in (UsageError("no"), MemoryError(), OSError(5, "Input/output error")):
+    with pytest.raises(FileError, match=r"^a.npz: cannot be read: Input/output error$"):
+        decode(OSError(5, "Input/output error"))
+    for passed in (UsageError("no"), MemoryError()):
         with pytest.raises(type(passed)):
             decode(passed)
 

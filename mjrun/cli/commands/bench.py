@@ -10,7 +10,7 @@ from mjrun.cli.bench_report import bench_page, bench_report, markdown
 from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.errors import FileError, UsageError, counted, option
+from mjrun.errors import UsageError, counted, file_errors, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 
@@ -104,8 +104,5 @@ def _summary(file: str | None) -> Generator[Callable[[str], None], None, None]:
 
 
 def _append(path: str, text: str) -> None:
-    try:
-        with Path(path).open("a", encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    with file_errors(path, "written"), Path(path).open("a", encoding="utf-8") as file:
+        file.write(text)
