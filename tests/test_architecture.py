@@ -61,7 +61,7 @@ LIBRARIES = {
     "google": ("formats.mcap",),  # protobuf
     "foxglove_schemas_protobuf": ("formats.mcap",),
     "matplotlib": ("plotting",),
-    "contourpy": ("formats.datasets.mask_encodings",),
+    "contourpy": ("formats.datasets.coco",),
     "coacd": ("check.rules.decomposition_fix",),
     "h5py": ("formats.tables.hdf5", "formats.episodes.minari", "hdf5"),
     "skimage": ("diff",),

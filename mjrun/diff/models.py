@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from mjrun.diff.model_differences import (
+from mjrun.diff.model_matching import PARENTS, ModelObjects, ModelRowMatching, ObjectMatching
+from mjrun.diff.result import (
     ArrayDifference,
     DerivedFieldDifference,
     Difference,
@@ -15,7 +16,6 @@ from mjrun.diff.model_differences import (
     UnmatchedObject,
     Value,
 )
-from mjrun.diff.model_matching import PARENTS, ModelObjects, ModelRowMatching, ObjectMatching
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.diff.xml_changes import xml_changes
 from mjrun.model.description.non_default_settings import (

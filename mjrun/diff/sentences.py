@@ -3,24 +3,22 @@
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
-from mjrun.diff.model_differences import (
-    ArrayDifference,
-    DerivedFieldDifference,
-    FieldDifference,
-    ModelComparison,
-    UnmatchedObject,
-    Value,
-    XmlChange,
-)
 from mjrun.diff.result import (
     SSIM_WINDOW,
+    ArrayDifference,
     CellDifference,
     ColumnDifference,
+    DerivedFieldDifference,
+    FieldDifference,
     FrameDifference,
     GoldenFacts,
+    ModelComparison,
     PictureDifference,
     TableDifference,
+    UnmatchedObject,
     UnmatchedRows,
+    Value,
+    XmlChange,
 )
 from mjrun.errors import UsageError, clean, counted, listing, option, quoted
 from mjrun.model.names import PLURALS

@@ -7,8 +7,8 @@ in their order. Attributes with the same numbers are equal, however they are wri
 from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
 
-from mjrun.diff.model_differences import XmlChange, XmlPlace
 from mjrun.diff.model_matching import equal_blocks
+from mjrun.diff.result import XmlChange, XmlPlace
 from mjrun.model.source import Source
 from mjrun.model.xml_source import Element, read_xml
 from mjrun.suffixes import XML

@@ -11,14 +11,13 @@ from mjrun.experiment.statistics import Interval
 from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
-from mjrun.plotting.figure_writer import require_matplotlib, svg_text
+from mjrun.plotting.figure_writer import page_svg, require_matplotlib
 from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, PageFile, page_file
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import PageWriter, check_page_name
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
-from mjrun.plotting.theme import adaptive
 
 LISTED = 6  # values of a parameter
 MOST_VIDEOS = 12
@@ -75,9 +74,9 @@ def study_figures(folder: str | Path) -> tuple[list[PageFigure], list[str]]:
         drawing = plan.drawing
     except (UsageError, MissingExtraError) as error:
         return [], [f"no plot: {str(error).partition(chr(10))[0]}"]
-    svg = svg_text(drawing, study_grid(drawing, None, in_page=True), "light")
+    svg = page_svg(drawing, study_grid(drawing, None, in_page=True))
     labels = [panel.label for panel in drawing.panels]
-    return [PageFigure(adaptive(svg), listing(labels), plan.notes)], []
+    return [PageFigure(svg, listing(labels), plan.notes)], []
 
 
 def table_figure(path: str | Path, options: FigureOptions) -> PageFigure:

@@ -2,19 +2,18 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mjrun.errors import clean
-from mjrun.fitting.comparison import HORIZON, write_comparison
-from mjrun.formats.temporary_output import scratch_folder
+from mjrun.fitting.comparison import HORIZON, comparison_columns
 from mjrun.model.table_column import Column
 from mjrun.options.plot import FigureOptions
+from mjrun.plotting.figure_plan import FigurePlan, TableColumns
+from mjrun.plotting.figure_writer import page_svg
 from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
 from mjrun.plotting.page_writer import MAKER, PageWriter
-from mjrun.plotting.table_figure import TableFigure
 from mjrun.probe.scanner import spelled
 
 if TYPE_CHECKING:
@@ -129,18 +128,14 @@ def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure
     held = rows[rows[:, -2] > 0, 0]
     marks = [f"x:held out={held[0]:.9g}"] if len(held) else []
     options = FigureOptions(y=panels, mark=marks, columns=2)
-    with scratch_folder() as folder, ExitStack() as stack:
-        table = str(folder / "comparison.npz")
-        write_comparison(stack, table, signals, rows).publish()
-        figure = TableFigure([table], options, stack)
-        figure.read()
-        drawn = figure.for_page()
+    columns = comparison_columns(signals)
+    plan = FigurePlan(options, [TableColumns(log, {column.name: column.unit for column in columns})])
+    collector = plan.collector(0)
+    collector.feed({column.name: values for column, values in zip(columns, rows.T, strict=True)})
+    svg = page_svg(plan.drawing([collector]), plan.page_grid(), options.style)
     description = f"{clean(log)}: measured, predicted by the original model, and predicted by the fitted model"
-    notes = (
-        *drawn.notes,
-        f"Each segment begins in the state that fits best; held-out data begin again about every {HORIZON} rows.",
-    )
-    return replace(drawn, description=description, notes=notes)
+    segments = f"Each segment begins in the state that fits best; held-out data begin again about every {HORIZON} rows."
+    return PageFigure(svg, description, [*plan.notes, *collector.notes(), segments])
 
 
 def _confidence(result: "FitResult") -> str:

@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
-from mjrun.plotting.figure_data import ParameterAxis
-from mjrun.plotting.matplotlib_figure import SMALL, FigureLayout
-from mjrun.plotting.panel_grid import DPI
+from mjrun.plotting.figure_data import DPI, ParameterAxis
+from mjrun.plotting.matplotlib_figure import SMALL, FigureLayout, rgb
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_ticks
 
 ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks
@@ -26,6 +25,15 @@ def set_scale(canvas: FigureLayout, axes: Axes, name: str, scale: ParameterAxis,
         category_ticks(axis, scale.categories, canvas)
     else:
         number_ticks(axis, canvas.em, whole=whole)
+
+
+def set_scales(canvas: FigureLayout, axes: Axes, x: ParameterAxis, y: ParameterAxis, *, whole: bool = False) -> None:
+    """Sets both axes of a panel of curves, with a grid and a line at zero; `whole` limits the ticks of y."""
+    set_scale(canvas, axes, "x", x)
+    set_scale(canvas, axes, "y", y, whole=whole)
+    axes.grid(True)
+    if not y.log and y.low < 0 < y.high:
+        axes.axhline(0, color=rgb(canvas.theme.zero), linewidth=canvas.hair, zorder=1)
 
 
 def number_ticks(axis: Axis, em: float, *, whole: bool = False) -> None:

@@ -16,11 +16,10 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_transform_factory
 
 from mjrun.dataclass import dataclass
-from mjrun.plotting.axis_ticks import set_scale
+from mjrun.plotting.axis_ticks import set_scales
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, ParameterAxis
-from mjrun.plotting.matplotlib_figure import FigureLayout, rgb
-from mjrun.plotting.panel_grid import DPI, POINT, PanelGrid
+from mjrun.plotting.figure_data import DPI, POINT, Drawing, DrawnPanel, PanelGrid, ParameterAxis
+from mjrun.plotting.matplotlib_figure import FigureLayout, curve_line, rgb
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
 NAMED = 8  # maximum number of reference lines with one name that are all labelled
@@ -60,10 +59,8 @@ def paint(drawing: Drawing, grid: PanelGrid, canvas: FigureLayout) -> None:
 
 def _furnish(canvas: FigureLayout, axes: Axes, drawing: Drawing, panel: DrawnPanel, *, lowest: bool) -> None:
     """Draws a panel without the names of its curves."""
-    theme, y = canvas.theme, panel.y
-    set_scale(canvas, axes, "x", drawing.x)
-    set_scale(canvas, axes, "y", y, whole=panel.is_whole())
-    axes.grid(True)
+    theme = canvas.theme
+    set_scales(canvas, axes, drawing.x, panel.y, whole=panel.is_whole())
     axes.set_title(panel.label)
     axes.set_ylabel(canvas.shown(panel.axis_label))
     if lowest:
@@ -71,12 +68,10 @@ def _furnish(canvas: FigureLayout, axes: Axes, drawing: Drawing, panel: DrawnPan
     else:
         axes.tick_params(labelbottom=False)
 
-    if not y.log and y.low < 0 < y.high:
-        axes.axhline(0, color=rgb(theme.zero), linewidth=canvas.hair, zorder=1)
     for line in panel.marks:
         axes.axhline(line.value, color=rgb(theme.ink), linewidth=1.3 * canvas.hair, dashes=(5, 3), zorder=1.5)
     for curve in reversed(panel.curves):  # the first on top
-        drawn = _sample(canvas, curve)
+        drawn = curve_line(theme, curve.colour, curve.variant)
         drawn.set_data(curve.points.x, curve.points.y)
         axes.add_line(drawn)
         alone = _isolated(curve.points.y)
@@ -84,14 +79,6 @@ def _furnish(canvas: FigureLayout, axes: Axes, drawing: Drawing, panel: DrawnPan
             x, y, size = curve.points.x[alone], curve.points.y[alone], 2.2 * canvas.weight
             clip = bool(panel.limits or drawing.x_limits)
             axes.plot(x, y, "o", markersize=size, color=drawn.get_color(), markeredgewidth=0, clip_on=clip)
-
-
-def _sample(canvas: FigureLayout, curve: DrawnCurve) -> Line2D:
-    """Returns a line in the style of a curve."""
-    line = Line2D([], [], color=rgb(canvas.theme.colour(curve.colour)))
-    if pattern := canvas.theme.pattern(curve.colour, curve.variant):
-        line.set_linestyle((0, pattern))
-    return line
 
 
 def _isolated(y: np.ndarray) -> np.ndarray:
@@ -160,7 +147,9 @@ class _Legend:
         for curve in panel.curves if len(panel.curves) > 1 else ():
             finite = curve.points.y[np.isfinite(curve.points.y)]
             share = _share(float(finite[-1]), scale) if len(finite) else 0.5
-            entries.append(CurveName(curve.name, _sample(canvas, curve), share * self._height))
+            entries.append(
+                CurveName(curve.name, curve_line(canvas.theme, curve.colour, curve.variant), share * self._height)
+            )
         for mark in panel.marks:
             line = Line2D([], [], color=rgb(canvas.theme.ink), linewidth=1.3 * canvas.hair, dashes=(3, 2))
             entries.append(CurveName(mark.label, line, _share(mark.value, scale) * self._height))

@@ -10,9 +10,8 @@ from mjrun.model.table_column import split_unit, with_unit
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
 from mjrun.plotting.envelope import Envelope, Points, RangeFilter
-from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel, FigureCounts, PanelGrid, panel_grid
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
-from mjrun.plotting.panel_grid import FigureCounts, PanelGrid, panel_grid
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
 

@@ -12,10 +12,9 @@ from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_encoding import ImageData
 from mjrun.formats.image_format import DRAWINGS, FORMATS
 from mjrun.packages import require
-from mjrun.plotting.figure_data import Drawing
-from mjrun.plotting.panel_grid import PanelGrid
+from mjrun.plotting.figure_data import Drawing, PanelGrid
 from mjrun.plotting.study.figure_data import StudyDrawing
-from mjrun.plotting.theme import THEMES
+from mjrun.plotting.theme import THEMES, adaptive
 
 LIBRARY, EXTRA = "matplotlib", "plot"
 
@@ -90,9 +89,15 @@ def encoded(
 
 
 def svg_text(drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> str:
-    """Draws a figure as an `<svg>` element for a page."""
+    """Draws a figure as an `<svg>` element."""
     document = encoded(drawing, grid, style, "svg", {}).decode()
     return document[document.index("<svg") :]
+
+
+def page_svg(drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str = "light") -> str:
+    """Draws a figure as an `<svg>` element for a page; in the light style, it follows the colours of the page."""
+    svg = svg_text(drawing, grid, style)
+    return adaptive(svg) if style == "light" else svg
 
 
 def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  # noqa: A002

@@ -10,10 +10,11 @@ import numpy as np
 from matplotlib import font_manager
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from mjrun.errors import clean
 from mjrun.palette import Colour
-from mjrun.plotting.panel_grid import DPI, POINT, PanelGrid
+from mjrun.plotting.figure_data import DPI, POINT, PanelGrid
 from mjrun.plotting.theme import Theme
 
 FONT = "DejaVu Sans"  # part of matplotlib: Latin, Greek, Cyrillic and symbols
@@ -153,6 +154,14 @@ class FigureLayout:
     def shown(self, text: str) -> str:
         """Returns a text as it can be drawn: cleaned, with missing letters replaced by their number, `\\u4f4d`."""
         return clean(text) if self._any_letter else _drawable(clean(text))
+
+
+def curve_line(theme: Theme, colour: int, variant: int = 0, opacity: float = 1.0) -> Line2D:
+    """Returns an empty line in the style of a curve."""
+    line = Line2D([], [], color=rgb(theme.colour(colour)), alpha=opacity)
+    if pattern := theme.pattern(colour, variant):
+        line.set_linestyle((0, pattern))
+    return line
 
 
 def rgb(colour: Colour) -> tuple[float, float, float]:

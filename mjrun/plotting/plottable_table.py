@@ -7,10 +7,9 @@ from mjrun.formats import table, table_reader
 from mjrun.formats.image_format import figure_format
 from mjrun.options.option import options_for
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.figure_data import Drawing
+from mjrun.plotting.figure_data import Drawing, PanelGrid
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
-from mjrun.plotting.panel_grid import PanelGrid
 
 
 class Table(table.NumericTable):

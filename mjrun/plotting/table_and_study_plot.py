@@ -15,7 +15,7 @@ from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
 from mjrun.plotting import page_writer
-from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
+from mjrun.plotting.figure_writer import FigureWriter, page_svg, require_matplotlib
 from mjrun.plotting.html_page import Page, PageFigure, TableStatistics, media_html
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
@@ -23,7 +23,6 @@ from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_statistics import TableSummary
-from mjrun.plotting.theme import adaptive
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 
@@ -149,8 +148,7 @@ class StudyPlot(TablePlot):
             if self.html:
                 page = stack.enter_context(PageWriter(self.html))
                 in_page = grid if self.size else study_grid(drawing, None, self.font_size, in_page=True)
-                svg = svg_text(drawing, in_page, self.style)
-                figure = PageFigure(adaptive(svg) if self.style == "light" else svg, listing(labels), plan.notes)
+                figure = PageFigure(page_svg(drawing, in_page, self.style), listing(labels), plan.notes)
                 files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)
                 own = _origin(self, [str(Path(folder, RESULTS))])
                 shown = Page(self.title or folder, MAKER, [figure], files=files, manifests=[own, *manifests])

@@ -11,12 +11,11 @@ from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
-from mjrun.plotting.figure_writer import svg_text
+from mjrun.plotting.figure_writer import page_svg
 from mjrun.plotting.html_page import PageFigure
 from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.panel import with_units
 from mjrun.plotting.table_statistics import TableSummary
-from mjrun.plotting.theme import adaptive
 
 _WORD = re.compile(r"[^/\\\s_-]+")
 
@@ -96,8 +95,7 @@ class TableFigure:
 
     def for_page(self) -> PageFigure:
         """Returns the figure for a page, which has room below rather than beside."""
-        svg = svg_text(self.drawing(), self.plan.page_grid(), self._options.style)
-        svg = adaptive(svg) if self._options.style == "light" else svg
+        svg = page_svg(self.drawing(), self.plan.page_grid(), self._options.style)
         labels = [panel.label for panel in self.plan.panels]
         return PageFigure(svg, f"{listing(self._paths)}: {listing(labels)}", self.notes())
 

@@ -16,7 +16,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError, option
 from mjrun.model.names import COUNTS, KINDS, enum_members
-from mjrun.scene_graph.lights import lit_distance
+from mjrun.scene_graph.walk import lit_distance
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
 # Settings of Filament for models made for the classic renderer, whose lights have no intensity.

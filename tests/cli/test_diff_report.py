@@ -4,8 +4,17 @@ from pathlib import Path
 
 from mjrun.cli.diff_report import cases, text, verdict
 from mjrun.cli.report_formats import github
-from mjrun.diff.model_differences import FieldDifference, ModelComparison, XmlChange, XmlPlace
-from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
+from mjrun.diff.result import (
+    CellDifference,
+    ColumnDifference,
+    DiffResult,
+    FieldDifference,
+    ModelComparison,
+    TableDifference,
+    UnmatchedRows,
+    XmlChange,
+    XmlPlace,
+)
 
 NONE = UnmatchedRows(0, None, None)
 

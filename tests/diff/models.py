@@ -2,8 +2,8 @@
 
 import mujoco
 
-from mjrun.diff.model_differences import ModelComparison
 from mjrun.diff.models import compare_models
+from mjrun.diff.result import ModelComparison
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.model.sources import CompiledSource
 

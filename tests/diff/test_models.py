@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.diff.model_differences import ArrayDifference, FieldDifference, ModelComparison, UnmatchedObject
 from mjrun.diff.models import compare_models
+from mjrun.diff.result import ArrayDifference, FieldDifference, ModelComparison, UnmatchedObject
 from mjrun.model.fields import COMPUTED, ModelField, is_layout, model_fields
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source

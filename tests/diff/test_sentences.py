@@ -3,9 +3,17 @@
 from dataclasses import replace
 from pathlib import Path
 
-from mjrun.diff.model_differences import FieldDifference, ModelComparison, UnmatchedObject
 from mjrun.diff.models import compare_models
-from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference, UnmatchedRows
+from mjrun.diff.result import (
+    CellDifference,
+    ColumnDifference,
+    FieldDifference,
+    ModelComparison,
+    TableDifference,
+    UnitDifference,
+    UnmatchedObject,
+    UnmatchedRows,
+)
 from mjrun.diff.sentences import model_lines, model_sentences, place, shared_sentence, table_sentences
 from mjrun.errors import flag, spelled
 from mjrun.model.sources import parse_source

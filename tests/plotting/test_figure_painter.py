@@ -13,10 +13,9 @@ from matplotlib.text import Text
 from mjrun.options.plot import STYLES
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Envelope, Points
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, FigureCounts, panel_grid
 from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
 from mjrun.plotting.matplotlib_figure import FigureLayout, settings
-from mjrun.plotting.panel_grid import FigureCounts, panel_grid
 from mjrun.plotting.theme import THEMES
 
 TIME = np.linspace(0, 2, 50)

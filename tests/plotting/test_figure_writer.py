@@ -12,9 +12,8 @@ from PIL import Image
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, FileError, MissingExtraError
 from mjrun.plotting.envelope import Points
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, FigureCounts, panel_grid
 from mjrun.plotting.figure_writer import FigureWriter, encoded, require_matplotlib, svg_text
-from mjrun.plotting.panel_grid import FigureCounts, panel_grid
 
 SIZE = (480, 320)
 GRID = panel_grid(FigureCounts(2, 2, True), SIZE, None)

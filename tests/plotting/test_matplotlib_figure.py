@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.errors import BadValueError
 from mjrun.options.plot import STYLES
+from mjrun.plotting.figure_data import FigureCounts, PanelGrid, panel_grid
 from mjrun.plotting.matplotlib_figure import FigureLayout, settings
-from mjrun.plotting.panel_grid import FigureCounts, PanelGrid, panel_grid
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 

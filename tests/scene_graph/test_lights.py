@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.scene_graph.graph import SceneLight
-from mjrun.scene_graph.lights import light_of
+from mjrun.scene_graph.walk import light_of
 
 
 def lights(*elements: str) -> list[SceneLight | None]:

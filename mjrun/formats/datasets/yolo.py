@@ -5,8 +5,7 @@ from pathlib import PurePosixPath
 
 from mjrun.errors import UsageError, option
 from mjrun.formats.datasets import DatasetRecords, Files, Record
-from mjrun.formats.datasets.coco import keypoints
-from mjrun.formats.datasets.mask_encodings import mask_of, polygons
+from mjrun.formats.datasets.coco import keypoints, mask_of, polygons
 from mjrun.formats.segmentation_labels import ascii_json
 
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import ParameterAxis, scale
-from mjrun.plotting.panel_grid import FigureCounts, PanelGrid, panel_grid
+from mjrun.plotting.figure_data import FigureCounts, PanelGrid, ParameterAxis, panel_grid, scale
 
 CELLS = 8  # maximum number of cells in a row that are all labelled
 EDGE = 0.04  # margin at the ends of an axis, as a share of its range

@@ -15,11 +15,10 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
-from mjrun.plotting.axis_ticks import number_ticks, set_scale
+from mjrun.plotting.axis_ticks import number_ticks, set_scale, set_scales
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import ParameterAxis
-from mjrun.plotting.matplotlib_figure import SMALL, TITLE, FigureLayout, rgb
-from mjrun.plotting.panel_grid import POINT, PanelGrid
+from mjrun.plotting.figure_data import POINT, PanelGrid, ParameterAxis
+from mjrun.plotting.matplotlib_figure import SMALL, TITLE, FigureLayout, curve_line, rgb
 from mjrun.plotting.study.figure_data import (
     GraphPanel,
     HeatPanel,
@@ -212,7 +211,7 @@ def _graph_key(canvas: FigureLayout, panels: Sequence[GraphPanel]) -> dict[str, 
     theme, first = canvas.theme, panels[0]
     key: dict[str, Artist] = {}
     for series in (series for panel in panels for series in panel.series if series.name):
-        key[series.name] = _line(canvas, series)
+        key[series.name] = curve_line(canvas.theme, series.colour, opacity=series.opacity)
     banded = next((series for series in first.series if series.bands), None)
     if banded:
         colour = rgb(theme.grey) if banded.name else rgb(theme.colour(banded.colour))
@@ -235,12 +234,7 @@ def _graph_key(canvas: FigureLayout, panels: Sequence[GraphPanel]) -> dict[str, 
 
 def _draw_graph(canvas: FigureLayout, panel: GraphPanel, axes: Axes) -> None:
     """Draws a panel."""
-    theme = canvas.theme
-    set_scale(canvas, axes, "x", panel.x)
-    set_scale(canvas, axes, "y", panel.y)
-    axes.grid(True)
-    if not panel.y.log and panel.y.low < 0 < panel.y.high:
-        axes.axhline(0, color=rgb(theme.zero), linewidth=canvas.hair, zorder=1)
+    set_scales(canvas, axes, panel.x, panel.y)
     for series in reversed(panel.series):  # the first on top
         _series(canvas, axes, series)
     for mark in panel.marks:
@@ -289,7 +283,7 @@ def _series(canvas: FigureLayout, axes: Axes, series: Series) -> None:
     if series.joined:
         for band, opacity in zip(series.bands, OPACITIES, strict=False):
             axes.fill_between(series.x, band.low, band.high, color=colour, alpha=opacity, linewidth=0)
-        line = _line(canvas, series)
+        line = curve_line(canvas.theme, series.colour, opacity=series.opacity)
         line.set_data(series.x, series.y)
         axes.add_line(line)
     else:
@@ -308,14 +302,6 @@ def _series(canvas: FigureLayout, axes: Axes, series: Series) -> None:
             alpha=0.35 if alone and len(series.x) > MANY else 0.75 if alone else 1.0,
             clip_on=False,
         )
-
-
-def _line(canvas: FigureLayout, series: Series) -> Line2D:
-    """Returns a line in the style of a series."""
-    line = Line2D([], [], color=rgb(canvas.theme.colour(series.colour)), alpha=series.opacity)
-    if pattern := canvas.theme.pattern(series.colour):
-        line.set_linestyle((0, pattern))
-    return line
 
 
 def _failure_colour(canvas: FigureLayout, panel: GraphPanel, index: int) -> tuple[float, float, float]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
-from mjrun.formats.datasets.mask_encodings import mask_of, polygons
+from mjrun.formats.datasets.coco import mask_of, polygons
 from mjrun.formats.segmentation_labels import regions
 
 
