@@ -21,7 +21,7 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
-from mjrun.study.clusters import has_ended, is_cluster, open_cluster
+from mjrun.study.clusters import Cluster, has_ended, is_cluster, open_cluster
 from mjrun.study.isolation import run_chunk
 from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk
@@ -110,10 +110,8 @@ def open_executor(
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED
     if is_cluster(engine):
-        executor, workers = open_cluster(engine, count, stack)
-        if not workers:
-            note(f"{option('engine')} {clean(engine)} has no workers yet; waiting for the first")
-        return executor, max(1, workers) * QUEUED
+        cluster = open_cluster(engine, count, stack, note)
+        return cluster, max(1, cluster.count) * QUEUED
     if engine == SLURM:
         most = most_jobs(jobs, slurm)
         return stack.enter_context(SlurmExecutor(folder, slurm, most, note)), most
@@ -225,6 +223,8 @@ def completed(
             time.sleep(INTERVAL)
             yield []
             continue
+        if isinstance(executor, Cluster) and executor.is_deserted() and is_over():
+            end = "it has no workers"
         arrived = list[tuple[PointChunk, ChunkResult]]()
         for future in wait(running, 0 if end else INTERVAL, FIRST_COMPLETED).done:
             chunk = running.pop(future)

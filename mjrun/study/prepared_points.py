@@ -206,7 +206,7 @@ class PreparedPoints(ABC):
         """
         statuses, budget = Counter[str](), Budget(options)
         failures = FailureReporter(self.points, reporter, self.noun)
-        is_waiting = are_elsewhere = False
+        is_waiting, unread = False, 0
         with (
             Leases(self.files.ranges) as leases,
             PartWriter(self.files, executors.INTERVAL, leases.publish) as parts,
@@ -224,7 +224,7 @@ class PreparedPoints(ABC):
                         leases.publish(places)
                     elif result.part:
                         parts.adopt(result.part, places)
-                        are_elsewhere = True
+                        unread += len(places) - len(result.results)
                     else:
                         keys = self._keys(places)
                         if publish:
@@ -246,8 +246,10 @@ class PreparedPoints(ABC):
                     is_waiting = True
                     some = counted(leased.left, self.noun)
                     reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
-        if are_elsewhere:  # results that others have published
+        if is_shared:  # also of workers that have died since they published them
+            missing = int(self.known.is_missing.sum())
             self.files.update(self.known, min(indices), max(indices))
+            leased.elsewhere += missing - int(self.known.is_missing.sum()) - unread
         if leases.losses > 1:
             reporter.note(f"{counted(leases.losses, 'Slurm job')} lost; their points were submitted again")
         if leased.elsewhere:

@@ -1,15 +1,19 @@
-"""Clusters that cannot be used; test_executors.py runs chunks on real ones."""
+"""Clusters that cannot be used or lose their workers; test_executors.py runs chunks on real ones."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from mjrun.errors import UsageError
+from mjrun.python_code import Sealed
+from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study import clusters
-from mjrun.study.clusters import open_cluster
-from mjrun.study.executors import QUEUED, open_executor
+from mjrun.study.clusters import Cluster, open_cluster
+from mjrun.study.executors import QUEUED, EngineEndedError, completed, open_executor
+from mjrun.study.spec import PointChunk, ShippedStudy
 
 
 @pytest.mark.parametrize("engine", ["dask://127.0.0.1:1", "ray://127.0.0.1:1"])
@@ -17,14 +21,48 @@ def test_a_cluster_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr("mjrun.study.clusters.PATIENCE", 1)
     monkeypatch.setattr("ray.util.client.worker.INITIAL_TIMEOUT_SEC", 0.01)
     with ExitStack() as stack, pytest.raises(UsageError, match=f"engine: {engine} cannot be used: .*[Tt]ime"):
-        open_cluster(engine, 1, stack)
+        open_cluster(engine, 1, stack, print)
 
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_cluster_without_workers_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int) -> None:
     notes = list[str]()
-    monkeypatch.setitem(clusters._CONNECT, "dask", lambda *_: (ThreadPoolExecutor(1), workers))
+    monkeypatch.setitem(clusters._CONNECT, "dask", lambda *_: (Future, lambda: workers))
     with ExitStack() as stack:
         _, ahead = open_executor("dask://host:1", 1, tmp_path, stack, note=notes.append)
     assert ahead == max(1, workers) * QUEUED
     assert len(notes) == (not workers)
+
+
+def test_a_cluster_that_loses_its_workers_is_reported_and_left_when_the_budget_is_spent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, present, notes, is_spent = [0.0], [2], list[str](), list[bool]()
+    monkeypatch.setattr(clusters, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0)
+    cluster = Cluster("engine dask://host:1", lambda *_: Future(), lambda: present[0], notes.append)
+    chunk = PointChunk(ShippedStudy(Sealed(b"", ()), 1, InputSnapshot.empty()), ())
+    arriving = completed(cluster, iter([chunk]), 3, lambda _: "", lambda: bool(is_spent))
+
+    def seconds(count: int, workers: int) -> None:
+        present[0] = workers
+        for _ in range(count):
+            now[0] += 1
+            assert next(arriving) == []
+
+    seconds(100, 2)
+    seconds(50, 0)
+    seconds(30, 1)
+    assert not notes
+    seconds(200, 0)
+    assert notes == ["engine dask://host:1 has had no workers for 60 s; waiting for some"]
+    seconds(20, 1)
+    seconds(200, 0)
+    assert len(notes) == 2
+    seconds(20, 1)
+    is_spent.append(True)
+    seconds(50, 0)
+    now[0] += 20
+    assert next(arriving) == []
+    with pytest.raises(EngineEndedError, match="it has no workers"):
+        next(arriving)
