@@ -16,7 +16,7 @@ from mjrun.check.model_result import Copy, FixedFile, FixOutcome, ModelResult
 from mjrun.check.rule import SEVERITIES, Finding, Fix
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
-from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, TaskQueue, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
@@ -262,12 +262,17 @@ class ModelCheck(PolicyOptions, CheckOptions):
             return [finished(self._check(task, workers, cache, spelling)) for task in tasks]
         from concurrent.futures import ThreadPoolExecutor, as_completed  # slow to import
 
+        queue = TaskQueue(tasks)
+
+        def check_next() -> tuple[int, FixOutcome]:
+            place, task = queue.take()
+            return place, self._check(task, workers, cache, spelling)
+
         with ThreadPoolExecutor(jobs) as threads:
             try:
-                places = {
-                    threads.submit(self._check, task, workers, cache, spelling): i for i, task in enumerate(tasks)
-                }
-                results = {places[future]: finished(future.result()) for future in as_completed(places)}
+                futures = [threads.submit(check_next) for _ in tasks]
+                checked = (future.result() for future in as_completed(futures))
+                results = {place: finished(outcome) for place, outcome in checked}
                 return [results[i] for i in range(len(tasks))]
             except BaseException:
                 workers.end()

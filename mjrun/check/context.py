@@ -1,5 +1,6 @@
 """A model that loads, as rules see it: compiled, at its start, and in its XML."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +29,7 @@ TAGS = {
 }
 OWNERS = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid"}  # the bodies of objects
 SECTIONS = ("actuator", "sensor", "equality")  # kinds whose objects are the children of one element
+SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))  # of the corners of a box
 IN_FILE_ORDER = (*SECTIONS, "keyframe")  # kinds whose ids follow the order of the file
 
 
@@ -118,6 +120,13 @@ class LintContext:
             mujoco.mj_forward(self.model, data)
             self._data[start] = data
         return self._data[start]
+
+    @cached_property
+    def geom_corners(self) -> np.ndarray:
+        """The corners of the bounding boxes of all geoms in the world, at the initial state, `(ngeom, 8, 3)` [m]."""
+        model, data = self.model, self.data_at(None)
+        local = model.geom_aabb[:, None, :3] + SIGNS * model.geom_aabb[:, None, 3:]
+        return data.geom_xpos[:, None] + local @ data.geom_xmat.reshape(-1, 3, 3).transpose(0, 2, 1)
 
     def start_phrase(self, start: int | None) -> str:
         """Returns the phrase for a start that begins a message."""

@@ -32,7 +32,7 @@ from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, Wor
 from mjrun.child_process import limit_this_process, resident_memory
 from mjrun.errors import ModelError
 from mjrun.model.compilation import checked_arrays
-from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.mujoco_globals import collected_warnings, keep_assets, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
 from mjrun.platform import system
 
@@ -51,6 +51,7 @@ def serve() -> NoReturn:
     tasks = os.fdopen(os.dup(0), "rb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     checked_arrays()  # cached for all models
+    keep_assets()
     gc.freeze()
     if not system.CAN_FORK_LATE:
         _check_all(tasks, output)

@@ -9,6 +9,7 @@ import os
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, field
@@ -88,6 +89,32 @@ class WorkerOutput:
     messages: Sequence[Mapping[str, Any]]
     exit: ExitStatus
     stderr: str
+
+
+class TaskQueue:
+    """The tasks that are left, for use from any thread.
+
+    Models in one folder often share meshes, which the process of a thread still holds after the first of them.
+    """
+
+    def __init__(self, tasks: Sequence[WorkerTask]) -> None:
+        self._left: dict[str, deque[tuple[int, WorkerTask]]] = {}
+        for i, task in enumerate(tasks):
+            self._left.setdefault(os.path.dirname(task.path), deque()).append((i, task))  # noqa: PTH120
+        self._lock, self._folders = threading.Lock(), dict[int, str]()
+
+    def take(self) -> tuple[int, WorkerTask]:
+        """Returns a task with its number: one in the folder of this thread's last one, or in one of no other thread."""
+        with self._lock:
+            folder = self._folders.pop(threading.get_ident(), None)
+            if folder is None or folder not in self._left:
+                others = set(self._folders.values())
+                folder = next((each for each in self._left if each not in others), next(iter(self._left)))
+            self._folders[threading.get_ident()] = folder
+            taken = self._left[folder].popleft()
+            if not self._left[folder]:
+                del self._left[folder]
+            return taken
 
 
 class CheckProcesses:

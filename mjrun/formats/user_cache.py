@@ -110,7 +110,7 @@ def file_version(place: str) -> list[int] | None:
 def is_settled(version: Sequence[int], since: int) -> bool:
     """Returns whether a file changed so long before the time `since` [ns] that each later change has another time.
 
-    Nobody can set the time of a change back; Windows does not record it.
+    The time of a change cannot be set back; Windows does not record it.
     """
     return os.name == "posix" and max(version[-2:]) < since - COARSEST_TIME
 

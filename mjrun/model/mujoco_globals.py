@@ -56,11 +56,22 @@ def _clock() -> ctypes.c_void_p | None:
 
 
 COARSEST = 2.0  # [s] resolution of the coarsest file times
-_compiled_files: dict[str, tuple[int, ...]] = {}  # identities of the files whose contents the asset cache may hold
+# The identities of the files whose contents the asset cache may hold; None where a file may change unnoticed.
+_compiled_files: dict[str, tuple[int, ...] | None] = {}
+_compiles_alone = False
+
+
+def keep_assets() -> None:
+    """Keeps the assets of all models in a process in which nothing compiles files except after `drop_outdated_assets`.
+
+    Elsewhere, MuJoCo's cache may hold an earlier content of each file that has not been passed to that function.
+    """
+    global _compiles_alone
+    _compiles_alone = True
 
 
 def drop_outdated_assets(files: Mapping[str, os.stat_result]) -> None:
-    """Empties MuJoCo's cache of meshes, textures and height fields, unless it was filled from these very files.
+    """Empties MuJoCo's cache of meshes, textures and height fields if it may hold other contents of these files.
 
     MuJoCo compares paths and times in whole seconds: of a file that is written twice within a second, or whose time is
     restored, it would compile the first content again.
@@ -68,12 +79,14 @@ def drop_outdated_assets(files: Mapping[str, os.stat_result]) -> None:
     Args:
       files: the status of each file of the model that is compiled next.
     """
-    global _compiled_files
-    identities = {p: (s.st_dev, s.st_ino, s.st_size, s.st_mtime_ns, s.st_ctime_ns) for p, s in files.items()}
-    if identities != _compiled_files:
+    settled, is_outdated = time.time() - COARSEST, False
+    for path, status in files.items():
+        identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+        path = os.path.abspath(path)  # noqa: PTH100 – of thousands; pathlib takes longer
+        is_outdated |= _compiled_files.get(path, identity if _compiles_alone else None) != identity
+        _compiled_files[path] = identity if status.st_ctime < settled else None
+    if is_outdated:
         mujoco.mj_clearCache(mujoco.mj_getCache())
-    newest = max((s.st_ctime for s in files.values()), default=0)
-    _compiled_files = identities if newest < time.time() - COARSEST else {}  # it may still change unnoticed
 
 
 @contextmanager

@@ -126,6 +126,7 @@ class PhysicsStepper:
       control: the source of controls; those in `data` when None. A controller is called on arrival at a step,
         whether or not the step is observed.
       pushes: added to the `xfrc_applied` of `data` or of a controller.
+      in_place: whether to use `model` itself, whose flags it changes, not a copy, which takes as long as a load.
 
     Automatic resets are off: an unstable simulation raises UnstableError within `CHUNK` steps of its
     first bad step, and `step` is then the last good one.
@@ -137,8 +138,10 @@ class PhysicsStepper:
         data: mujoco.MjData,
         control: ControlSources | None = None,
         pushes: PushForces | None = None,
+        *,
+        in_place: bool = False,
     ) -> None:
-        self.model = copy.copy(model)
+        self.model = model if in_place else copy.copy(model)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
         self._integrate = integrator_of(self.model)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mjrun.check import worker_pool
-from mjrun.check.worker_pool import CheckProcess, CheckProcesses, WorkerTask
+from mjrun.check.worker_pool import CheckProcess, CheckProcesses, TaskQueue, WorkerTask
 from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
 from tests.processes import PATIENCE
@@ -31,6 +31,20 @@ def test_a_folder_of_models_is_no_place_for_modules() -> None:
     for name in ("json.py", "mujoco.py", "numpy.py", "mjrun.py"):
         write(name, "raise SystemExit(9)")
     assert checked(write("fine.xml", PASSIVE.format(""))).code == 0
+
+
+def test_a_thread_goes_on_with_the_folder_of_its_last_model_and_each_model_is_taken_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    thread = SimpleNamespace(Lock=worker_pool.threading.Lock, get_ident=lambda: number)
+    monkeypatch.setattr(worker_pool, "threading", thread)
+    queue = TaskQueue([WorkerTask(path, (), 0, 1, 1) for path in ("a/1", "a/2", "b/3", "a/4", "c", "b/6")])
+    taken = [[], []]
+    for number in (0, 1, 0, 1, 1, 0):
+        place, task = queue.take()
+        taken[number].append(task.path)
+        assert task.path.endswith(str(place + 1)) or task.path == "c"
+    assert taken == [["a/1", "a/2", "a/4"], ["b/3", "b/6", "c"]]
 
 
 def test_workers_that_were_ended_start_no_more() -> None:

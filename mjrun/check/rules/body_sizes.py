@@ -1,6 +1,5 @@
 """Bodies whose size does not fit their mass, its centre, or what they show; boxes around the geoms of welded bodies."""
 
-import itertools
 from collections.abc import Iterator, Mapping
 
 import mujoco
@@ -15,7 +14,6 @@ MIN_DENSE_MASS = 0.05  # [kg]; placeholders between two joints are lighter
 SAME_BOX = 0.8  # of the box of all geoms that those that collide fill, if the others repeat them
 TOLERANCE = 0.01  # [m] by which the boxes of visual and colliding geoms are larger, so that flat ones overlap
 MAX_GRAVITY = 50.0  # [m/s²]; with more, lengths are in centimetres or millimetres
-SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
 INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
@@ -115,17 +113,8 @@ def moving_geoms(model: mujoco.MjModel) -> dict[int, np.ndarray]:
 def box(context: LintContext, body: int, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the lowest and the highest corner of the box around `geoms` in the frame of a body, `(3,)` [m]."""
     data = context.data_at(None)
-    points = (corners(context, geoms) - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
+    points = (context.geom_corners[geoms].reshape(-1, 3) - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
     return points.min(axis=0), points.max(axis=0)
-
-
-def corners(context: LintContext, geoms: np.ndarray) -> np.ndarray:
-    """Returns the corners of the bounding boxes of `geoms` in the world, `(8 n, 3)` [m]."""
-    model, data = context.model, context.data_at(None)
-    boxes = model.geom_aabb[geoms].reshape(-1, 2, 3)
-    local = boxes[:, :1] + SIGNS * boxes[:, 1:]
-    frames = data.geom_xmat[geoms].reshape(-1, 3, 3)
-    return (data.geom_xpos[geoms][:, None] + local @ frames.transpose(0, 2, 1)).reshape(-1, 3)
 
 
 def _volume(context: LintContext, body: int, geoms: np.ndarray) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Violation, rule
-from mjrun.check.rules.body_sizes import INFINITE, corners
+from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.check.rules.fused_links import fused_links, loses_its_shape
 from mjrun.check.rules.meshes import geom_mass
 from mjrun.check.rules.physical_fixes import inferred_inertia
@@ -210,7 +210,7 @@ def _reach(context: LintContext, body: int, selected: np.ndarray) -> np.ndarray:
     if not geoms.size or np.isin(model.geom_type[geoms], INFINITE).any():
         return np.zeros(3)
     axes = data.ximat[body].reshape(3, 3)
-    return abs((corners(context, geoms) - data.xipos[body]) @ axes).max(axis=0)
+    return abs((context.geom_corners[geoms].reshape(-1, 3) - data.xipos[body]) @ axes).max(axis=0)
 
 
 def _rotates(model: mujoco.MjModel, dof: int) -> bool:

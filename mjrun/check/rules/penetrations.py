@@ -39,10 +39,10 @@ def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int
 def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
     """Returns the depth [m] of each pair of geoms in contact, and its ratio to the smaller geom's half size."""
     depths: dict[tuple[int, int], float] = {}
-    for contact in context.data_at(start).contact:
-        pair = (int(contact.geom[0]), int(contact.geom[1]))
-        if min(pair) >= 0 and contact.efc_address >= 0:
-            depths[pair] = max(depths.get(pair, 0.0), -float(contact.dist))
+    contacts = context.data_at(start).contact
+    active = np.flatnonzero((contacts.geom.min(axis=1, initial=0) >= 0) & (contacts.efc_address >= 0))
+    for (one, other), distance in zip(contacts.geom[active].tolist(), contacts.dist[active].tolist(), strict=True):
+        depths[one, other] = max(depths.get((one, other), 0.0), -distance)
     sizes = {pair: min(_half_size(context.model, geom) for geom in pair) for pair in depths}
     return {pair: (depth, depth / sizes[pair]) for pair, depth in depths.items() if sizes[pair] > 0}
 

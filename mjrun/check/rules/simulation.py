@@ -1,6 +1,7 @@
 """Faults in a simulation: instability, unexplained energy, warnings of MuJoCo."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -37,9 +38,9 @@ def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
 def _step(context: LintContext, steps: int) -> Iterator[Finding]:
     energies: list[tuple[float, float]] = []
     passive = True
-    with collected_warnings() as warnings:
-        stepper = _energy_stepper(context.model)
+    with collected_warnings() as warnings, _energy_flags(context.model):
         try:
+            stepper = PhysicsStepper(context.model, mujoco.MjData(context.model), in_place=True)
             for step in _sample_steps(steps):
                 stepper.advance(step)
                 data = stepper.instant()
@@ -60,14 +61,15 @@ def _step(context: LintContext, steps: int) -> Iterator[Finding]:
         yield from _energy_gain(context, np.array(energies))
 
 
-def _energy_stepper(model: mujoco.MjModel) -> PhysicsStepper:
-    """Returns a stepper that computes the energy, which does not affect the motion; it copies the model."""
-    flags = int(model.opt.enableflags)
-    model.opt.enableflags = flags | ENERGY
+@contextmanager
+def _energy_flags(model: mujoco.MjModel) -> Generator[None]:
+    """Lets MuJoCo compute the energy, which does not affect the motion, and restores all flags of `model`."""
+    enabled, disabled = model.opt.enableflags, model.opt.disableflags
+    model.opt.enableflags |= ENERGY
     try:
-        return PhysicsStepper(model, mujoco.MjData(model))
+        yield
     finally:
-        model.opt.enableflags = flags
+        model.opt.enableflags, model.opt.disableflags = enabled, disabled
 
 
 def _sample_steps(steps: int) -> list[int]:

@@ -55,11 +55,15 @@ def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple
     data = mujoco.MjData(model)
     address, is_closed = int(model.jnt_qposadr[joint]), not model.jnt_limited[joint]
     positions = np.linspace(low, high, SAMPLES, endpoint=not is_closed)
-    offsets = np.empty((SAMPLES + 1, own.size, others.size))
+    centres = np.empty((SAMPLES + 1, own.size, 3))
     for i, position in enumerate([*positions, model.qpos0[address]]):
         data.qpos[address] = position
         mujoco.mj_kinematics(model, data)
-        offsets[i] = _offsets(model, data, own, others)
+        centres[i] = _centres(model, data, own)
+    # The hinge does not move the parent. Offsets are relative to the half sizes of its boxes: up to 1 inside.
+    frames, sizes = data.geom_xmat[others].reshape(-1, 3, 3), np.maximum(model.geom_aabb[others, 3:], mujoco.mjMINVAL)
+    along = np.einsum("sabj,bji->sabi", centres[:, :, None] - _centres(model, data, others), frames)
+    offsets = (abs(along) / sizes).max(axis=3)
     ends = offsets[[-1]] if is_closed else offsets[[0, -2, -1]]
     turn_inside = (offsets[:-1] < INNER).sum(axis=0) * (high - low) / SAMPLES
     passes = (ends > 1).all(axis=0) & (turn_inside > context.thresholds.link_overlap)
@@ -67,11 +71,7 @@ def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple
     return (int(own[pairs[0, 0]]), int(others[pairs[0, 1]])) if pairs.size else None
 
 
-def _offsets(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Returns how far the centres of some geoms are from those of the boxes of `others`, relative to the half sizes of
-    these, `(len(own), len(others))`; up to 1 inside.
-    """
-    frames = data.geom_xmat.reshape(-1, 3, 3)
-    centres = data.geom_xpos + np.einsum("gij,gj->gi", frames, model.geom_aabb[:, :3])
-    offsets = np.einsum("abj,bji->abi", centres[own][:, None] - centres[others], frames[others])
-    return (abs(offsets) / np.maximum(model.geom_aabb[others, 3:], mujoco.mjMINVAL)).max(axis=2)
+def _centres(model: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
+    """Returns the centres of the boxes of geoms in the world, `(n, 3)` [m]."""
+    frames = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    return data.geom_xpos[geoms] + (frames @ model.geom_aabb[geoms, :3, None])[:, :, 0]

@@ -4,6 +4,7 @@ import contextlib
 import os
 import subprocess
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from mjrun.errors import (
     ModelNotFoundError,
     clean,
 )
+from mjrun.model import mujoco_globals
 from mjrun.model.override import Override
 from mjrun.model.sources import load
 from mjrun.model.sources.file import FileSource
@@ -94,7 +96,11 @@ def test_what_mujoco_packs_loads_with_its_meshes(tmp_path: Path, suffix: str) ->
     assert load(packed).mesh_vert == pytest.approx(expected.mesh_vert)
 
 
-def test_a_mesh_that_is_written_again_within_a_second_is_read_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("compiles_alone", [True, False])
+def test_a_mesh_that_is_written_again_within_a_second_is_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiles_alone: bool
+) -> None:
+    monkeypatch.setattr(mujoco_globals, "_compiles_alone", compiles_alone)
     model, mesh = write(tmp_path / "m.xml", MESH), tmp_path / "m.obj"
     for edge in (1, 3, 2):
         mesh.write_text(CORNERS.replace("1 0 0", f"{edge} 0 0", 1))
@@ -102,6 +108,26 @@ def test_a_mesh_that_is_written_again_within_a_second_is_read_again(tmp_path: Pa
         corners = load(model).mesh_vert
         longest = np.linalg.norm(corners[:, None] - corners, axis=2).max()
         assert longest == pytest.approx(np.hypot(edge, 1), rel=1e-6)
+
+
+@pytest.mark.parametrize("compiles_alone", [True, False])
+def test_meshes_of_earlier_models_are_kept_only_where_nothing_else_compiles_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiles_alone: bool
+) -> None:
+    monkeypatch.setattr(mujoco_globals, "_compiles_alone", compiles_alone)
+    monkeypatch.setattr(mujoco_globals, "COARSEST", 0)
+    cache, sizes = mujoco.mj_getCache(), list[int]()
+    mujoco.mj_clearCache(cache)
+    models = [tmp_path / name / "m.xml" for name in "ab"]
+    for model in models:
+        model.parent.mkdir()
+        write(model.with_name("m.obj"), CORNERS)
+        write(model, MESH)
+    time.sleep(0.02)  # longer than a tick of the system's clock
+    for model in models:
+        load(model)
+        sizes.append(mujoco.mj_getCacheSize(cache))
+    assert sizes[1] == sizes[0] * (1 + compiles_alone) > 0
 
 
 def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
