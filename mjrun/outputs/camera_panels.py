@@ -35,6 +35,11 @@ class VideoOrImageFile:
         """The path; None for standard output."""
         return None if self.path == "-" else self.path
 
+    @property
+    def is_labelled(self) -> bool:
+        """True if a separate file describes its ids."""
+        return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
+
     def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> FrameStream:
         """Returns the stream of its frames.
 
@@ -81,8 +86,8 @@ def panel_files(options: ViewOptions, output: str) -> list[VideoOrImageFile]:
 def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:
     """Returns every file that an output writes, with its role: frames, labels, calibration and manifest."""
     files = panel_files(options, output)
-    labels = [labels_beside(file.path) for file in files if [panel.view for panel in file.panels] == ["seg"]]
-    outputs = [("output", path) for path in [*(file.path for file in files), *labels] if output != "-"]
+    labels = [labels_beside(file.path) for file in files if file.is_labelled]
+    outputs = [("output", path) for path in [*(file.path for file in files), *labels]]
     return [*outputs, *named_files(calibration=options.calibration, manifest=manifest)]
 
 

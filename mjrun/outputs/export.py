@@ -27,7 +27,6 @@ from mjrun.outputs import output
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_contacts import ContactRecorder, FrameContacts
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.outputs.output_files import named_files
 from mjrun.outputs.recorded_scene import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import RowFile
@@ -57,10 +56,6 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_scene(self)
-
-    @property
-    def files(self) -> list[tuple[str, str]]:
-        return named_files(output=None if self.output == "-" else self.output, manifest=self.manifest)
 
     @property
     def keeps_partial(self) -> bool:
@@ -226,9 +221,8 @@ class ExportResult(output.OutputResult):
       frames, fps, duration: number of frames, their rate, and length of the playback [s].
       simulated, steps: simulated time [s] and steps taken.
       size: size of the file [bytes].
-      simulation_wall, wall: wall time of stepping, and in total [s].
+      simulation_wall: wall time of stepping [s].
       assertions: each assertion with its value and verdict.
-      warnings: MuJoCo's warnings.
     """
 
     format: str
@@ -239,9 +233,7 @@ class ExportResult(output.OutputResult):
     steps: int
     size: int
     simulation_wall: float
-    wall: float
     assertions: Sequence[Verdict]
-    warnings: Sequence[str]
 
 
 class ExportedScene:
@@ -438,7 +430,7 @@ class ExportOutput(output.Output[ExportResult]):
         self._buffer.flush()
         return MeasuredValues(self._table.columns, self._steps, self._rows)
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> ExportResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> ExportResult:
         job, timeline, count = self._job, self._context.timeline, len(self._frames.states)
         return ExportResult(
             path=job.output,
@@ -449,10 +441,8 @@ class ExportOutput(output.Output[ExportResult]):
             simulated=float(timeline.duration),
             steps=timeline.steps,
             size=self._size,
-            simulation_wall=summary.simulation_wall,
-            wall=summary.wall,
+            simulation_wall=simulation_wall,
             assertions=self._verdicts,
-            warnings=summary.warnings,
         )
 
 

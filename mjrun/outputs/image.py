@@ -110,8 +110,6 @@ class ImageResult(output.OutputResult):
       time, step: the instant [s].
       clipped: the share of the visible pixels whose depth exceeds the format's range.
       renderer, gl, software: OpenGL's name for the renderer; the backend; whether a CPU renders.
-      wall: total wall time [s].
-      warnings: MuJoCo's warnings.
     """
 
     paths: Sequence[str]
@@ -123,8 +121,6 @@ class ImageResult(output.OutputResult):
     renderer: str
     gl: str
     software: bool
-    wall: float
-    warnings: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -180,7 +176,7 @@ class ImageOutput(output.Output[ImageResult]):
     def written(self) -> Sequence[OutputWriter]:
         return [*self._writers, *self._frames.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> ImageResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> ImageResult:
         backend, schedule = self._frames.backend, self._frames.schedule
         return ImageResult(
             path=self._job.output,
@@ -193,8 +189,6 @@ class ImageOutput(output.Output[ImageResult]):
             renderer=backend.renderer,
             gl=backend.name,
             software=backend.software,
-            wall=summary.wall,
-            warnings=summary.warnings,
         )
 
     @property

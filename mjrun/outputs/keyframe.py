@@ -15,7 +15,6 @@ from mjrun.model.names import names
 from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions
 from mjrun.outputs import output
-from mjrun.outputs.output_files import named_files
 from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.timeline import nearest
 
@@ -25,10 +24,6 @@ SUFFIX = ".xml"
 @options
 class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
     """A keyframe with an instant of a simulation, saved in the model's XML: its options are keywords."""
-
-    @property
-    def files(self) -> list[tuple[str, str]]:
-        return named_files(output=self.output, manifest=self.manifest)
 
     @property
     def rewritten_inputs(self) -> Sequence[str]:
@@ -100,15 +95,11 @@ class KeyframeResult(output.OutputResult):
       name: name of the key.
       time: simulated time of the key [s].
       step: step of the key.
-      wall: total wall time [s].
-      warnings: MuJoCo's warnings.
     """
 
     name: str
     time: float
     step: int
-    wall: float
-    warnings: Sequence[str]
 
 
 class KeyframeOutput(output.Output[KeyframeResult]):
@@ -147,14 +138,12 @@ class KeyframeOutput(output.Output[KeyframeResult]):
             self._context.reporter.warn(f"{clean(self._job.output)}: {text}")
         return [self._writer]
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> KeyframeResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> KeyframeResult:
         return KeyframeResult(
             path=self._job.output,
             name=self._job.name,
             time=float(self._context.timeline.time(self._step)),
             step=self._step,
-            wall=summary.wall,
-            warnings=summary.warnings,
         )
 
     def _take(self, state: np.ndarray) -> None:

@@ -53,7 +53,7 @@ class MemoryOutput(output.Output[output.OutputResult]):
     def written(self) -> Sequence[OutputWriter]:
         return []
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> output.OutputResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> output.OutputResult:
         raise NotImplementedError
 
 

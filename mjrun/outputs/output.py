@@ -20,6 +20,7 @@ from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
+from mjrun.outputs.output_files import named_files
 from mjrun.physics.simulation_loop import AnyTap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
@@ -45,10 +46,14 @@ class OutputResult:
     Attributes:
       path: path of the output; `-` is standard output.
       episode: the result of the policy's episode; None if there is no policy.
+      wall: total wall time [s].
+      warnings: MuJoCo's warnings.
     """
 
     path: str
     episode: EpisodeResult | None = field(default=None, kw_only=True)
+    wall: float = field(default=0.0, kw_only=True)
+    warnings: Sequence[str] = field(default=(), kw_only=True)
 
     def _repr_html_(self) -> str | None:
         """Returns the images and videos for a notebook, or None."""
@@ -98,15 +103,6 @@ class Preview:
     unit: str
     size: Sequence[int]
     about: str = ""
-
-
-@dataclass(frozen=True)
-class PassSummary:
-    """Facts at the end of a pass: wall time of everything and of the simulation [s], and MuJoCo's warnings."""
-
-    wall: float
-    simulation_wall: float
-    warnings: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -223,8 +219,12 @@ class Output(ABC, Generic[R_co]):
         """
 
     @abstractmethod
-    def result(self, files: Sequence[Path], summary: PassSummary) -> R_co:
-        """Returns the result once the files are published."""
+    def result(self, files: Sequence[Path], simulation_wall: float) -> R_co:
+        """Returns the result once the files are published, without what the pass adds to every result.
+
+        Args:
+          simulation_wall: wall time of stepping [s].
+        """
 
     def remarks(self) -> Sequence[str]:
         """Returns warnings about the published files."""
@@ -261,9 +261,9 @@ class Job(OutputOptions, ABC, Generic[R_co]):
         require_simulation(self.simulation)
 
     @property
-    @abstractmethod
     def files(self) -> Sequence[tuple[str, str]]:
         """Every file that is written, with its role."""
+        return named_files(output=self.output, manifest=self.manifest)
 
     @property
     def inputs(self) -> Sequence[tuple[str, str]]:

@@ -16,7 +16,7 @@ from mjrun.formats.atomic_output import OutputWriter, move_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.end_condition import final_timeline
-from mjrun.outputs.output import Context, Job, Output, OutputResult, PassRenderers, PassSummary, Plan, Preview
+from mjrun.outputs.output import Context, Job, Output, OutputResult, PassRenderers, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.physics.simulation_loop import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
@@ -376,19 +376,22 @@ class Pass(Generic[R]):
     def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, Mapping[str, object]]:
         """Moves an output and its manifest to their places; returns its files, its result and its facts."""
         manifest = self._manifests[index]
-        summary = PassSummary(time.perf_counter() - self._start, self._simulation_wall, warnings)
+        wall = time.perf_counter() - self._start
 
         def written(manifest: ManifestWriter, files: Sequence[Path]) -> ManifestWriter:
-            _, facts = self._described(index, files, summary)
+            _, facts = self._described(index, files, wall, warnings)
             manifest.write(facts, files)
             return manifest
 
         files = move_together(self._writers[index], partial(written, manifest) if manifest else None)
-        return files, *self._described(index, files, summary)
+        return files, *self._described(index, files, wall, warnings)
 
-    def _described(self, index: int, files: Sequence[Path], summary: PassSummary) -> tuple[R, Mapping[str, object]]:
+    def _described(
+        self, index: int, files: Sequence[Path], wall: float, warnings: Sequence[str]
+    ) -> tuple[R, Mapping[str, object]]:
         """Returns the result and the facts of an output whose files are in their places."""
         output = self.outputs[index]
-        result = replace(output.result(files, summary), episode=self.episode)
+        result = output.result(files, self._simulation_wall)
+        result = replace(result, episode=self.episode, wall=wall, warnings=warnings)
         failure = None if self.instability is None else str(self.instability)
         return result, {**output.facts, "result": asdict(result), "failure": failure}

@@ -16,7 +16,6 @@ from mjrun.options.option import options
 from mjrun.options.plot import PlotOptions
 from mjrun.options.trace import PROBES
 from mjrun.outputs import output
-from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer
 from mjrun.physics.simulation_loop import AnyTap, Tap
@@ -40,11 +39,6 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
     def figure_format(self) -> str:
         """The name of the format."""
         return figure_format(self.target, self.format)
-
-    @property
-    def files(self) -> list[tuple[str, str]]:
-        """Every file that is written, with its role."""
-        return named_files(output=self.output, manifest=self.manifest)
 
     def check(self) -> None:
         """Checks the format.
@@ -103,8 +97,6 @@ class PlotResult(output.OutputResult):
       samples: the number of samples of each curve; of all points, if parameters vary.
       panels: their labels, in order.
       curves: total number of curves.
-      wall: total wall time [s].
-      warnings: MuJoCo's warnings.
       points: the samples of each point, by its values; empty unless parameters vary.
     """
 
@@ -112,8 +104,6 @@ class PlotResult(output.OutputResult):
     samples: int
     panels: Sequence[str]
     curves: int
-    wall: float
-    warnings: Sequence[str]
     points: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
@@ -161,15 +151,13 @@ class PlotOutput(output.Output[PlotResult]):
     def written(self) -> Sequence[FigureWriter]:
         return [self._writer]
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> PlotResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> PlotResult:
         return PlotResult(
             path=self._job.output,
             size=self._figure.grid.size,
             samples=sum(self.rows),
             panels=[panel.label for panel in self._figure.panels],
             curves=sum(len(panel.curves) for panel in self._figure.panels) * len(self._collectors),
-            wall=summary.wall,
-            warnings=summary.warnings,
         )
 
     @property

@@ -12,17 +12,12 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
 from mjrun.outputs import output
-from mjrun.outputs.output_files import named_files
 from mjrun.physics.simulation_loop import AnyTap, Tap
 
 
 @options
 class Recording(RecordingOptions, output.Job["RecordingResult"]):
     """A recording of the states of all steps of a simulation: its options are keywords."""
-
-    @property
-    def files(self) -> list[tuple[str, str]]:
-        return named_files(output=self.output, manifest=self.manifest)
 
     @property
     def keeps_partial(self) -> bool:
@@ -44,15 +39,11 @@ class RecordingResult(output.OutputResult):
       states: the number of states: one for each step, and the first.
       size: numbers in a state.
       simulated: simulated time [s].
-      wall: total wall time [s].
-      warnings: MuJoCo's warnings.
     """
 
     states: int
     size: int
     simulated: float
-    wall: float
-    warnings: Sequence[str]
 
 
 class RecordingOutput(output.Output[RecordingResult]):
@@ -71,13 +62,11 @@ class RecordingOutput(output.Output[RecordingResult]):
     def written(self) -> Sequence[RecordingWriter]:
         return [self._writer]
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> RecordingResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> RecordingResult:
         count = self._writer.count
         return RecordingResult(
             path=self._job.output,
             states=count,
             size=state.size(self._context.model),
             simulated=float(self._context.timeline.time(count - 1)),
-            wall=summary.wall,
-            warnings=summary.warnings,
         )

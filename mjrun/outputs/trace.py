@@ -130,9 +130,7 @@ class TraceResult(output.OutputResult):
       rows, columns: the numbers of its rows and columns.
       contacts: rows of the contact table, or None.
       simulated, steps: simulated time [s] and steps taken.
-      wall: total wall time [s].
       assertions: each assertion with its value and verdict.
-      warnings: MuJoCo's warnings.
       golden: the comparison with the golden table, or None.
     """
 
@@ -142,9 +140,7 @@ class TraceResult(output.OutputResult):
     contacts: int | None
     simulated: float
     steps: int
-    wall: float
     assertions: Sequence[Verdict]
-    warnings: Sequence[str]
     golden: "DiffResult | None" = None
 
 
@@ -216,7 +212,7 @@ class TraceOutput(output.Output[TraceResult]):
             self.golden_differences = [difference_message(self._comparison)]
         return [*writers, *replaced]
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> TraceResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> TraceResult:
         timeline = self._context.timeline
         return TraceResult(
             path=self._job.output if self._job.written else "",
@@ -226,10 +222,8 @@ class TraceOutput(output.Output[TraceResult]):
             contacts=self._contacts.rows if self._contacts else None,
             simulated=float(timeline.duration),
             steps=timeline.steps,
-            wall=summary.wall,
             assertions=self._verdicts,
             golden=self._comparison,
-            warnings=summary.warnings,
         )
 
     def _write(self, rows: SampledRows) -> None:

@@ -82,8 +82,7 @@ class VideoResult(output.OutputResult):
       simulated, steps: simulated time [s] and steps taken.
       jobs: the number of processes that rendered.
       renderer, gl, software: OpenGL's name for the renderer; the backend; whether a CPU renders.
-      simulation_wall, draw_wall, wall: wall time of stepping, of rendering and encoding, and in total [s].
-      warnings: MuJoCo's warnings.
+      simulation_wall, draw_wall: wall time of stepping, and of rendering and encoding [s].
     """
 
     paths: Sequence[str]
@@ -101,8 +100,6 @@ class VideoResult(output.OutputResult):
     software: bool
     simulation_wall: float
     draw_wall: float
-    wall: float
-    warnings: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -110,11 +107,6 @@ class VideoFile(VideoOrImageFile):
     """A file of a video, with its encoding."""
 
     encoding: Encoding = field(kw_only=True)
-
-    @property
-    def is_labelled(self) -> bool:
-        """True if a separate file describes its ids."""
-        return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
 
 class VideoOutput(output.Output[VideoResult]):
@@ -174,7 +166,7 @@ class VideoOutput(output.Output[VideoResult]):
         self._draw_wall += perf_counter() - start
         return writers
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> VideoResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> VideoResult:
         job, timeline, backend = self._job, self._timeline, self._frames.backend
         encoded, (width, height) = job.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
@@ -195,10 +187,8 @@ class VideoOutput(output.Output[VideoResult]):
             renderer=backend.renderer,
             gl=backend.name,
             software=backend.software,
-            simulation_wall=summary.simulation_wall,
+            simulation_wall=simulation_wall,
             draw_wall=self._draw_wall,
-            wall=summary.wall,
-            warnings=summary.warnings,
         )
 
     def remarks(self) -> Sequence[str]:

@@ -165,6 +165,6 @@ class VariedPlotOutput(PlotOutput):
                 first.add_note(f"{values} failed at step {error.step}, time {error.time:.9g} s")
             raise first
 
-    def result(self, files: Sequence[Path], summary: output.PassSummary) -> PlotResult:
+    def result(self, files: Sequence[Path], simulation_wall: float) -> PlotResult:
         points = {point.values: rows for point, rows in zip(self._points, self.rows, strict=True)}
-        return replace(super().result(files, summary), points=points)
+        return replace(super().result(files, simulation_wall), points=points)

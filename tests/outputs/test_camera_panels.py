@@ -141,7 +141,7 @@ def test_numbers_cannot_share_a_frame_and_several_files_not_one_pipe() -> None:
         panel_files(ViewOptions(view=["rgb", "depth"], separate=True), "-")
 
 
-def test_every_file_of_a_drawing_is_listed_and_standard_output_is_none() -> None:
+def test_every_file_of_a_drawing_is_listed() -> None:
     options = ViewOptions(view=["rgb", "seg"], separate=True, calibration="c.json")
     assert output_files(options, "v.mkv", "m.json") == [
         ("output", "v-rgb.mkv"),
@@ -150,7 +150,7 @@ def test_every_file_of_a_drawing_is_listed_and_standard_output_is_none() -> None
         ("calibration", "c.json"),
         ("manifest", "m.json"),
     ]
-    assert output_files(ViewOptions(), "-", None) == []
+    assert output_files(ViewOptions(), "-", None) == [("output", "-")]
 
 
 def corners(model: mujoco.MjModel, data: mujoco.MjData, geom: str) -> np.ndarray:

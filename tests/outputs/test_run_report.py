@@ -90,8 +90,8 @@ def test_every_kind_of_output_is_known_by_its_name() -> None:
 
 
 def test_a_document_has_the_results_in_their_order() -> None:
-    key = KeyframeResult("k.xml", "end", 0.03, 3, 0.1, [])
-    recording = RecordingResult("r.npz", 4, 9, 0.03, 0.1, [])
+    key = KeyframeResult("k.xml", "end", 0.03, 3, wall=0.1)
+    recording = RecordingResult("r.npz", 4, 9, 0.03, wall=0.1)
     first, second = RunResult([recording, key]).document()["results"]  # type: ignore[misc]
     assert first == {"kind": "Recording", **asdict(recording)}
     assert second == {"kind": "Keyframe", **asdict(key)}

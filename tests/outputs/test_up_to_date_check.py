@@ -13,6 +13,8 @@ from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import UsageError
 from mjrun.formats.user_cache import VARIABLE
 from mjrun.options.output import RerunOptions
+from mjrun.outputs.export import Export
+from mjrun.outputs.image import Image
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.up_to_date_check import UpToDateCheck, dependencies
 from mjrun.outputs.video import Video
@@ -202,6 +204,13 @@ def test_cameras_and_ghosts_depend_on_their_files() -> None:
 def test_impossible_requests_are_refused(options: dict, output: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         UpToDateCheck([Trace(Simulation("model.xml"), output, probe=["qpos"])], RerunOptions(**options))
+
+
+def test_outputs_of_every_kind_to_standard_output_are_refused() -> None:
+    simulation = Simulation("model.xml")
+    for job in [Video(simulation, "-"), Image(simulation, "-"), Export(simulation, "-")]:
+        with pytest.raises(UsageError, match="if_changed requires files, not standard output"):
+            UpToDateCheck([job], RerunOptions(if_changed=True))
 
 
 def test_make_knows_what_the_outputs_depend_on(run: Callable[..., tuple[str, str]]) -> None:
