@@ -9,13 +9,13 @@ import skimage
 from mjrun.diff.images_and_videos import EQUAL, compare_frames, decibels
 from mjrun.diff.tolerances import Tolerance
 
-RNG = np.random.default_rng(6)
-FRAME = RNG.integers(0, 256, (24, 33, 3), np.uint8)
+FRAME = np.random.default_rng(6).integers(0, 256, (24, 33, 3), np.uint8)
 EXACT = Tolerance()
 
 
 def noisy(spread: int) -> np.ndarray:
-    return np.clip(FRAME + RNG.integers(-spread, spread + 1, FRAME.shape), 0, 255).astype(np.uint8)
+    change = np.random.default_rng(spread).integers(-spread, spread + 1, FRAME.shape)
+    return np.clip(FRAME + change, 0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("spread", [1, 9, 200])

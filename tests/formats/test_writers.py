@@ -26,7 +26,6 @@ from mjrun.model.rendered_view import CameraCalibration, RenderedView, Segmented
 from tests.formats.table_files import COLUMNS, names
 
 DISK = 2**16  # bytes that a file may have
-RNG = np.random.default_rng(1)
 LENS = CameraCalibration((4, 4), 4.0, 4.0, 2.0, 2.0, np.eye(4), 0.01, 50.0, True)
 
 
@@ -55,7 +54,7 @@ def segments(count: int) -> list[SegmentedObject]:
 
 def table(form: str) -> Case:
     def write(writer: TableWriter, rows: int) -> None:
-        for block in np.array_split(RNG.standard_normal((rows, 3)), 20):
+        for block in np.array_split(np.random.default_rng(1).standard_normal((rows, 3)), 20):
             writer.write(block)
 
     return Case(f"t.{form}", lambda path, _: TableWriter(path, form, COLUMNS), write, 5, [3_000, 30_000])
@@ -66,7 +65,9 @@ def image(view: str, form: str) -> Case:
     known = IMAGES[view][form]
 
     def write(writer: ImageWriter, side: int) -> None:
-        pixels = RNG.integers(0, 3, (side, side, *shape)).astype(kind) * (80 if view == "rgb" else 1)
+        pixels = np.random.default_rng(1).integers(0, 3, (side, side, *shape)).astype(kind) * (
+            80 if view == "rgb" else 1
+        )
         legend = segments(3) if view == "seg" else []
         writer.write(pixels.astype(kind), legend, np.zeros((3, 3), np.uint8) if view == "seg" else None)
 

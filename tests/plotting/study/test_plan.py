@@ -30,14 +30,14 @@ def drawn(study: StudyResults, **options: object) -> StudyDrawing:
     return StudyFigurePlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
 
 
-RNG = np.random.default_rng(5)
 STEP = np.repeat(np.geomspace(1e-4, 1e-1, 7), 9)
 SEED = np.tile(np.arange(9.0), 7)
-DRIFT = RNG.normal(5, 1, 63) * STEP
+DRIFT = np.random.default_rng(5).normal(5, 1, 63) * STEP
 
 
 def test_one_parameter_with_repeats_is_its_median_and_bands() -> None:
-    drift = np.where(RNG.random(63) < 0.1, np.nan, DRIFT)
+    rng = np.random.default_rng(5)
+    drift = np.where(rng.random(63) < 0.1, np.nan, DRIFT)
     status = np.where(np.isnan(drift), "unstable", "ok")
     (panel,) = drawn(results({"opt.timestep": STEP, "seed": SEED}, {"drift": drift}, status)).panels
     assert isinstance(panel, GraphPanel)
@@ -66,10 +66,11 @@ def test_one_parameter_without_repeats_is_a_curve_without_bands() -> None:
 
 def test_two_parameters_on_a_grid_are_a_map_of_medians() -> None:
     a, b = np.repeat(np.arange(4.0), 15), np.tile(np.repeat(np.arange(5.0), 3), 4)
-    z = RNG.normal(size=60)
+    rng = np.random.default_rng(5)
+    z = rng.normal(size=60)
     z[(a == 1) & (b == 2)] = np.nan
     status = np.where(np.isnan(z), "crashed", "ok")
-    panel, _ = drawn(results({"a": a, "b": b, "seed": RNG.random(60)}, {"z": z, "w": z}, status)).panels
+    panel, _ = drawn(results({"a": a, "b": b, "seed": rng.random(60)}, {"z": z, "w": z}, status)).panels
     assert isinstance(panel, HeatPanel)
     table = pd.DataFrame({"a": a, "b": b, "z": z}).pivot_table(index="b", columns="a", values="z", aggfunc="median")
     np.testing.assert_allclose(panel.values, table.to_numpy(), rtol=1e-12)
@@ -102,7 +103,8 @@ def test_indices_of_sensitivity_have_the_intervals_of_their_table() -> None:
 
 
 def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
-    a, b = RNG.random((2, 40))
+    rng = np.random.default_rng(5)
+    a, b = rng.random((2, 40))
     study = results({"a": a, "b": b}, {"z": a + b, "w": a - b})
     drawing = drawn(study)
     assert drawing.columns == 2
@@ -114,7 +116,8 @@ def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
 
 
 def test_a_grid_with_random_parameters_too_has_bands_over_them() -> None:
-    a, b = np.repeat(np.arange(4.0), 20), RNG.random(80)
+    rng = np.random.default_rng(5)
+    a, b = np.repeat(np.arange(4.0), 20), rng.random(80)
     (panel,) = drawn(results({"a": a, "b": b}, {"z": a + b})).panels
     assert isinstance(panel, GraphPanel)
     assert panel.x.name == "a"
@@ -122,7 +125,7 @@ def test_a_grid_with_random_parameters_too_has_bands_over_them() -> None:
 
 
 def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> None:
-    rng = np.random.default_rng(0)  # of its own: those of other tests depend on which have run
+    rng = np.random.default_rng(0)
     values, kind = rng.random((50, 4)), [str(k) for k in rng.choice(["x", "y", "z"], 50)]
     z = values[:, 0] - 2 * values[:, 1]
     z[7] = np.nan
@@ -142,7 +145,8 @@ def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> Non
 
 
 def test_lines_of_many_points_are_chosen_evenly() -> None:
-    values = RNG.random((9000, 4))
+    rng = np.random.default_rng(5)
+    values = rng.random((9000, 4))
     plan = StudyFigurePlan(
         results(dict(zip("abcd", values.T.copy(), strict=True)), {"z": values[:, 0]}), FigureOptions()
     )
