@@ -81,9 +81,9 @@ def test_a_lesson_makes_its_video_image_trace_plot_and_replay(
     mjrun_here: Command, path: Path, plain: Path, tmp_path: Path
 ) -> None:
     path = path if path.stem in TEXTURED else plain / path.name
-    # The camera of the dominos looks for the throw at every step, and the other two have events later on.
-    whole = {"dominos": ["timestep=0.002"], "friction_ramp": [], "pinata": []}
-    shorter = whole.get(path.stem, ["duration=0.5"])
+    # The camera of the dominos looks for the throw at every step, and the other three have events later on.
+    whole = {"dominos": ["timestep=0.002"], "friction_ramp": [], "free_body": ["duration=0.5"], "pinata": []}
+    shorter = whole.get(path.stem, ["duration=0.2"])
     done = mjrun_here("run", path, *SMALL, *shorter, "-o", tmp_path / "out", "-q", "--quality", "draft")
     assert (done.returncode, done.stderr) == (0, b"")
     name = path.stem

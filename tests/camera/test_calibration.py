@@ -38,7 +38,7 @@ OTHERS = """
 <geom name="far" type="box" size="1 1 1" pos="4 40 3"/>
 """
 ROUNDED = 10  # times larger are errors of depth on a GPU, which rounds corners to 1/256 of a pixel
-SIZES = [(160, 120), (101, 77), (64, 130)]
+SIZES = [(101, 77), (64, 130)]
 
 
 @dataclass(frozen=True)

@@ -178,7 +178,7 @@ rigs = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=10)
 @given(rigs, rigs, st.sampled_from(sorted(BLENDS)), st.floats(0.1, 1), st.floats(-700, 700))
 @pytest.mark.slow
 def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, width: float, spin: float) -> None:

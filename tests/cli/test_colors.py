@@ -40,7 +40,7 @@ def on_terminal(arguments: list[str], folder: Path, **variables: str) -> str:
     return shown.decode().replace("\r\n", "\n")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["trace", "nothing.xml"], ["trac"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["trace", "nothing.xml"]])
 def test_colours_are_additions_to_the_same_text(arguments: list[str], tmp_path: Path) -> None:
     coloured = on_terminal(arguments, tmp_path, NO_COLOR="")
     plain = on_terminal(arguments, tmp_path, NO_COLOR="1")

@@ -139,7 +139,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
 
 @pytest.mark.parametrize("kind", EVERY_KIND.values())
 @given(data=st.data())
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_what_a_kind_prints_is_read_back_as_the_same_value(kind: Kind[Any, Any], data: st.DataObject) -> None:
     value = kind(data.draw(values(kind)))
     written = plain_value(kind, value)

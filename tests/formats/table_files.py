@@ -30,7 +30,7 @@ MANIFEST = {"mjrun": "0.1.0", "seed": 7}
 ODD = [0.0, -0.0, 5e-324, -2.2250738585072014e-308, 0.1, 1 / 3, 1e22, 1e23, 123456789012345680.0]
 ODD += [-1.7976931348623157e308]
 BROKEN = [float("nan"), float("inf"), float("-inf")]
-hypothesis = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+hypothesis = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def columns(*names: str) -> list[Column]:

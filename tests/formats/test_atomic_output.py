@@ -39,8 +39,7 @@ def state(folder: Path) -> dict[str, str]:
 
 @pytest.mark.slow
 @both_ways
-@pytest.mark.parametrize("kind", ["once", "from then on"])
-@pytest.mark.parametrize("had", [True, False])
+@pytest.mark.parametrize(("kind", "had"), [("once", True), ("from then on", True), ("from then on", False)])
 def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says_which(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool], kind: str, had: bool
 ) -> None:

@@ -291,7 +291,7 @@ def sound_files(form: str) -> list[bytes]:
 @pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @given(data=st.data())
-@settings(hypothesis, max_examples=40)
+@settings(hypothesis, max_examples=25)
 def test_whatever_happens_to_a_file_it_is_read_or_refused(tmp_path: Path, form: str, data: st.DataObject) -> None:
     content = bytearray(data.draw(st.sampled_from(sound_files(form))))
     for _ in range(data.draw(st.integers(1, 3))):

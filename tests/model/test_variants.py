@@ -68,7 +68,7 @@ def source_content(path: str) -> bytes:
     ),
     st.sampled_from(["", "<contact><pair geom1='tip' geom2='toe'/></contact>"]),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_a_variant_is_the_compiled_model(
     tmp_path_factory: pytest.TempPathFactory, overrides: list[tuple[str, str]], extra: str
 ) -> None:
@@ -211,7 +211,7 @@ NUMBERS = [
     st.sets(st.sampled_from(NUMBERS), min_size=1, max_size=3),
     st.lists(st.lists(st.floats(0.001, 1.5), min_size=3, max_size=3), min_size=4, max_size=5),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_numbers_that_vary_give_the_compiled_model(
     tmp_path_factory: pytest.TempPathFactory, paths: set[str], points: list[list[float]]
 ) -> None:
@@ -262,7 +262,7 @@ def test_numbers_of_real_models_give_the_compiled_model(name: str, path: str) ->
     if not model.exists():
         pytest.skip("the models are not here")
     shared = VariantLoader()
-    for number in ("0.01", "0.9", "1.1", "1.2345678", "0.7", "0.01"):
+    for number in ("0.01", "1.1", "1.2345678", "0.01"):
         varied = parse_source(str(model), [Override(path, number)])
         try:
             expected = content(varied.load())

