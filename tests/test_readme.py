@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-import sys
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -340,18 +339,6 @@ def test_the_demo_makes_its_video_and_says_where_it_is() -> None:
     assert done.returncode == 0, done.stderr
     assert f"The video is {video}" in done.stdout.splitlines()
     assert video.stat().st_size > 3000
-
-
-def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> None:
-    assert "pip install ." in COMMANDS
-    offline = ["--no-deps", "--no-build-isolation", "--quiet", "--disable-pip-version-check"]
-    target = tmp_path / "site"
-    build = [sys.executable, "-m", "pip", "install", ".", *offline, "--target", str(target)]
-    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert (target / "mjrun/py.typed").exists()
-    assert (target / "bin/mjrun").exists()
-    assert not (target / "tests").exists()
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:

@@ -42,6 +42,13 @@ def run(installed: Path, *arguments: str) -> str:
     return done.stdout
 
 
+def test_the_wheel_has_the_command_and_types_but_no_tests(installed: Path) -> None:
+    assert (installed / "mjrun/py.typed").exists()
+    assert not (installed / "tests").exists()
+    (points,) = installed.glob("mjrun-*.dist-info/entry_points.txt")
+    assert "[console_scripts]\nmjrun = mjrun.__main__:main" in points.read_text()
+
+
 def test_the_scenes_in_the_wheel_are_those_of_the_checkout_without_pictures(installed: Path) -> None:
     scenes = installed / "mjrun" / "scenes"
     files = {path.relative_to(scenes) for path in scenes.rglob("*") if path.is_file()}

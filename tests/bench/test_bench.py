@@ -53,7 +53,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Batch, "rollout", counted)
 
 
-@pytest.mark.parametrize("slowdown", [1.0, 1.5, 7.0, 0.3])
+@pytest.mark.parametrize("slowdown", [1.5, 0.3])
 def test_a_slowdown_of_the_subject_by_30_percent_is_found_however_slow_the_machine_is(
     base: Path, slowdown: float
 ) -> None:

@@ -119,7 +119,7 @@ def test_without_noise_the_controls_stay_those_of_the_start(path: Path, monkeypa
 
 @pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
 def test_real_models_are_timed(shared_models: Path) -> None:
-    for name in ("humanoid/humanoid.xml", "flex/flag.xml"):
+    for name in ("humanoid/humanoid.xml", "car/car.xml"):
         result = Bench(shared_models / name, steps=5, repeats=2, threads=(1, 2)).run(clock=FakeClock())
         assert result.rows[0].step is not None
         assert result.rows[0].threads[-1].threads == 2

@@ -48,8 +48,7 @@ def test_a_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("view", ["rgb", "depth", "seg"])
-@pytest.mark.parametrize("quality", ["model", "high"])
+@pytest.mark.parametrize(("view", "quality"), [("rgb", "high"), ("depth", "model"), ("seg", "model")])
 def test_a_frames_parts_make_up_its_time_and_the_clock_is_asked_where_they_change(
     path: Path, backend: Backend, view: str, quality: str
 ) -> None:

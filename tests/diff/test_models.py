@@ -86,7 +86,7 @@ def only(result: ModelComparison) -> list[tuple[str, str]]:
     return [(each.kind, each.name) for each in (*result.only_a, *result.only_b)]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(edits=st.sets(st.sampled_from(sorted(EDITS)), max_size=4))
 def test_exactly_the_edited_fields_are_reported_whatever_is_inserted(edits: set[tuple[str, str]]) -> None:
     plain, edited, beside = spec(), spec(), spec(CRATE)

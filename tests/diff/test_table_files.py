@@ -280,7 +280,7 @@ edits = st.lists(st.tuples(st.sampled_from(["change", "delete", "repeat"]), st.i
 
 
 @given(edits, edits, st.sampled_from([16, 60, 2**16]), st.sampled_from([None, "row"]))
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_lines_that_are_passed_over_change_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -17,7 +17,7 @@ from tests.document.documents import Anything, put, read
 
 @pytest.mark.slow
 @given(scripts())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_a_script_is_read_back_as_it_was(script: CameraScript) -> None:
     written = read(put(yaml_text({"a": plain_value(CameraKind(), script)})), Anything).a
     assert CameraForm().read(written, ReadingContext()) == script

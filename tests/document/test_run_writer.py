@@ -221,7 +221,7 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
 
 @pytest.mark.slow
 @given(job_lists())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_the_printed_document_makes_the_same_jobs(jobs: list[Any]) -> None:
     assert [normal(job) for job in again(jobs)] == [normal(job) for job in jobs]
 

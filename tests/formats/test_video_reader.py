@@ -33,7 +33,6 @@ def frames(count: int = 8) -> np.ndarray:
         ("f.gif", None, 2),
         ("f.mp4", None, 8),
         ("f.webm", None, 8),
-        ("f.mov", None, 8),
         ("f.webp", None, 12),
     ],
 )

@@ -86,8 +86,9 @@ def bare(model: mujoco.MjModel, own: np.ndarray, act: Callable[[mujoco.MjData, i
     return {field: np.stack(values) for field, values in rows.items()}
 
 
-@pytest.mark.parametrize("flags", ["", 'sleep="enable"'])
-@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+@pytest.mark.parametrize(
+    ("integrator", "flags"), [("Euler", ""), ("Euler", 'sleep="enable"'), ("RK4", ""), ("implicitfast", "")]
+)
 def test_every_instant_is_that_of_a_loop_with_forces_set_by_hand(integrator: str, flags: str) -> None:
     model = box(integrator, flags)
     own = np.zeros((model.nbody, 6))

@@ -17,7 +17,7 @@ from tests.probe.expression_oracle import COLUMNS, TABLES, TRUTHS, judged, truth
 
 
 @given(TRUTHS, TABLES, st.randoms(use_true_random=False))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @pytest.mark.slow
 def test_an_assertion_passes_where_an_oracle_finds_it_true_on_every_row(
     tree: Any, rows: list[Any], dice: random.Random

@@ -126,7 +126,6 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
 @pytest.mark.parametrize(
     ("requested", "variables", "cure"),
     [
-        (None, {"MUJOCO_GL": "cgl"}, "egl draws: unset MUJOCO_GL, or give gl egl"),
         ("cgl", {"MUJOCO_GL": "cgl"}, "egl draws: unset MUJOCO_GL, or give gl egl"),
         ("cgl", {"MUJOCO_GL": "auto"}, "egl draws: give gl egl"),
         ("egl", {"MUJOCO_EGL_DEVICE_ID": "99"}, "egl draws on another device: unset MUJOCO_EGL_DEVICE_ID"),

@@ -75,7 +75,7 @@ def test_a_control_period_can_be_stepped_in_parts(values: Mapping[str, object], 
         np.testing.assert_array_equal(whole.state(0), parts.state(0))
 
 
-@pytest.mark.parametrize("make", [gymnasium_tasks.hopper, gymnasium_tasks.ant, gymnasium_tasks.pusher])
+@pytest.mark.parametrize("make", [gymnasium_tasks.hopper, gymnasium_tasks.ant])
 def test_it_is_one_of_many_for_gymnasiums_tasks(make: Callable[[], Task]) -> None:
     with warnings.catch_warnings(action="ignore"):
         assert_same(make())

@@ -263,7 +263,7 @@ def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
         theirs.append([*env._get_obs(), 0, 0])  # type: ignore[attr-defined]
 
     begin()
-    for action in np.random.default_rng(1).uniform(space.low, space.high, (60, 2, *space.shape)):
+    for action in np.random.default_rng(1).uniform(space.low, space.high, (30, 2, *space.shape)):
         step = worlds.step(action)
         observation, reward, terminated, _, _ = env.step(action[1])
         ours.append([*step.observations[1], step.rewards[1], step.terminated[1]])
