@@ -72,8 +72,8 @@ def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Pat
 
 
 def test_a_whole_log_is_held_out_where_asked(tmp_path: Path, near: Simulation) -> None:
-    times, angles = simulate(1.5)
-    more, others = simulate(1.0, start=-1.0)
+    times, angles = simulate(1.0)
+    more, others = simulate(0.6, start=-1.0)
     data = [str(write_log(tmp_path / "one.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
     held = [str(write_log(tmp_path / "two.csv", {"time": more, "qpos/hinge": noisy(others, 1)}))]
     result = Fit(near, data=data, holdout_data=held, free=THREE, starts=1).run()
@@ -138,9 +138,9 @@ def test_a_log_that_no_values_explain_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_delay_is_found(tmp_path: Path, near: Simulation) -> None:
-    steps = 1500
+    steps = 900
     commanded = np.repeat(0.8 * np.sin(np.arange(steps // 5) * 0.05) * (np.sin(np.arange(steps // 5) / 18) > 0), 5)
-    times, angles = simulate(3.0, start=0.0, controls=np.concatenate([np.zeros(12), commanded])[:steps])
+    times, angles = simulate(1.8, start=0.0, controls=np.concatenate([np.zeros(12), commanded])[:steps])
     columns = {"time": times, "qpos/hinge": noisy(angles), "ctrl/motor": commanded[::5]}
     data = [str(write_log(tmp_path / "log.csv", columns))]
     free = (("delay:ctrl/motor", "0..0.1"), *THREE)
@@ -157,7 +157,7 @@ def test_too_little_is_reported_before_anything_is_fitted(tmp_path: Path, pendul
 
 @pytest.mark.slow
 def test_outliers_do_not_lead_a_robust_fit_astray(tmp_path: Path, near: Simulation) -> None:
-    times, angles = simulate(1.5)
+    times, angles = simulate(1.0)
     data = [str(write_log(tmp_path / "clean.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
     clean = Fit(near, data=data, free=THREE, starts=1, holdout=0).run()
     generator = np.random.default_rng(5)
