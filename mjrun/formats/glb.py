@@ -45,8 +45,8 @@ def write_glb(
     motion: SceneMotion | None = None,
     facts: Mapping[str, object] | None = None,
     generator: str = "mjrun",
-) -> None:
-    """Writes a scene, and its motion as one animation.
+) -> list[str]:
+    """Writes a scene, and its motion as one animation; returns remarks about what is left out.
 
     Numbers are rounded to float32, by at most 6e-8 of their size.
 
@@ -77,6 +77,8 @@ def write_glb(
         file.write(struct.pack("<II", binary, BIN))
         for content in document.contents():
             file.write(content)
+    shifted = [node.name for node in graph.nodes if node.lens is not None and any(node.lens.shift)]
+    return [f"camera {name} is centred, since glTF has no principal points; USD has" for name in shifted]
 
 
 class _Document:

@@ -297,6 +297,8 @@ def _camera(prim: Any, lens: CameraLens) -> Any:
     prim.CreateFocalLengthAttr(FOCAL_LENGTH)
     prim.CreateVerticalApertureAttr(height)
     prim.CreateHorizontalApertureAttr(height * lens.aspect)
+    prim.CreateHorizontalApertureOffsetAttr(height * lens.shift[0])
+    prim.CreateVerticalApertureOffsetAttr(height * lens.shift[1])
     prim.CreateClippingRangeAttr(Gf.Vec2f(lens.near, lens.far))
     return prim
 

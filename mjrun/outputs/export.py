@@ -1,6 +1,5 @@
 """Export output: the scene of a simulation, with its motion, in a format of other programs."""
 
-import math
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -35,7 +34,7 @@ from mjrun.physics.stepper import instants_of
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
-from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track
+from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track, camera_lens
 from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 from mjrun.timeline import Timeline
@@ -344,7 +343,7 @@ class ExportedScene:
 
     def _with_shots(self, graph: SceneGraph, motion: SceneMotion) -> tuple[SceneGraph, SceneMotion]:
         """Adds the cameras that are not the model's."""
-        (width, height), poses = self.job.size, self.frames.poses
+        poses = self.frames.poses
         nodes, tracks, frames = [*graph.nodes], [*motion.tracks], np.arange(len(self.times))
         for index, camera in enumerate(self._plan.motions):
             positions = np.array([each[index].position for each in poses])
@@ -359,7 +358,7 @@ class ExportedScene:
                     position=vector(positions[0]),
                     quaternion=quaternion(quaternions[0]),
                     moves=True,
-                    lens=_lens(poses[0][index], width / height),
+                    lens=_lens(poses[0][index], self.job.size),
                 )
             )
         return replace(graph, nodes=nodes), replace(motion, tracks=tracks)
@@ -455,7 +454,7 @@ def _positions(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> Iterator[
         yield data
 
 
-def _lens(pose: Pose, aspect: float) -> CameraLens:
-    seen = pose.frustum
-    fovy = seen.fovy if seen.orthographic else math.radians(seen.fovy)
-    return CameraLens(fovy, aspect, seen.near, seen.far, seen.orthographic)
+def _lens(pose: Pose, size: tuple[int, int]) -> CameraLens:
+    seen, halfwidth = pose.frustum, pose.frustum.halfwidth(size)
+    sides = seen.center - halfwidth, seen.center + halfwidth
+    return camera_lens(sides, (seen.bottom, seen.top), (seen.near, seen.far), orthographic=seen.orthographic)

@@ -1,5 +1,6 @@
 """A scene as plain values, in MuJoCo's axes (z up) and units (metres, radians, quaternions w x y z)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 
@@ -72,9 +73,10 @@ class CameraLens:
     """The field of view of a camera, which looks along −z with y up.
 
     Attributes:
-      fovy: the vertical field of view [rad]; the height of the view [m] if orthographic.
+      fovy: the vertical field of view, if its middle is on the axis [rad]; the height of the view [m] if orthographic.
       aspect: width by height.
       near, far: distances of the clipping planes [m].
+      shift: place of the middle of the view to the right of the axis and above it, in heights of the view.
     """
 
     fovy: float
@@ -82,6 +84,22 @@ class CameraLens:
     near: float
     far: float
     orthographic: bool = False
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+def camera_lens(
+    sides: tuple[float, float], ends: tuple[float, float], clip: tuple[float, float], *, orthographic: bool
+) -> CameraLens:
+    """Returns the lens whose view on the near plane reaches from left to right and from bottom to top [m].
+
+    Args:
+      clip: distances of the near and the far plane [m].
+    """
+    (left, right), (bottom, top), (near, far) = sides, ends, clip
+    height = top - bottom
+    fovy = height if orthographic else 2 * math.atan2(height / 2, near)
+    shift = (left + right) / 2 / height, (bottom + top) / 2 / height
+    return CameraLens(fovy, (right - left) / height, near, far, orthographic, shift)
 
 
 @dataclass(frozen=True)

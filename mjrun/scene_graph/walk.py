@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.errors import clean
 from mjrun.model.names import enum_name, names, object_names
 from mjrun.scene_graph import meshes, shapes
-from mjrun.scene_graph.graph import CameraLens, Fact, Mesh, Node, Quaternion, SceneLight, Skin, Vector
+from mjrun.scene_graph.graph import CameraLens, Fact, Mesh, Node, Quaternion, SceneLight, Skin, Vector, camera_lens
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping, texture_pixels
 from mjrun.scene_graph.visualizer_geoms import TYPES, Shapes
 
@@ -60,21 +60,11 @@ class ModelWalk:
 
     def add_cameras(self) -> None:
         """Adds the cameras of the model, those that are fixed to a body to its node."""
-        model, data, extent = self._model, self._data, float(self._model.stat.extent)
+        model, data = self._model, self._data
         for camera, name in enumerate(names(model, "camera")):
             fixed = int(model.cam_mode[camera]) == FIXED
-            orthographic = int(model.cam_projection[camera]) == ORTHOGRAPHIC
-            fovy = float(model.cam_fovy[camera])
-            if not 0 < fovy < (math.inf if orthographic else 180):
+            if not 0 < model.cam_fovy[camera] < (math.inf if _is_orthographic(model, camera) else 180):
                 continue  # it sees nothing
-            width, height = (int(side) for side in model.cam_resolution[camera])
-            lens = CameraLens(
-                fovy=fovy if orthographic else math.radians(fovy),
-                aspect=width / height if width > 1 and height > 1 else ASPECT,
-                near=float(model.vis.map.znear) * extent,
-                far=float(model.vis.map.zfar) * extent,
-                orthographic=orthographic,
-            )
             self.nodes.append(
                 Node(
                     name=clean(name),
@@ -86,7 +76,7 @@ class ModelWalk:
                         model.cam_quat[camera] if fixed else matrix_quaternion(data.cam_xmat[camera])
                     ),
                     moves=not fixed,
-                    lens=lens,
+                    lens=_lens(model, camera),
                 )
             )
 
@@ -296,3 +286,22 @@ def lit_distance(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> floa
     centre = float(np.linalg.norm(model.stat.center - start))
     ahead = mujoco.mj_ray(model, data, start, data.light_xdir[light], None, 1, body or -1, hit)  # -1 for nothing
     return max(centre, min(ahead, 2 * (centre + model.stat.extent)))  # a floor may be hit at the horizon
+
+
+def _is_orthographic(model: mujoco.MjModel, camera: int) -> bool:
+    return int(model.cam_projection[camera]) == ORTHOGRAPHIC
+
+
+def _lens(model: mujoco.MjModel, camera: int) -> CameraLens:
+    """Returns the lens of a camera of the model."""
+    view = mujoco.MjvCamera()
+    view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, camera
+    ends, sides, clip = (np.empty((2, 1), np.float32) for _ in range(3))
+    mujoco.mjv_cameraFrustum(ends, sides, clip, model, view)
+    (above, below), (left, right) = ends.ravel().tolist(), sides.ravel().tolist()
+    if not left + right:  # without intrinsics
+        width, height = (int(side) for side in model.cam_resolution[camera])
+        aspect = width / height if width > 1 and height > 1 else ASPECT
+        left = right = (above + below) / 2 * aspect
+    near, far = clip.ravel().tolist()
+    return camera_lens((-left, right), (-below, above), (near, far), orthographic=_is_orthographic(model, camera))

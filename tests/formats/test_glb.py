@@ -59,6 +59,13 @@ def test_nodes_cameras_lights_and_facts_are_read_back() -> None:
     assert gltf.materials[0].alphaMode == "BLEND"
 
 
+def test_a_view_that_cannot_be_shifted_is_reported() -> None:
+    nodes = [NODES[0], Node("eye", "camera", 0, 0, lens=CameraLens(0.8, 1.5, 0.01, 50, shift=(0.1, 0.0)))]
+    (remark,) = write_glb(io.BytesIO(), SceneGraph(nodes))
+    assert "camera eye is centred" in remark
+    assert write_glb(io.BytesIO(), SceneGraph(NODES)) == []
+
+
 def test_nodes_share_meshes_and_materials() -> None:
     gltf = read_gltf(written(SceneGraph(NODES)))
     assert (len(gltf.meshes), len(gltf.materials)) == (1, 1)

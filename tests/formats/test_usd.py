@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade, UsdValidation
@@ -24,6 +25,7 @@ from mjrun.scene_graph.graph import (
     Texture,
     Track,
 )
+from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
 
 RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.25, 0.75)
 BALL = shapes.sphere(8, 8)
@@ -161,3 +163,21 @@ def test_any_name_is_a_name(tmp_path: Path, name: str) -> None:
         tmp_path, SceneGraph([*NODES, Node(name, "body", 2, 0), Node(name, "body", 3, 0)]), suffix=".usda"
     )
     assert [prim.GetDisplayName() for prim in stage.Traverse()].count(name) >= 2
+
+
+def test_a_camera_with_intrinsics_sees_points_where_mujocos_camera_does(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom size=".1"/><camera name="eye" pos="0 -2 1" xyaxes="1 0 0 0 .4 .9"
+        resolution="320 240" focalpixel="250 300" principalpixel="20 -10" sensorsize=".032 .024"/></worldbody>
+        </mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    compute_poses(model, data)
+    stage, _ = stage_of(tmp_path, *record_scene(model, [data], [0.0], SceneRequest(mujoco.MjvOption())))
+    frustum = UsdGeom.Camera(stage.GetPrimAtPath("/World/eye")).GetCamera(Usd.TimeCode(0)).frustum
+    seen = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
+    for point in np.eye(3) * 0.3:
+        across, down, _ = seen.Transform(Gf.Vec3d(*point.tolist())) * 0.5
+        x, y, z = (point - data.cam_xpos[0]) @ data.cam_xmat[0].reshape(3, 3) * [1, -1, -1]
+        expected = (160 - 20 + 250 * x / z, 120 + 10 + 300 * y / z)  # pixels, by MuJoCo's definition
+        assert (320 * (0.5 + across), 240 * (0.5 - down)) == pytest.approx(expected, abs=1e-3)

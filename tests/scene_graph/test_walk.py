@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+import pytest
 
 from mjrun.scene_graph.graph import Node, SceneGraph
 from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
@@ -69,6 +70,17 @@ def test_every_object_is_where_mujoco_puts_it() -> None:
             assert np.allclose(world(graph, node)[:3, :3].ravel(), rotations[node.id], atol=1e-9)
     (light,) = (node for node in graph.nodes if node.kind == "light")
     assert np.allclose(-world(graph, light)[:3, 2], data.light_xdir[0], atol=1e-9)
+
+
+def test_lenses_are_as_wide_as_intrinsics_make_them() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom size=".1"/><camera resolution="320 240" focalpixel="250 300" principalpixel="20 -10"
+        sensorsize=".032 .024"/><camera resolution="300 200" fovy="40"/></worldbody></mujoco>"""
+    )
+    exact, plain = (node.lens for node in whole(model, mujoco.MjData(model)).nodes if node.lens)
+    assert (np.tan(exact.fovy / 2), exact.aspect) == pytest.approx((120 / 300, (320 / 250) / (240 / 300)), abs=1e-6)
+    assert exact.shift == pytest.approx((20 / 250 * 300 / 240, 10 / 240), abs=1e-6)
+    assert (np.rad2deg(plain.fovy), plain.aspect, plain.shift) == (pytest.approx(40), pytest.approx(1.5), (0, 0))
 
 
 def test_hidden_groups_are_left_out() -> None:

@@ -12,7 +12,8 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
     """Writes the scene with its motion."""
     from mjrun.formats.glb import write_glb
 
-    write_glb(file, scene.graph, scene.motion, {"mjrun": scene.facts}, scene.generator)
+    for text in write_glb(file, scene.graph, scene.motion, {"mjrun": scene.facts}, scene.generator):
+        scene.context.reporter.warn(text)
 
 
 FORMAT = ExportFormat("glb", (".glb",), "binary glTF with scene and motion", write)

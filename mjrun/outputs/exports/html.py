@@ -23,7 +23,8 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
 
     contacts = scene.contacts
     glb = io.BytesIO()
-    write_glb(glb, scene.graph, scene.motion, {}, scene.generator)
+    for text in write_glb(glb, scene.graph, scene.motion, {}, scene.generator):
+        scene.context.reporter.warn(text)
     replay = Replay(
         title=Path(scene.context.simulation.source.text).stem,
         subtitle=_subtitle(scene),
