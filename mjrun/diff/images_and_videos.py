@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from mjrun.diff.tolerances import Tolerance, finite_or_none
 from mjrun.errors import FileError, option
 from mjrun.formats.image_reader import read_image, read_palette
 from mjrun.formats.input_file import is_folder
-from mjrun.formats.video_reader import read_video
+from mjrun.formats.video_reader import VideoReader, read_video
 from mjrun.options.diff import PictureDiffOptions
 from mjrun.packages import require
 
@@ -112,26 +112,10 @@ def _similarity(a: np.ndarray, b: np.ndarray) -> float | None:
     return float(similarity)
 
 
-class Frames(Protocol):
-    """Frames of one size, decoded again with each iteration."""
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height [pixels]."""
-        ...
-
-    @property
-    def fps(self) -> float | None:
-        """Frames per second; None if unknown."""
-        ...
-
-    def __iter__(self) -> Iterator[np.ndarray]: ...
-
-
 class ImageFrames:
     """Image files as frames: one, or all in a folder, in the order of their names."""
 
-    fps = None
+    fps: float | None = None  # frames per second; unknown
 
     def __init__(self, paths: list[Path], *, indices: bool) -> None:
         self._paths, self._indices = paths, indices
@@ -145,6 +129,9 @@ class ImageFrames:
             if _size(frame) != self.size or is_colour(frame) != is_colour(self._first):
                 raise FileError(path, "differs in size or kind from the images before it")
             yield frame
+
+
+Frames = VideoReader | ImageFrames  # of one size, decoded again with each iteration
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ renamed. An error of a store is tried again a few times before it is raised.
 import errno
 import os
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -29,204 +28,96 @@ EXTRA = "cloud"
 T = TypeVar("T")
 
 
-class Folder(ABC):
-    """A folder. Each method raises FileError where it fails."""
+class LocalFolder:
+    """A folder of a file system. Each method raises FileError where it fails."""
 
-    @abstractmethod
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
     def path(self, name: str = "") -> str:
         """Returns the path or the URL of the folder, or of a file in it."""
+        return str(self._path / name)
 
-    @abstractmethod
-    def __truediv__(self, name: str) -> "Folder":
+    def __truediv__(self, name: str) -> "LocalFolder":
         """Returns the folder of this name in this one."""
+        return LocalFolder(self._path / name)
 
-    @abstractmethod
     def create(self, *, is_cleaned: bool = True) -> None:
         """Creates the folder if it does not exist.
 
         Args:
           is_cleaned: removes what ended processes have left in it.
         """
-
-    def remove_if_empty(self) -> None:  # noqa: B027
-        """Removes the folder if it contains nothing; in stores, such folders do not exist."""
-
-    @abstractmethod
-    def exists(self) -> bool:
-        """Returns whether the folder exists."""
-
-    @abstractmethod
-    def has(self, name: str) -> bool:
-        """Returns whether a file exists."""
-
-    @abstractmethod
-    def names(self, suffix: str | tuple[str, ...]) -> list[str]:
-        """Returns the names of files and folders that end with `suffix`, sorted; none if the folder does not exist."""
-
-    @abstractmethod
-    def size(self, name: str) -> int:
-        """Returns the size of a file [bytes]; 0 if it does not exist."""
-
-    @abstractmethod
-    def age(self, name: str) -> float:
-        """Returns the time since a file was changed, by the clock of this machine [s].
-
-        Raises:
-          FileNotFoundError: it does not exist.
-        """
-
-    @abstractmethod
-    def open(self, name: str) -> BinaryIO:
-        """Opens a file for reading at any place.
-
-        Raises:
-          FileNotFoundError: it does not exist.
-        """
-
-    @abstractmethod
-    def create_file(self, name: str, content: bytes) -> None:
-        """Creates a small file, which must not exist."""
-
-    @abstractmethod
-    def rewrite(self, name: str, content: bytes) -> None:
-        """Replaces the content of a small file, which must exist."""
-
-    @abstractmethod
-    def remove(self, name: str) -> None:
-        """Removes a file if it exists."""
-
-    @abstractmethod
-    def destination(self, name: str) -> Destination:
-        """Returns the destination of a file that is written whole."""
-
-
-def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> Folder:
-    """Returns the folder of a path or a URL.
-
-    Args:
-      delays: pauses before new tries of what fails in a store [s]; empty where an answer is wanted soon.
-
-    Raises:
-      UsageError: no library reads such URLs, or this process is confined.
-    """
-    if isinstance(path, Folder):
-        return path
-    if isinstance(path, str) and (match := URL.fullmatch(path)):
-        if match[1].lower() == "file":
-            return LocalFolder(Path(path.partition("://")[2]))
-        return StoredFolder(path.rstrip("/"), delays)
-    return LocalFolder(Path(path))
-
-
-def destination_at(path: str | Path) -> Destination:
-    """Returns the destination of a file at a path or a URL.
-
-    Raises:
-      FileError: it cannot be written.
-      UsageError: no library writes to such URLs.
-    """
-    if not is_url(path):
-        return StagedFile(Path(path))
-    folder, _, name = str(path).rpartition("/")
-    return folder_at(folder).destination(name)
-
-
-@contextmanager
-def opened_at(path: str | Path, what: str, suffixes: Collection[str], hint: str = "") -> Iterator[BinaryIO]:
-    """Opens the file at a path or a URL for reading, as `input_file.opened`.
-
-    Raises:
-      FileError: the file is missing or cannot be read.
-      UsageError: no library reads such URLs.
-    """
-    if not is_url(path):
-        with opened(Path(path), what, suffixes, hint) as file:
-            yield file
-        return
-    try:
-        file = open_url(str(path))
-    except FileNotFoundError:
-        raise FileError(path, "no such file", hint) from None
-    with file:
-        yield file
-
-
-def open_url(url: str) -> BinaryIO:
-    """Opens the file at a URL for reading at any place.
-
-    Raises:
-      FileNotFoundError: it does not exist.
-      FileError: it cannot be read.
-      UsageError: no library reads such URLs.
-    """
-    folder, _, name = url.rpartition("/")
-    return folder_at(folder).open(name)
-
-
-class LocalFolder(Folder):
-    """A folder of a file system."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def path(self, name: str = "") -> str:
-        return str(self._path / name)
-
-    def __truediv__(self, name: str) -> "LocalFolder":
-        return LocalFolder(self._path / name)
-
-    def create(self, *, is_cleaned: bool = True) -> None:
         with file_errors(self.path(), "made"):
             self._path.mkdir(parents=True, exist_ok=True)
         if is_cleaned:
             remove_left_behind(self._path)
 
     def remove_if_empty(self) -> None:
+        """Removes the folder if it contains nothing."""
         with suppress(OSError):
             self._path.rmdir()
 
     def exists(self) -> bool:
+        """Returns whether the folder exists."""
         return is_folder(self._path)
 
     def has(self, name: str) -> bool:
+        """Returns whether a file exists."""
         return is_file(self._path / name)
 
     def names(self, suffix: str | tuple[str, ...]) -> list[str]:
+        """Returns the names of files and folders that end with `suffix`, sorted; none if the folder does not exist."""
         with file_errors(self.path()), suppress(FileNotFoundError, NotADirectoryError):
             return sorted(name for name in os.listdir(self._path) if name.endswith(suffix))  # noqa: PTH208
         return []
 
     def size(self, name: str) -> int:
+        """Returns the size of a file [bytes]; 0 if it does not exist."""
         with file_errors(self.path(name)), suppress(FileNotFoundError):
             return (self._path / name).stat().st_size
         return 0
 
     def age(self, name: str) -> float:
+        """Returns the time since a file was changed, by the clock of this machine [s].
+
+        Raises:
+          FileNotFoundError: it does not exist.
+        """
         with file_errors(self.path(name), unless=FileNotFoundError):
             return time.time() - (self._path / name).stat().st_mtime
 
     def open(self, name: str) -> BinaryIO:
+        """Opens a file for reading at any place.
+
+        Raises:
+          FileNotFoundError: it does not exist.
+        """
         with file_errors(self.path(name), unless=FileNotFoundError):
             return (self._path / name).open("rb")
 
     def create_file(self, name: str, content: bytes) -> None:
+        """Creates a small file, which must not exist."""
         with file_errors(self.path(name), "written"), (self._path / name).open("xb") as stream:
             stream.write(content)
 
     def rewrite(self, name: str, content: bytes) -> None:
+        """Replaces the content of a small file, which must exist."""
         with file_errors(self.path(name), "written"), (self._path / name).open("r+b") as stream:
             stream.write(content)
             stream.truncate()
 
     def remove(self, name: str) -> None:
+        """Removes a file if it exists."""
         with file_errors(self.path(name), "removed"):
             (self._path / name).unlink(missing_ok=True)
 
     def destination(self, name: str) -> StagedFile:
+        """Returns the destination of a file that is written whole."""
         return StagedFile(self._path / name)
 
 
-class StoredFolder(Folder):
+class StoredFolder:
     """A folder of an object store, or of anything else that fsspec reaches.
 
     Args:
@@ -261,6 +152,9 @@ class StoredFolder(Folder):
         # Some file systems need it, object stores do not; buckets are not made.
         with suppress(Exception):
             self._store.mkdir(self._key, create_parents=False)
+
+    def remove_if_empty(self) -> None:
+        """Does nothing: in stores, such folders do not exist."""
 
     def exists(self) -> bool:
         with file_errors(self._url):
@@ -368,6 +262,72 @@ class UploadedFile(Destination):
 
     def discard(self) -> None:
         self._scratch.__exit__(None, None, None)
+
+
+Folder = LocalFolder | StoredFolder
+
+
+def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> Folder:
+    """Returns the folder of a path or a URL.
+
+    Args:
+      delays: pauses before new tries of what fails in a store [s]; empty where an answer is wanted soon.
+
+    Raises:
+      UsageError: no library reads such URLs, or this process is confined.
+    """
+    if isinstance(path, Folder):
+        return path
+    if isinstance(path, str) and (match := URL.fullmatch(path)):
+        if match[1].lower() == "file":
+            return LocalFolder(Path(path.partition("://")[2]))
+        return StoredFolder(path.rstrip("/"), delays)
+    return LocalFolder(Path(path))
+
+
+def destination_at(path: str | Path) -> Destination:
+    """Returns the destination of a file at a path or a URL.
+
+    Raises:
+      FileError: it cannot be written.
+      UsageError: no library writes to such URLs.
+    """
+    if not is_url(path):
+        return StagedFile(Path(path))
+    folder, _, name = str(path).rpartition("/")
+    return folder_at(folder).destination(name)
+
+
+@contextmanager
+def opened_at(path: str | Path, what: str, suffixes: Collection[str], hint: str = "") -> Iterator[BinaryIO]:
+    """Opens the file at a path or a URL for reading, as `input_file.opened`.
+
+    Raises:
+      FileError: the file is missing or cannot be read.
+      UsageError: no library reads such URLs.
+    """
+    if not is_url(path):
+        with opened(Path(path), what, suffixes, hint) as file:
+            yield file
+        return
+    try:
+        file = open_url(str(path))
+    except FileNotFoundError:
+        raise FileError(path, "no such file", hint) from None
+    with file:
+        yield file
+
+
+def open_url(url: str) -> BinaryIO:
+    """Opens the file at a URL for reading at any place.
+
+    Raises:
+      FileNotFoundError: it does not exist.
+      FileError: it cannot be read.
+      UsageError: no library reads such URLs.
+    """
+    folder, _, name = url.rpartition("/")
+    return folder_at(folder).open(name)
 
 
 def _missing_library(url: str, scheme: str) -> UsageError:
