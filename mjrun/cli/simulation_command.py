@@ -4,7 +4,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from fractions import Fraction
 from importlib import import_module
@@ -63,6 +63,16 @@ def import_mujoco(environment: Mapping[str, str] = NO_BACKEND) -> None:
         else:
             os.environ[name] = value
     require_computing()
+
+
+def try_backend_early(command_line: CommandLine) -> None:
+    """Tries the first OpenGL backend while this process imports MuJoCo, if a copy of it can do so."""
+    from mjrun.child_process import may_fork
+    from mjrun.rendering.backend import start_early
+
+    if may_fork() and command_line.value("renderer") != "filament" and not command_line.value("if_changed"):
+        with suppress(MjrunError):  # which the detection raises again
+            start_early(cast("str | None", command_line.value("gl")))
 
 
 def source(command_line: CommandLine) -> "Source":

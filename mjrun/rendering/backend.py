@@ -9,8 +9,9 @@ import os
 import platform
 import sys
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 from mjrun.child_process import ChildProcess, memory_file
 from mjrun.dataclass import dataclass
@@ -168,9 +169,17 @@ class BackendTrialProcess:
       draw: whether an image is also rendered and checked.
       device: the EGL device, as in MUJOCO_EGL_DEVICE_ID.
       unset: environment variables to remove.
+      is_fork: whether the child is a copy of this process, which has not imported mujoco; see `child_process.may_fork`.
     """
 
-    def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        name: str,
+        draw: bool = False,
+        device: int | None = None,
+        unset: Sequence[str] = (),
+        is_fork: bool = False,
+    ) -> None:
         self.name = name
         environment = {**dict.fromkeys(unset), GL: "disable"}
         if device is not None:
@@ -178,7 +187,8 @@ class BackendTrialProcess:
         script = Path(__file__).with_name("try_backend.py")
         command = [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])]
         self._log = os.fdopen(memory_file(), "w+b")  # a file, since the child reads Filament's log from it
-        self._process = ChildProcess(command, environment=environment, stdout="capture", stderr=self._log)
+        fork = partial(_report, name) if is_fork else None
+        self._process = ChildProcess(command, environment=environment, stdout="capture", stderr=self._log, fork=fork)
 
     def answer(self) -> dict[str, Any]:
         """Waits for the child's answer, which has an `error` if the backend fails."""
@@ -204,8 +214,26 @@ class BackendTrialProcess:
         self._process.end()
 
 
+def _report(name: str) -> NoReturn:
+    from mjrun.rendering.try_backend import report  # only in the child
+
+    report(name)
+
+
 # The backends that worked in this process, by name and environment variables: Python code renders again and again.
 _working: dict[tuple[str, frozenset[tuple[str, str]]], Backend] = {}
+_started_early: dict[tuple[str, frozenset[tuple[str, str]]], BackendTrialProcess] = {}
+
+
+def start_early(requested: str | None = None) -> None:
+    """Starts to try the first backend of a later `BackendDetection` in a copy of this process.
+
+    Raises:
+      UnknownNameError: the backend is unknown.
+      NoRendererError: MUJOCO_GL switches rendering off.
+    """
+    name = requested_backends(requested)[0]
+    _started_early[name, frozenset(os.environ.items())] = BackendTrialProcess(name, is_fork=True)
 
 
 class BackendDetection:
@@ -227,8 +255,8 @@ class BackendDetection:
     def _start(self, requested: str | None, names: Sequence[str]) -> None:
         self._requested, self._names = requested, names
         self._environment = frozenset(os.environ.items())
-        is_known = (names[0], self._environment) in _working
-        self._first = None if is_known else BackendTrialProcess(names[0])
+        key = names[0], self._environment
+        self._first = None if key in _working else _started_early.pop(key, None) or BackendTrialProcess(names[0])
 
     def result(self, require_gpu: bool = False) -> Backend:
         """Returns the first backend that works.

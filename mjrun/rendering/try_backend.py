@@ -1,4 +1,4 @@
-"""A script, run in a child process, that tests a graphics library and reports its renderer.
+"""A script or module, run in a child process, that tests a graphics library and reports its renderer.
 
 A broken driver may hang, print or crash, so drivers are never tried in the main process.
 Prints one JSON object: `renderer`, `vendor`, `version`, `max_size` [pixels]; or `error`. With `draw` an image is
@@ -15,6 +15,7 @@ import os
 import re
 import sys
 import types
+from typing import NoReturn
 
 LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa", "glfw": "GL", "vulkan": "vulkan"}
 # Fields of VkPhysicalDeviceProperties, which is smaller than PROPERTIES.
@@ -187,14 +188,19 @@ def reason(name: str, error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
-if __name__ == "__main__":
+def report(what: str, *, draw: bool = False) -> NoReturn:
+    """Prints the answer about a backend, `vulkan` or `devices`, and ends this process."""
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # drivers print to stdout
     try:
-        what = {"vulkan": vulkan, "devices": egl_devices}.get(sys.argv[1])
-        answer = what() if what else opengl(sys.argv[1], draw="draw" in sys.argv[2:])
+        query = {"vulkan": vulkan, "devices": egl_devices}.get(what)
+        answer = query() if query else opengl(what, draw)
     except BaseException as error:  # reported, whatever it is
-        answer = {"error": reason(sys.argv[1], error)}
+        answer = {"error": reason(what, error)}
     json.dump(answer, out)
     out.close()
     os._exit(0)  # drivers may be slow to shut down, or crash
+
+
+if __name__ == "__main__":
+    report(sys.argv[1], draw="draw" in sys.argv[2:])

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
+from mjrun.platform import system
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering import try_backend
 from mjrun.rendering.backend import (
@@ -286,6 +288,27 @@ def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
     monkeypatch.setattr(backend_module, "__file__", str(tmp_path / "backend.py"))
     assert BackendTrialProcess(backend.name, draw=True).result() == f"{backend.renderer} draws wrongly"
     assert BackendTrialProcess(backend.name).result() == backend
+
+
+@pytest.mark.skipif(not system.CAN_FORK_LATE, reason="no copies of processes")
+def test_a_trial_in_a_copy_of_the_process_that_starts_early_is_the_one_of_the_detection(backend: Backend) -> None:
+    code = """
+import os, sys
+from mjrun.child_process import may_fork
+from mjrun.rendering import backend, try_backend
+assert may_fork()
+backend.start_early()
+(early,) = backend._started_early.values()
+detection = backend.BackendDetection()
+assert detection._first is early
+print(detection.result())
+assert not {"mujoco", "OpenGL"} & {*sys.modules}  # which the copy alone has imported
+
+try_backend.opengl = lambda *_: os.abort()
+print(backend.BackendTrialProcess("egl", is_fork=True).result())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [str(backend), "its process was killed by SIGABRT"]
 
 
 def test_egl_tells_its_devices(backend: Backend) -> None:

@@ -12,6 +12,7 @@ from mjrun.cli.simulation_command import (
     show,
     simulation,
     stem,
+    try_backend_early,
     with_camera_scripts,
 )
 from mjrun.options.image import ImageOptions
@@ -39,6 +40,7 @@ def image(console: Console, command_line: CommandLine) -> None:
     mjrun image scene.xml --view rgb --view depth --view seg --layout row -o views.png
     """
     payload_on_stdout(command_line)
+    try_backend_early(command_line)
     import_mujoco()
     from mjrun.outputs.image import Image
 

@@ -9,6 +9,7 @@ from mjrun.cli.simulation_command import (
     show,
     simulation,
     stem,
+    try_backend_early,
     with_camera_scripts,
 )
 from mjrun.options.output import SimulationCommandOptions
@@ -35,6 +36,7 @@ def video(console: Console, command_line: CommandLine) -> None:
     mjrun video scene.xml --key spinning --duration 7 --camera closeup -o top.webm
     """
     payload_on_stdout(command_line)
+    try_backend_early(command_line)
     import_mujoco()
     from mjrun.outputs.video import Video
 
