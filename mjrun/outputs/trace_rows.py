@@ -385,12 +385,16 @@ class _InstantRows:
         del self._read[len(self._read) - (self.count - count) :]
         self.count = count
 
-    def stored(self) -> Fields:
-        """Returns the fields of the instants so far: `{field: (1, count, …)}`."""
+    def store(self) -> None:
+        """Stores the instants that were added one by one."""
         first = self.count - len(self._read)
         for name, copies in zip(self._templates, zip(*self._read, strict=True), strict=False):
             self.all[name][0, first : self.count] = _joined_copies(self._templates[name], copies)
         self._read.clear()
+
+    def stored(self) -> Fields:
+        """Returns the fields of the instants so far: `{field: (1, count, …)}`."""
+        self.store()
         return {name: values[:, : self.count] for name, values in self.all.items()}
 
 
@@ -437,7 +441,7 @@ class _InstantRecorder:
         stepper, at = self._stepper, self._stepper.step
         self._batch = self._batch or RecordingBatch([stepper.model], self._record, BLOCK_STEPS)
         controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
-        rows.stored()
+        rows.store()
         after = self._batch.extend(rows.all, rows.count, stepper.state(), count, controls)
         if after is None:
             return False

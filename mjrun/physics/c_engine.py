@@ -99,7 +99,7 @@ class RecordingBatch:
             models = with_flags(models, leave_out=ENERGY)
         self._batch = _batch(models, threads)
         self._states = {name: self._batch.bind(name) for name in record if name in STATE_FIELDS}
-        self._moving = (self._batch.bind("qpos"), self._batch.bind("qvel"))
+        self._motion = self._batch.state[:, state.moving(models[0])]  # a view
 
     def run(
         self,
@@ -129,8 +129,8 @@ class RecordingBatch:
         completed = np.zeros(n, bool)
         completed[ids] = True
         completed &= (batch.warning == warnings).all(axis=(1, 2))
-        for vectors in self._moving:  # MuJoCo checks the last state only at the start of the next step
-            completed &= (abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
+        # MuJoCo checks the last state only at the start of the next step.
+        completed &= (abs(self._motion) <= mujoco.mjMAXVAL).all(axis=1)
         if self._derived:
             instants = shifted(states[ids], out[state.STATE])
             if controls is not None:  # a record contains the controls before it
@@ -176,7 +176,8 @@ class RecordingBatch:
                 fields[name][:, at : at + count] = values
             return recorded.states[0] if recorded.completed[0] else None
         batch = self._batch
-        batch.state[0], warnings = start, batch.warning.tobytes()
+        states = batch.state
+        states[0], warnings = start, batch.warning.tobytes()
         rows: dict[RecordItem, np.ndarray] = {}
         for name, values in fields.items():
             is_ahead = name in self._states  # of the derived fields in the same record
@@ -187,8 +188,8 @@ class RecordingBatch:
             batch.rollout(count, controls, record=self._record, out=rows)
         except BatchError:
             return None
-        is_stable = batch.warning.tobytes() == warnings and all(is_bounded(each[0]) for each in self._moving)
-        return batch.state[0] if is_stable else None
+        is_stable = batch.warning.tobytes() == warnings and is_bounded(self._motion[0])
+        return states[0] if is_stable else None
 
 
 def recorded_fields(model: mujoco.MjModel, record: Sequence[str]) -> Fields:
