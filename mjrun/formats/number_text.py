@@ -18,6 +18,7 @@ PIECE = 2**16  # values turned into text at a time
 ROWS = 2**9  # rows turned into numbers at a time, which fit in the processor's cache
 BYTES = 2**16  # of text read at a time
 NEWLINE = ord("\n")
+ROW_END = b"],["  # between the rows of `number_text`
 COMPARED = 2**20  # bytes of two files that are compared at a time
 PATIENCE = 63  # largest number of pieces that are parsed before equal lines are searched again
 WHOLE = re.compile(r"[+-]?[0-9]{1,4000}")  # Python's int accepts a few digits more

@@ -18,7 +18,7 @@ from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
-from mjrun.probe.copied_contacts import ContactProbe, CopiedContacts, RecordedContacts, copy_contacts
+from mjrun.probe.copied_contacts import ContactProbe, CopiedContacts, RecordedContacts, contact_copier
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
@@ -97,7 +97,8 @@ class ProbeSampler:
         self._data: mujoco.MjData | None = None
         self._initial_values: Fields = {}
         self._like: Fields = {}  # an instance of each field
-        self._copies = list[Callable[[], bytes | int]]()  # copy each field of the last MjData
+        self._copies = list[Callable[[], bytes | int]]()  # copy each field of the last MjData, and its contacts
+        self._copy_contacts: Callable[[], CopiedContacts | None] = lambda: None
         self.model = model
         if "energy" in self._fields and not model.opt.enableflags & ENERGY:
             self.model = copy.copy(model)
@@ -200,6 +201,8 @@ class ProbeSampler:
             self._data = data
             self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
             self._copies = [_copy_of(data, name) for name in self._fields]
+            if self._copies_contacts:
+                self._copy_contacts = contact_copier(data)
             if "energy" in self._fields and not (model := stepper.model).opt.enableflags & ENERGY:
                 self._copies[self._fields.index("energy")] = lambda: _with_energy(model, data).energy.tobytes()
         measured: list[np.ndarray] = []
@@ -213,7 +216,7 @@ class ProbeSampler:
             [copy() for copy in self._copies],
             self._initial_values,
             measured,
-            copy_contacts(data) if self._copies_contacts else None,
+            self._copy_contacts(),
         )
 
     def values(self, stepper: Stepper) -> np.ndarray:

@@ -27,11 +27,21 @@ class CopiedContacts(NamedTuple):
 
 def copy_contacts(data: mujoco.MjData) -> CopiedContacts:
     """Copies the contacts in `data`."""
-    structures, count = b"", data.ncon
-    if count:
-        first = ctypes.c_double.from_buffer(data.contact.dist[:1])  # the first field of the first structure
-        structures = ctypes.string_at(ctypes.addressof(first), count * _layout().itemsize)
-    return CopiedContacts(structures, data.efc_force.tobytes())
+    return contact_copier(data)()
+
+
+def contact_copier(data: mujoco.MjData) -> Callable[[], CopiedContacts]:
+    """Returns a function that copies the present contacts in `data`."""
+    size, address = _layout().itemsize, 0
+
+    def copy() -> CopiedContacts:
+        nonlocal address
+        count = data.ncon
+        if count and not address:  # contacts come first in the memory of a step, and stay at one address
+            address = ctypes.addressof(ctypes.c_double.from_buffer(data.contact.dist[:1]))
+        return CopiedContacts(ctypes.string_at(address, count * size), data.efc_force.tobytes())
+
+    return copy
 
 
 class RecordedContacts:

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.contacts import contact_columns, contact_rows, pair
-from mjrun.probe.copied_contacts import RecordedContacts, copy_contacts
+from mjrun.probe.copied_contacts import RecordedContacts, contact_copier, copy_contacts
 from mjrun.probe.derived import contact_force
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
@@ -192,9 +192,11 @@ def test_contacts_of_many_instants_are_those_of_each_to_the_last_bit(cone: str, 
     model.geom_condim[: model.ngeom // 2] = 1  # several dimensions at the same instant
     mujoco.mj_resetData(model, data)
     copies, rows, forces, counts = [], [], [], []
+    copy = contact_copier(data)
+    assert copy() == (b"", b"")
     for step in range(60):
         mujoco.mj_forward(model, data)
-        copies.append(copy_contacts(data))
+        copies.append(copy())
         rows.append(contacts(model, data, float(step)))
         counts.append(data.ncon)
         for index in range(data.ncon):

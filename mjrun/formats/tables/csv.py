@@ -28,7 +28,7 @@ import orjson
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
 from mjrun.formats.csv_sidecar import units_beside
-from mjrun.formats.number_text import WholeLinePieces
+from mjrun.formats.number_text import ROW_END, WholeLinePieces
 from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, OpenTable, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
@@ -89,7 +89,12 @@ def _cell(name: str) -> bytes:
 
 
 def _lines(piece: np.ndarray) -> bytes:
-    text = number_text.number_text(piece).replace(b"],[", b"\n") + b"\n"
+    return _numbers(piece).replace(ROW_END, b"\n") + b"\n"
+
+
+def _numbers(piece: np.ndarray) -> bytes:
+    """Returns the cells of the rows of a piece, with `ROW_END` between rows."""
+    text = number_text.number_text(piece)
     not_finite = piece[~np.isfinite(piece)]
     if not not_finite.size:
         return text
@@ -113,11 +118,11 @@ def _mixed_lines(
         if alone in integers:
             cells.append(number_text.integer_text(values[:, 0], b"" if alone in gaps else b"nan"))
         elif alone in gaps:
-            cells.append([b"" if cell == b"nan" else cell for cell in _lines(values).splitlines()])
+            cells.append([b"" if cell == b"nan" else cell for cell in _numbers(values).split(ROW_END)])
         elif are_texts:
             cells.append(_label_lines(values, [labels[column].tolist() for column in columns]))
         else:
-            cells.append(_lines(values).splitlines())
+            cells.append(_numbers(values).split(ROW_END))
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
 
 
@@ -229,7 +234,7 @@ def _plain_block(piece: bytes, indices: list[int], width: int) -> np.ndarray | N
         return None
     lines = piece.replace(b"\r\n", b"\n") if b"\r" in piece else piece
     try:
-        rows = orjson.loads(b"[[" + lines.removesuffix(b"\n").replace(b"\n", b"],[") + b"]]")
+        rows = orjson.loads(b"[[" + lines.removesuffix(b"\n").replace(b"\n", ROW_END) + b"]]")
     except orjson.JSONDecodeError:
         return None
     if set(map(len, rows)) != {width}:

@@ -41,7 +41,7 @@ class JsonlWriter(RowWriter):
         for piece in number_text.pieces(block):
             parts = [b""] * (2 * piece.size)
             parts[::2] = self._before * len(piece)
-            parts[1::2] = number_text.number_text(piece).replace(b"],[", b",").split(b",")
+            parts[1::2] = number_text.number_text(piece).replace(number_text.ROW_END, b",").split(b",")
             for index, labels in self._labels.items():
                 parts[2 * index + 1 :: 2 * piece.shape[1]] = labels[piece[:, index].astype(int)].tolist()
             for index in self._integers:
