@@ -188,7 +188,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             finished(new)
             return new
 
-        workers, cache = CheckProcesses(), self._result_cache()
+        workers, cache = CheckProcesses(reporter.note), self._result_cache()
         try:
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, field
 from pathlib import Path
@@ -27,7 +27,7 @@ from mjrun.child_process import (
     resident_memory,
 )
 from mjrun.dataclass import dataclass
-from mjrun.errors import option
+from mjrun.errors import clean, option
 
 MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
@@ -123,12 +123,15 @@ class CheckProcesses:
     A process takes as long to start as dozens of small models take to be checked: another one starts only if the
     models that are left are expected to take longer than that.
 
+    Args:
+      note: a function called with a sentence about each fix that computes for minutes, as it begins.
+
     Attributes:
       left: the number of models that are left to check, as far as known.
     """
 
-    def __init__(self) -> None:
-        self.left = 0
+    def __init__(self, note: Callable[[str], object] = lambda text: None) -> None:
+        self.left, self._note = 0, note
         self._idle: list[CheckProcess] = []
         self._busy: set[CheckProcess] = set()
         self._changed = threading.Condition()
@@ -145,7 +148,7 @@ class CheckProcesses:
             process = self._idle.pop() if self._idle else CheckProcess()
             self._busy.add(process)
         try:
-            return process.run(task)
+            return process.run(task, self._note)
         finally:
             with self._changed:
                 self._busy.discard(process)
@@ -206,8 +209,8 @@ class CheckProcess:
         self.is_reusable = True
         self._checking = self._process.pid
 
-    def run(self, task: WorkerTask) -> WorkerOutput:
-        """Checks one model, and ends the process if that exceeds a limit."""
+    def run(self, task: WorkerTask, note: Callable[[str], object] = lambda text: None) -> WorkerOutput:
+        """Checks one model, and ends the process if that exceeds a limit; `note` is that of `CheckProcesses`."""
         self.is_reusable = False
         start = time.monotonic()
         deadline, measured = start + task.timeout, start
@@ -223,6 +226,7 @@ class CheckProcess:
             messages.append(message)
             if message.get("is_slow"):
                 deadline = start + task.timeout + FIX_TIME
+                note(f"{clean(task.model)}: {message['stage']}")
             now = time.monotonic()
             if now > deadline:
                 self._process.kill("time")

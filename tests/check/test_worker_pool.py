@@ -108,13 +108,14 @@ def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
     assert severities == ["note", "error"]
 
 
-def test_a_slow_fix_has_more_time_than_a_check() -> None:
-    process, killed = CheckProcess(), list[str]()
+def test_a_slow_fix_is_reported_and_has_more_time_than_a_check() -> None:
+    process, killed, notes = CheckProcess(), list[str](), list[str]()
     process._process.kill = killed.append  # type: ignore[method-assign, assignment]
     for is_slow, ends in ((True, []), (False, ["time"])):
         messages = iter([{"stage": "decomposing mesh 'm'", "is_slow": is_slow}, {"exit": 0}])
         process._next_message = messages.__next__  # type: ignore[method-assign]
-        assert process.run(WorkerTask("a.xml", (), 0, -1, 1024)).exit.code == 0
+        assert process.run(WorkerTask("a.xml", (), 0, -1, 1024, model="a.xml"), notes.append).exit.code == 0
         assert killed == ends
+    assert notes == ["a.xml: decomposing mesh 'm'"]
     del process._process.kill
     process.end()

@@ -5,10 +5,13 @@ Mass and inertia stay: the parts have no mass, and the geom itself stays if it h
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,15 +22,18 @@ from mjrun.check.rules.asset_files import asset_folders, file_of
 from mjrun.check.rules.masses import bodies_with_inferred_mass
 from mjrun.check.rules.meshes import MESH, Surface, geom_mass
 from mjrun.check.rules.penetrations import deep_penetrations
+from mjrun.child_process import limit_this_process
 from mjrun.errors import MissingExtraError, WrongVersionError
 from mjrun.model.class_defaults import default_holder
 from mjrun.model.text_edits import TextEdit, escaped
 from mjrun.model.xml_source import Element
 from mjrun.options.check import EXTRAS
 from mjrun.packages import require_all
+from mjrun.platform import system
 
 FINENESS = (0.05, 0.02, 0.01)  # of the parts, tried in turn: their largest concavity relative to half the mesh's size
 HIDDEN = 3  # the first group of geoms that viewers hide by default
+TIME_LIMIT = 120  # [s] of computing for the parts of a mesh with one degree of fineness
 FIELDS = ("geom", "geom_*", "mesh", "mesh_*")
 CONTACTS, OTHERS = ("geom1", "geom2"), ("geom", "objname", "refname")  # attributes that refer to geoms
 OWN = ("name", "mesh", "mass", "density")  # attributes of a geom that its parts do not share
@@ -57,10 +63,14 @@ def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[i
     if reason := obstacle():
         return reason
     mesh, other = int(context.model.geom_dataid[geom]), pair[0] if geom == pair[1] else pair[1]
-    context.announce_slow_fix(f"decomposing {context.object('mesh', mesh)}")
+    limit = f"up to {TIME_LIMIT} s of computing for each of {len(FINENESS)} degrees of fineness"
+    context.announce_slow_fix(f"decomposing {context.object('mesh', mesh)}, {limit}")
     half_size = float(np.ptp(Surface.of(context.model, mesh).vertices, axis=0).max()) / 2
     for fineness in FINENESS:
         parts = _parts(context, mesh, fineness)
+        if not parts:
+            need = f"more than {TIME_LIMIT} s of computing, or more memory than allowed"
+            return f"its convex parts take {need}: make them by hand, or simplify the mesh"
         depth = _remaining_depth(context, context.spec.copy(), start, geom, other, parts)
         if not depth:
             return _fix(context, geom, elements, parts)
@@ -93,13 +103,40 @@ def _is_referred_to(context: LintContext, geom: Element, attributes: Sequence[st
 
 @lru_cache(maxsize=8)
 def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
-    """Returns convex parts of a mesh, in the frame of its principal axes, along which CoACD cuts it."""
+    """Returns convex parts of a mesh, in the frame of its principal axes, along which CoACD cuts it; none if that takes
+    too long.
+    """
     import coacd
 
     surface = Surface.of(context.model, mesh)
     faces = surface.faces if surface.volume > 0 else surface.faces[:, ::-1]
     coacd.set_log_level("error")
-    return [Surface(*part) for part in coacd.run_coacd(coacd.Mesh(surface.vertices, faces), threshold=fineness)]
+    whole = coacd.Mesh(surface.vertices, faces)
+    return [Surface(*part) for part in _limited(lambda: coacd.run_coacd(whole, threshold=fineness))]
+
+
+def _limited(decompose: Callable[[], Sequence[Any]]) -> Sequence[Any]:
+    """Returns the result of a function that a fork of this process calls; nothing if it computes for too long.
+
+    Where the system cannot fork, only the limits of the whole check apply.
+    """
+    if not system.CAN_FORK_LATE:
+        return decompose()
+    reading, writing = os.pipe()
+    if pid := os.fork():
+        os.close(writing)
+        with os.fdopen(reading, "rb") as pipe:
+            content = pipe.read()
+        os.waitpid(pid, 0)
+        return pickle.loads(content) if content else []
+    try:
+        signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+        limit_this_process(cpu=TIME_LIMIT)
+        content = pickle.dumps(decompose())
+        with os.fdopen(writing, "wb") as pipe:
+            pipe.write(content)
+    finally:
+        os._exit(0)
 
 
 def _remaining_depth(

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from mjrun.check.fixing import changed_fields
+from mjrun.check.rules import decomposition_fix
 from mjrun.check.rules.decomposition_fix import FINENESS
+from mjrun.platform import system
 from tests.check import fixes
 from tests.check.fixes import fix, fixing
 from tests.check.models import mjcf, write
@@ -67,6 +69,23 @@ def corners(path: str, collide: bool) -> np.ndarray:
         vertices = model.mesh_vert[start : start + model.mesh_vertnum[model.geom_dataid[geom]]]
         points.append(vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
     return np.concatenate(points)
+
+
+@pytest.mark.skipif(not system.CAN_FORK_LATE, reason="the limit is that of a fork")
+@pytest.mark.usefixtures("coacd")
+def test_a_mesh_whose_parts_take_too_long_is_left_alone_and_the_reason_is_stated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def compute(*_: object, **__: object) -> None:
+        while True:
+            pass
+
+    monkeypatch.setattr(sys.modules["coacd"], "run_coacd", compute)
+    monkeypatch.setattr(decomposition_fix, "TIME_LIMIT", 1)
+    model = write("model.xml", mjcf(TRAY_GEOM + IN_TRAY, before=ASSET))
+    made: Any = fixing(model, unsafe=True)
+    assert made.files == []
+    assert all("take more than 1 s of computing" in finding.unfixed for finding in made.results[0].findings)
 
 
 @pytest.mark.usefixtures("coacd")
@@ -161,6 +180,7 @@ def test_a_geom_that_penetrates_the_walls_too_is_left_alone_with_the_reason(monk
         return run(vertices, threshold)
 
     monkeypatch.setattr(coacd, "run_coacd", counted)
+    monkeypatch.setattr(decomposition_fix, "_limited", lambda decompose: decompose())  # which counts no calls in a fork
     model = write("model.xml", mjcf(TRAY_GEOM + BALL.format(".1 .1 .025"), before=ASSET))
     (cavity,) = (f for f in fixes.lint(model, unsafe=True).result.findings if f.code == "MJ506")
     assert cavity.fixes == ()
