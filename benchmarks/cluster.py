@@ -20,6 +20,7 @@ take some five minutes of CPU time with `--seconds 0.002`: shorter chunks would 
     python benchmarks/cluster.py
     python benchmarks/cluster.py --points 1e4 --nodes 10 100
     python benchmarks/cluster.py --points 1e4 --nodes 4 16 --shared
+    python benchmarks/cluster.py --points 1e5 --nodes 100 --seconds 0.2 --sizes 20000 2000 200
 """
 
 import argparse
@@ -43,6 +44,7 @@ from mjrun.study import executors
 from mjrun.study.chunk_files import ChunkFiles, PartWriter
 from mjrun.study.job_plan import task_blocks, task_points
 from mjrun.study.leases import BEAT, POLL, LeasedPoints, Leases
+from mjrun.study.range_folders import SIZES
 from mjrun.study.spec import PointResult
 
 STUDY = "ab" * 32
@@ -235,6 +237,7 @@ def simulated(
     seed: int = 0,
     folder: str | None = None,
     *,
+    sizes: Sequence[int] = SIZES,
     is_shared: bool = False,
 ) -> ClusterRun:
     """Returns the figures of a study.
@@ -243,9 +246,10 @@ def simulated(
       seconds: mean wall time of a point [s].
       failures: share of the nodes that fail while the study runs.
       folder: folder of the files, which are removed; by default that of temporary files.
+      sizes: points in folders of each level; small ones show what large studies do.
       is_shared: whether each node runs `mjrun sweep` for all points, instead of a task of a plan.
     """
-    with tempfile.TemporaryDirectory(dir=folder) as root:
+    with patch("mjrun.study.range_folders.SIZES", tuple(sizes)), tempfile.TemporaryDirectory(dir=folder) as root:
         cluster = _Cluster(Path(root), points, nodes, seconds, failures, seed, is_shared=is_shared)
         with patch("mjrun.study.leases.time", cluster.clock), patch("mjrun.study.chunk_files.time", cluster.clock):
             end = cluster.run()
@@ -286,6 +290,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.02, help="mean wall time of a point [s]")
     parser.add_argument("--failures", type=float, default=0.01, help="share of the nodes that fail")
     parser.add_argument("--shared", action="store_true", help="processes that share all points instead of tasks")
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="points in folders of each level")
     parser.add_argument("--folder", help="folder of the files, which are removed")
     arguments = parser.parse_args()
     heads = ("points", "nodes", "time [s]", "first [s]", "opens/task", "lists/task", "names/list", "written", "read")
@@ -300,6 +305,7 @@ def main() -> None:
                 arguments.seconds,
                 arguments.failures,
                 folder=arguments.folder,
+                sizes=arguments.sizes,
                 is_shared=arguments.shared,
             )
             assert run.is_complete

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mjrun.errors import clean
 from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, doubts
-from mjrun.evaluation.table import FILES, LENGTH, RETURN
+from mjrun.evaluation.table import FILES, LENGTH, RETURN, seed_column
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page_parts import (
     interval,
@@ -46,7 +46,9 @@ def write_evaluation_page(
     if points.names:
         figures, notes = study_figures(folder)
     elif len(result.policies) == 1:
-        figures = [table_figure(folder / FILES[0], FigureOptions(x="seed", y=(RETURN, LENGTH), columns=1))]
+        seeds = seed_column(range(result.seed, result.seed + result.episodes))
+        x = "episode" if seeds.numbers is None else "seed"
+        figures = [table_figure(folder / FILES[0], FigureOptions(x=x, y=(RETURN, LENGTH), columns=1))]
     page = Page(
         title=f"{clean(result.task)}: {' and '.join(clean(each.policy) for each in result.policies)}",
         maker=MAKER,

@@ -10,7 +10,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, GroupSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria
+from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria, seed_column
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.experiment.sample_designs import SAMPLES
@@ -142,7 +142,9 @@ class PreparedEvaluation:
             name for index, name in enumerate(self.points.names) if self.points.column(index).numbers is not None
         ]
         rewards = [f"{REWARD}{name}" for name in self.player.rewards]
-        columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]
+        is_exact = seed_column(range(options.seed, options.seed + options.episodes)).numbers is not None
+        own = [*(["seed"] if is_exact else []), "return", "length", "steps"]
+        columns = [*varying, *own, *rewards, *self.metrics]
         return PassCriteria(options, columns, self.player.endings, can_succeed=self.player.can_succeed)
 
 

@@ -10,6 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison
 from mjrun.experiment.design import Design
+from mjrun.experiment.design_points import DesignColumn
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, plain_metrics
 from mjrun.experiment.statistics import Interval
 from mjrun.formats.study_reader import NO_UNITS
@@ -54,10 +55,11 @@ def episode_table(
         table.add_texts("policy", [group.policy for group in groups for _ in group.episodes], "who played")
     if points.names:
         table.add(POINT, where)
-    table.add_parameters(points, where, text_meaning="what varies")
+    table.add_parameters(points, where)
     order = [index for group in groups for index in range(len(group.episodes))]
     table.add(Column("episode", meaning="number of the episode", integer=True), order)
-    add(Column("seed", meaning="of all that is random in it", integer=True), lambda episode: episode.seed)
+    seeds = seed_column([episode.seed for episode in episodes])
+    table.add_values(Column("seed", meaning="of all that is random in it", integer=True), seeds, slice(None))
     add(Column("return", meaning="sum of all rewards"), lambda episode: episode.total)
     add(Column("length", "s", "simulated time"), lambda episode: episode.length)
     add(Column("steps", meaning="control periods", integer=True), lambda episode: episode.steps)
@@ -71,6 +73,11 @@ def episode_table(
     table.add_texts("status", [episode.status for episode in episodes], "whether it failed")
     table.add_texts("message", [episode.message for episode in episodes], "why it failed")
     return table
+
+
+def seed_column(seeds: Sequence[int]) -> DesignColumn:
+    """Returns the seeds of episodes, which are not numbers where a float would round one."""
+    return DesignColumn.of([*map(str, seeds)], np.arange(len(seeds)))
 
 
 def point_table(

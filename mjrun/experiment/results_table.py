@@ -12,6 +12,7 @@ import numpy as np
 
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
 from mjrun.experiment.design import Design, is_whole
+from mjrun.experiment.design_points import DesignColumn
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.folders import Folder, folder_at
 from mjrun.formats.table_writer import TableWriter
@@ -79,11 +80,22 @@ class ResultsTable:
         labels = tuple(texts[code] for code in in_order) or ("",)
         self.add(Column(name, meaning=meaning, labels=labels), place[codes])
 
+    def add_values(self, column: Column, values: DesignColumn, rows: np.ndarray | slice) -> None:
+        """Appends values as numbers, or as texts where they are not numbers, or are integers that a float would round.
+
+        Args:
+          rows: place in `values` of each row.
+        """
+        found = values.numbers
+        if found is None:
+            self.add_coded(column.name, values.places[rows], values.texts, column.meaning)
+        else:
+            self.add(replace(column, has_gaps=bool(np.isnan(found).any())), found[rows])
+
     def add_parameters(
         self,
         design: Design,
         points: Sequence[int] | np.ndarray | None = None,
-        text_meaning: str = "",
         units: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Appends a column for each parameter of a design.
@@ -94,15 +106,9 @@ class ResultsTable:
         """
         rows = slice(None) if points is None else np.asarray(points, np.intp)
         for index, name in enumerate(design.names):
-            values = design.column(index)
-            found = values.numbers
-            if found is None:
-                self.add_coded(name, values.places[rows], values.texts, text_meaning)
-            else:
-                unit, has_gaps = units.get(name, ""), bool(np.isnan(found).any())
-                integer = is_whole(name) or holds_whole_number(name)
-                column = Column(name, unit, "what varies", integer=integer, has_gaps=has_gaps)
-                self.add(column, found[rows])
+            integer = is_whole(name) or holds_whole_number(name)
+            column = Column(name, units.get(name, ""), "what varies", integer=integer)
+            self.add_values(column, design.column(index), rows)
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:
         """Returns a flag column `(n,)` for each text: 1 in the rows where the column `name` contains it, else 0."""

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import scipy
 
+from mjrun.errors import UnknownNameError
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.table import FILES
 from tests.evaluation.tasks import cart_task
@@ -41,6 +42,15 @@ def test_the_page_shows_the_numbers_of_the_episodes(tmp_path: Path) -> None:
     np.testing.assert_allclose(shown, expected, rtol=1e-4)
     assert page.count("<svg") == 1
     assert {*rows["ending"]} <= {*cells.texts}
+
+
+def test_seeds_that_a_float_would_round_are_texts_in_the_table_and_no_numbers_of_requirements(tmp_path: Path) -> None:
+    page = made(tmp_path, seed=2**53 - 1, episodes=3)
+    rows = (tmp_path / "out" / FILES[1]).read_text().splitlines()
+    assert [row.split(",")[1] for row in rows] == ["seed", *(str(2**53 + place) for place in (-1, 0, 1))]
+    assert page.count("<svg") == 1
+    with pytest.raises(UnknownNameError, match="'seed'"):
+        made(tmp_path, seed=2**53 - 1, episodes=3, require=["seed > 0"])
 
 
 def test_two_policies_are_compared_and_parameters_listed(tmp_path: Path) -> None:

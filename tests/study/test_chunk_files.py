@@ -15,6 +15,7 @@ from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_files import ChunkFiles, PartWriter, point_keys, study_identity
 from mjrun.study.columnar_results import ResultRows
+from mjrun.study.leases import Leases
 from mjrun.study.spec import PointResult, StudySpec
 from tests.study.models import BALL
 
@@ -156,6 +157,26 @@ def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
     files.merge_all()
     assert len([*(tmp_path / "parts").iterdir()]) == 1
     assert read(files) == known
+
+
+def test_parts_and_leases_of_a_hundred_million_points_are_in_three_levels_of_folders(tmp_path: Path) -> None:
+    points = [2, 2**16, 2**24 - 1, 2**24, 3 * 2**24 + 5, 10**8 - 1]
+    files, other = (ChunkFiles(tmp_path, ["a", "b"], STUDY, 10**8) for _ in range(2))
+    files.create()
+    for some in [*([point] for point in points), [2**24 - 1, 2**24]]:
+        results = ResultRows.of([RESULTS[0]] * len(some), 2, "host")
+        name = files.write(some, [f"{point:032x}" for point in some], results)
+        assert name.count("/") == (3 if len(some) == 1 else 0)
+    assert not other.read(points, broken_keys).is_missing.any()
+    last = other.read(points[-1:], broken_keys)
+    assert [result.index for result in last if result.status == "ok"] == points[-1:]
+    with Leases(files.ranges) as own, Leases(other.ranges) as others:
+        assert own.claim(2**24 - 1, 2**24, 2)
+        assert not others.claim(2**24, 2**24 + 7, 8)
+        assert others.claim(2**24 + 1, 2**24 + 7, 7)
+    files.merge_all()
+    assert [path.suffix for path in (tmp_path / "parts").iterdir()] == [".parquet"]
+    assert not files.read(points, broken_keys).is_missing.any()
 
 
 def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: ChunkFiles, tmp_path: Path) -> None:
