@@ -21,6 +21,7 @@ from mjrun.bench.baseline import (
     workload_obstacle,
 )
 from mjrun.errors import FileError, UsageError
+from tests.cases import cases
 
 BASE = [1.00, 1.01, 1.02, 0.99, 1.03, 1.00, 0.98, 1.01]
 
@@ -197,22 +198,7 @@ def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
         compare(now, base, "base.json", 0.1)
 
 
-@pytest.mark.parametrize(
-    ("part", "key", "value", "expected"),
-    [
-        ("model", "sha256", "c", "another model"),
-        ("options", "noise_std", 0.0, "noise_std: 0.0 there, 0.01 here"),
-        ("options", "key", "test", "key: test there, null here"),
-        ("options", "settings", ["a=b"], r'settings: \["a=b"\] there, \[\] here'),
-        ("machine", "cpu", "bad\x1bone", r"cpu: bad\\x1bone there, a CPU here"),
-        ("machine", "cores", 4, "cores: 4 there, 2 here"),
-        ("engine", "name", "warp", "engine: warp there, c here"),
-        ("engine", "worlds", 8, "worlds: 8 there, 1 here"),
-        ("engine", "device", "cuda:0", "device: cuda:0 there, cpu here"),
-        ("engine", "device_name", "a GPU", "device_name: a GPU there, a CPU here"),
-        ("engine", "njmax", 64, "njmax: 64 there, null here"),
-    ],
-)
+@cases("part, key, value, expected")
 def test_another_model_options_or_machine_is_refused_unless_forced(
     part: str, key: str, value: object, expected: str
 ) -> None:

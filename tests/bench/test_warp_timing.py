@@ -17,6 +17,7 @@ from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from tests.bench.bench_clocks import BlockClock, FakeClock
+from tests.cases import cases
 
 MODEL = """
 <mujoco>
@@ -165,21 +166,7 @@ def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -
     assert "a step, of rollouts of 20 steps of 4 worlds" in grid.splitlines()
 
 
-@pytest.mark.parametrize(
-    ("changed", "expected"),
-    [
-        ({"threads": [1]}, "threads requires engine c"),
-        ({"accuracy": True}, "accuracy requires engine c"),
-        ({"whole": True}, "whole requires engine c"),
-        ({"render": True}, "render requires engine c"),
-        ({"worlds": 0}, "worlds: '0' is not a whole number from 1 to 1048576"),
-        ({"njmax": -1}, "njmax: '-1' is not"),
-        ({"engine": "c", "worlds": 2}, "worlds requires engine warp"),
-        ({"engine": "c", "device": "cpu"}, "device requires engine warp"),
-        ({"engine": "c", "nconmax": 1}, "nconmax requires engine warp"),
-        ({"engine": "mjx"}, "engine: 'mjx' is not one of c, warp"),
-    ],
-)
+@cases("changed, expected")
 def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[str, Any], expected: str) -> None:
     with pytest.raises(UsageError, match=expected):
         bench(path, **changed)

@@ -15,6 +15,7 @@ from mjrun.camera.script import Shot
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import MjrunError
 from mjrun.model.state import save
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -109,17 +110,7 @@ def test_an_orbit_without_angles_goes_once_round(phase: float) -> None:
     assert posed("orbit:ease=cosine", phase).rotation == pytest.approx(updated(camera).rotation, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("track:box,distance=.08,azimuth=280", [4, 5, 6]),
-        ("track:edge", [4.1, 5, 6]),
-        ("track:site:tip", [4, 5, 6.5]),
-        ("track:subtree:box", [4.1, 5, 6]),
-        ("orbit:lookat=geom:edge", [4.1, 5, 6]),
-        ("free:lookat=tip", [4, 5, 6.5]),
-    ],
-)
+@cases("text, expected")
 def test_an_object_is_followed_where_it_is_now(text: str, expected: list[float]) -> None:
     assert posed(text).lookat == pytest.approx(np.array(expected))
 
@@ -157,45 +148,7 @@ def test_a_script_is_called_as_its_text_begins(text: str, name: str) -> None:
     assert parse_camera(text, MODEL).name == name
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            "tpo",
-            "no camera 'tpo' (did you mean 'top'?)\ncameras: top, camera:1, auto, free, orbit, track, look",
-        ),
-        ("2", "no camera '2'"),
-        ("-1", "no camera '-1'"),
-        ("", "no camera ''"),
-        ("orbit:azimut=3", "no setting 'azimut' in camera orbit (did you mean 'azimuth'?)"),
-        ("orbit:azimuth", "camera orbit: write azimuth=VALUE once"),
-        ("orbit:azimuth=1,azimuth=2", "camera orbit: write azimuth=VALUE once"),
-        ("orbit:azimuth=1..x", "camera orbit: azimuth: '1..x' is not a number, or two as in 140..240"),
-        ("orbit:azimuth=nan", "is not a number"),
-        ("orbit:distance=0", "camera orbit: distance: '0' is not a positive number of metres"),
-        ("orbit:distance=1..-1", "is not a positive number of metres"),
-        ("orbit:lookat=bxo", "no object 'bxo' (did you mean 'box'?)\nbodies, geoms and sites: world, box, edge, tip"),
-        ("orbit:lookat=1/2/inf", "lookat: '1/2/inf' is not a point x/y/z [m]"),
-        ("orbit:box", "no setting 'box' in camera orbit\nsettings: lookat, distance, azimuth, elevation, roll, fovy"),
-        ("orbit:ease=cubic", "no ease 'cubic' in camera orbit\neases: linear, cosine"),
-        ("orbit:fovy=180", "camera orbit:fovy=180: fovy: '180' is not an angle between 0 and 180 degrees"),
-        ("orbit:fovy=20..0", "camera orbit: fovy: '0' is not a positive number of degrees"),
-        ("free:ease=in", "no setting 'ease' in camera free"),
-        ("free:heading", "no setting 'heading' in camera free"),
-        ("track", "no object given: write track:box,distance=.5"),
-        ("track:", "no object given: write track:box,distance=.5"),
-        ("track:distance=3", "no object given: write track:box,distance=.5"),
-        ("track:box,lookat=tip", "no setting 'lookat' in camera track"),
-        ("track:box,offset=1/2", "offset: '1/2' is not a point x/y/z [m]"),
-        ("look", "camera look: from is missing: write look:from=0/-2/1,at=box"),
-        ("look:from=tip", "camera look: at is missing"),
-        ("path:lookat=tip", "no camera 'path:lookat=tip'"),
-        ("track:box,heading=1", "camera track: write heading once"),
-        ("track:box,heading,heading", "camera track: write heading once"),
-        ("track:geom:box", "no geom 'box'"),
-        ("track:subtree:bxo", "no body 'bxo'"),
-    ],
-)
+@cases("text, message")
 def test_a_wrong_camera_is_refused_with_what_is_right(text: str, message: str) -> None:
     with pytest.raises(MjrunError) as caught:
         CameraMotion(parse_camera(text, MODEL), MODEL, (64, 48))

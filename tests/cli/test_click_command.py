@@ -13,6 +13,7 @@ from mjrun.options.model import ServoGains
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import FrontEnd, Options, option, options, required
 from mjrun.options.setting_kinds import NamedNumbers, Settings
+from tests.cases import cases
 
 
 @options
@@ -86,16 +87,7 @@ def test_every_kind_of_option_arrives_as_its_value() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--heat", "-1"), "Invalid value for '--heat': '-1' is not a positive number"),
-        (("--size", "3"), "Invalid value for '--size': '3' is not a size; write width x height in pixels"),
-        (("--shape", "oval"), "Invalid value for '--shape': 'oval' is not one of 'round', 'square'"),
-        (("--layers", "0"), "Invalid value for '--layers': '0' is not a whole number of at least 1"),
-        (("--secret",), "No such option '--secret'"),
-    ],
-)
+@cases("arguments, message")
 def test_a_bad_value_is_reported_as_click_does(arguments: tuple[str, ...], message: str) -> None:
     with pytest.raises(click.UsageError) as error:
         baked("apple", *arguments)
@@ -165,17 +157,7 @@ class _Optional(Options):
     gains: str | None = option(converter=optional(ServoGains()), default=None, flag_value="auto", help="Gains.")
 
 
-@pytest.mark.parametrize(
-    ("line", "gains", "model"),
-    [
-        (["--gains", "a.xml"], "auto", "a.xml"),
-        (["a.xml", "--gains"], "auto", "a.xml"),
-        (["--gains", "kp=3", "a.xml"], "kp=3", "a.xml"),
-        (["--gains=kp=3", "a.xml"], "kp=3", "a.xml"),
-        (["--gains", "-q", "a.xml"], "auto", "a.xml"),
-        (["a.xml"], None, "a.xml"),
-    ],
-)
+@cases("line, gains, model")
 def test_an_option_that_may_do_without_a_value_takes_no_argument(
     line: list[str], gains: str | None, model: str
 ) -> None:

@@ -12,6 +12,7 @@ import click
 import pytest
 
 from mjrun.cli.colors import coloured_help, coloured_message, shows_links
+from tests.cases import cases
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,21 +78,7 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(
-    ("variables", "shown"),
-    [
-        ({}, False),
-        ({"TERM": "xterm-256color"}, False),
-        ({"VTE_VERSION": "7006"}, True),
-        ({"VTE_VERSION": "4803"}, False),
-        ({"TERM_PROGRAM": "vscode"}, True),
-        ({"TERM_PROGRAM": "Apple_Terminal"}, False),
-        ({"TERM": "xterm-kitty"}, True),
-        ({"TERM": "tmux-256color", "TMUX": "/tmp/tmux", "WT_SESSION": "1"}, False),
-        ({"WT_SESSION": "1"}, True),
-        ({"WT_SESSION": "1", "FORCE_HYPERLINK": "0"}, False),
-    ],
-)
+@cases("variables, shown")
 def test_links_are_shown_only_by_terminals_that_are_known_to(
     monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], shown: bool
 ) -> None:

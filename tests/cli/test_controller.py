@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import cases
+
 MODEL = """
 <mujoco>
   <worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>
@@ -56,15 +58,7 @@ def policy(mjrun, tmp_path: Path) -> Path:  # type: ignore[no-untyped-def]
     return mjrun.folder / "code/policy.py"
 
 
-@pytest.mark.parametrize(
-    ("code", "last"),
-    [
-        ("code/policy.py:act", 0.04),
-        ("code.policy:act", None),
-        ("code/policy.py:Policy", 1.004),
-        ("code/policy.py:Nested.act", 0.04),
-    ],
-)
+@cases("code, last")
 def test_code_drives_and_does_not_print_into_the_payload(mjrun, policy: Path, code: str, last: float | None) -> None:  # type: ignore[no-untyped-def]
     if last is None:  # a module is found from the working directory, and so is what it imports
         (mjrun.folder / "helper_of_policy.py").write_text("GAIN = 10")
@@ -78,22 +72,7 @@ def test_code_drives_and_does_not_print_into_the_payload(mjrun, policy: Path, co
     assert done.stderr
 
 
-@pytest.mark.parametrize(
-    ("code", "exit_code", "said"),
-    [
-        ("policy.py", 2, "'policy.py' names no code"),
-        ("code/policy.py:", 2, "names no code"),
-        ("code/nothing.py:act", 7, "code/nothing.py: there is no such file"),
-        ("code:act", 2, "code"),
-        ("code/policy.py:akt", 2, "no controller 'akt' in code/policy.py (did you mean 'act'?)"),
-        ("code/policy.py:VALUE", 2, "is of type int and cannot be called"),
-        ("code/policy.py:one", 2, "the controller one must take (model, data)"),
-        ("code/policy.py:Unmade", 2, "raised TypeError"),
-        ("code/broken.py:act", 2, "raised ModuleNotFoundError: No module named 'nothing_like_this'"),
-        ("code/leaves.py:act", 2, "raised SystemExit"),
-        ("code/policy.py:fails", 2, "at step 0, time 0 s, raised RuntimeError: no \\x1b[31mway"),
-    ],
-)
+@cases("code, exit_code, said")
 def test_code_that_cannot_drive_is_refused(mjrun_here, policy: Path, code: str, exit_code: int, said: str) -> None:  # type: ignore[no-untyped-def]
     done = mjrun_here("trace", "m.xml", "--steps", "2", "-o", "t.csv", "--controller", code)
     text = done.stderr.decode()
@@ -112,17 +91,7 @@ def test_a_failing_controller_shows_its_own_traceback_and_nothing_of_mjrun(mjrun
     assert "mjrun/" not in text.replace("mjrun: error", "")
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--control-dt", ".1"], "requires --controller"),
-        (["--controller", "code/policy.py:act", "--ctrl-from", "x.csv"], "exclude each other"),
-        (["--controller", "code/policy.py:act", "--control-dt", "1e-4"], "shorter than the timestep"),
-        (["--controller", "code/policy.py:act", "--control-dt", "0"], "not a positive number"),
-        (["--ctrl-noise", "-1"], "'-1' is not a number of at least 0"),
-        (["--ctrl-interpolation", "cubic"], "not one of"),
-    ],
-)
+@cases("options, said")
 def test_options_that_do_not_go_together_are_refused(mjrun_here, policy: Path, options: list[str], said: str) -> None:  # type: ignore[no-untyped-def]
     done = mjrun_here("trace", "m.xml", "--steps", "2", *options)
     assert (done.returncode, done.stdout) == (2, b"")

@@ -6,10 +6,10 @@ import json
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
 from mjrun.cli.info_sections import demonstrations_page
 from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList, DemonstrationSummary
+from tests.cases import cases
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 if TYPE_CHECKING:
@@ -48,21 +48,7 @@ def test_texts_in_the_file_are_cleaned() -> None:
     assert page.count(r"\x1b]0;owned\x07") >= 7
 
 
-@pytest.mark.parametrize(
-    ("line", "code", "message"),
-    [
-        ("info d.hdf5:demo_1 cameras", 0, ""),
-        ("info d.hdf5:demo_9", 3, "has no demonstration 'demo_9' (did you mean"),
-        ("info missing.hdf5", 3, "missing.hdf5: no such file"),
-        ("info scene:pendulum --xml", 2, "--xml applies only to demonstrations, as in demo.hdf5:demo_3"),
-        ("export d.hdf5 -o d.glb", 3, "d.hdf5: has 2 demonstrations; select one"),
-        ("trace d.hdf5 -o t.csv", 3, "d.hdf5: has 2 demonstrations; select one"),
-        ("trace d.hdf5:demo_1 --key 0 -o t.csv", 2, "no keyframe '0'"),
-        ("trace d.hdf5:demo_1 --ctrl-from c.csv -o t.csv", 2, "--replay and --ctrl-from exclude each other"),
-        ("trace scene:pendulum --assets . -o t.csv", 2, "--assets applies only to the models of demonstrations"),
-        ("trace scene:pendulum --replay d.hdf5 -o t.csv", 7, "d.hdf5: has 2 demonstrations; select one"),
-    ],
-)
+@cases("line, code, message")
 def test_mistakes_are_answered(mjrun_here: Command, line: str, code: int, message: str) -> None:
     write_demonstrations(mjrun_here.folder / "d.hdf5")
     done = mjrun_here(*line.split())

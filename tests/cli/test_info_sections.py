@@ -12,6 +12,7 @@ from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.task_sections import TABLES
 from mjrun.model.description.model_description import SECTIONS as DESCRIBED
 from mjrun.model.description.model_description import ModelDescription
+from tests.cases import cases
 
 MODEL = """
 <mujoco>
@@ -73,92 +74,13 @@ def test_a_model_without_objects_has_empty_tables(name: str) -> None:
     assert name == "bodies" or not any(any(column.cells) for column in table(name, "<mujoco/>").values())
 
 
-@pytest.mark.parametrize(
-    ("section", "cells"),
-    [
-        (
-            "bodies",
-            {
-                "body": ["world", "├─ a", "│  └─ b", "└─ c"],
-                "joints": ["", "turn (hinge), push (slide)", "root (ball)", ""],
-                "": ["", "", "", "mocap"],
-                "mass": ["0", "3", "0.5", "0"],
-                "subtree": ["3.5", "3.5", "0.5", "0"],
-                "geoms": ["", "sphere, box", "sphere", ""],
-            },
-        ),
-        (
-            "joints",
-            {
-                "name": ["turn", "push", "root"],
-                "type": ["hinge", "slide", "ball"],
-                "qpos": ["0", "1", "2:6"],
-                "qvel": ["0", "1", "2:5"],
-                "range": ["-1.5708..0.7854", "", ""],
-                "damping": ["2", "3", "0"],
-            },
-        ),
-        (
-            "geoms",
-            {
-                "name": ["ball", "geom:1", "pin"],
-                "size": ["0.1", "0.1 0.2 0.3", "0.1"],
-                "condim": ["4", "3", "3"],
-                "contact bits": [],
-            },
-        ),
-        ("sites", {"position": ["0 0 1", "0 0 2"]}),
-        ("keyframes", {"outside its range": ["", "qpos/turn"], "time": ["0", "0"]}),
-        (
-            "actuators",
-            {
-                "kind": ["motor", "position"],
-                "acts on joint": ["turn", "turn"],
-                "ctrl": ["0", "1"],
-                "ctrl range": ["-3..3", ""],
-                "gear": ["2", "1"],
-                "force range": ["", "-5..5"],
-                "gain": ["", "10"],
-                "bias": ["", "0 -10 -1"],
-            },
-        ),
-        (
-            "sensors",
-            {
-                "of": ["joint/turn", "site/tip", "site/tip"],
-                "relative to": ["", "", "body/a"],
-                "sensordata": ["0", "1:4", "4:7"],
-                "unit": ["rad", "m/s²", "m"],
-                "noise": ["0", "0.1", "0"],
-            },
-        ),
-        ("cameras", {"mode": ["targetbody a"], "fovy": ["30"]}),
-        ("lights", {"name": ["lamp"], "shadow": ["no"]}),
-        ("tendons", {"path": ["1 turn", "1 turn, -0.5 push", "tip, far"], "range": ["0..1", "", ""]}),
-        ("equalities", {"of": ["joint/turn"], "and": ["joint/push"], "": ["off"]}),
-        ("pairs", {"geom 1": ["ball"], "geom 2": ["pin"], "margin": ["0.2"]}),
-        ("excludes", {"body 1": ["a"], "body 2": ["b"]}),
-    ],
-)
+@cases("section, cells")
 def test_tables_say_what_the_source_says(section: str, cells: dict[str, list[str]]) -> None:
     columns = table(section)
     assert {heading: list(columns[heading].cells) for heading in cells} == cells
 
 
-@pytest.mark.parametrize(
-    ("section", "heading", "unit"),
-    [
-        ("joints", "damping", "N·m·s/rad\nN·s/m"),
-        ("joints", "range", "rad"),
-        ("tendons", "length", "rad\nm"),
-        ("tendons", "range", "rad"),
-        ("actuators", "force range", "N·m"),
-        ("bodies", "mass", "kg"),
-        ("keyframes", "time", "s"),
-        ("cameras", "fovy", "°"),
-        ("sensors", "noise", ""),
-    ],
-)
+@cases("section, heading, unit")
 def test_a_column_has_the_units_of_what_it_shows(section: str, heading: str, unit: str) -> None:
     assert table(section)[heading].unit == unit
 

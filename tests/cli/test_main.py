@@ -19,6 +19,7 @@ from mjrun import __version__
 from mjrun.cli.main import COMMANDS, group
 from mjrun.document.json_schema import failure_schema
 from mjrun.errors import EncoderError, NoRendererError, TerminatedError
+from tests.cases import cases
 from tests.document.schema_oracle import fits
 from tests.processes import PATIENCE
 
@@ -49,42 +50,7 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
     assert all(record and record[1] for record in records)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["vidoe"], 2, "No such command 'vidoe' (did you mean 'video' or 'view'?)."),
-        (["help", "vidoe"], 2, "No such command 'vidoe' (did you mean 'video'"),
-        (["scene:car"], 2, "'scene:car' is a model, not a command; to make a video of it: mjrun video scene:car"),
-        (["car.yaml"], 2, "'car.yaml' is a document, not a command; to run it: mjrun run car.yaml"),
-        (["scene.xml"], 2, "'scene.xml' is a model, not a command; to make a video of it: mjrun video scene.xml"),
-        (["video"], 2, "Missing argument 'MODEL'."),
-        (["video", "swing.xml", "--camrea", "x"], 2, "No such option '--camrea' (did you mean '--camera'?)."),
-        (["video", "swing.xml", "--size", "64"], 2, "'64' is not a size; write width x height in pixels"),
-        (["video", "swing.xml", "--size", "0x48"], 2, "'0x48' is not a size"),
-        (["video", "swing.xml", "--fps", "0"], 2, "'0' is not a positive number"),
-        (["video", "swing.xml", "--fps", "fast"], 2, "'fast' is not a positive number"),
-        (["video", "swing.xml", "--duration", "-1"], 2, "'-1' is not a positive number"),
-        (["video", "swing.xml", "--duration", "inf"], 2, "'inf' is not a positive number"),
-        (["video", "swing.xml", "--duration", "1", "--steps", "2"], 2, "--duration and --steps exclude each other"),
-        (["video", "swing.xml", "--timestep", "nan"], 2, "'nan' is not a positive number"),
-        (["video", "swing.xml", "--qpos", "hinge"], 2, "'hinge' is not NAME=VALUE"),
-        (["video", "swing.xml", "--qpos", "hinge=nan"], 2, "with finite numbers"),
-        (["sweep", "swing.xml", "--metric", "x="], 2, "'x=' is not NAME=EXPR, as in drift=max(abs(energy/drift))"),
-        (["video", "swing.xml", "--set", "opt"], 2, "'opt' is not PATH=VALUE, as in opt.gravity=0,0,10"),
-        (
-            ["video", "swing.xml", "--geomgroup", "7"],
-            2,
-            "'7' is not a list of groups from 0 to 5, as in 0,1,2, or all, or none",
-        ),
-        (["video", "swing.xml", "--perturb", "-1"], 2, "'--perturb'"),
-        (["video", "swnig.xml"], 3, "swnig.xml: no such model file (did you mean 'swing.xml'?)"),
-        (["video", "swing.xml", "--key", "home"], 2, "no keyframe 'home'"),
-        (["video", "swing.xml", "--qpos", "hings=1"], 2, "no joint 'hings' (did you mean 'hinge'?)"),
-        (["video", "swing.xml", "--set", "opt.gravty=1,1,1"], 2, "(did you mean 'gravity'?)"),
-        (["video", "swing.xml", "--gl", "elg"], 2, "OpenGL backends: auto, egl, osmesa, glfw, cgl"),
-        (["video", "swing.xml", "-o", "/dev/null/film.mp4"], 7, "/dev/null is not a folder"),
-    ],
-)
+@cases("arguments, code, message")
 def test_a_mistake_is_explained_on_stderr_and_leaves_nothing(
     mjrun_here: Command, swing: Path, arguments: list[str], code: int, message: str
 ) -> None:
@@ -130,46 +96,14 @@ def test_every_output_makes_its_folders(mjrun_here: Command, swing: Path, line: 
     assert all((mjrun_here.folder / path).is_file() for path in outputs)
 
 
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("trace swing.xml -o a/t.csv --probe none", 2),
-        ("trace swing.xml -o a/t.xyz", 2),
-        ("trace swing.xml -o a/t.csv --recording b/c/r.npz --manifest /dev/null/m.json", 7),
-        ("video swing.xml -o a/b/v.mp4 --calibration c/c.json --camera none", 2),
-        ("plot none.csv -o a/p.png", 7),
-    ],
-)
+@cases("line, code")
 def test_a_command_that_fails_leaves_no_folder(mjrun_here: Command, swing: Path, line: str, code: int) -> None:
     swing.rename(mjrun_here.folder / "swing.xml")
     assert mjrun_here(*line.split()).returncode == code
     assert [path.name for path in mjrun_here.folder.iterdir()] == ["swing.xml"]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["run", "none.yaml"],
-        ["sweep", "none.yaml"],
-        ["sweep", "none.jsonl", "--task", "1/2"],
-        ["eval", "none.yaml", "--policy", "zero"],
-        ["eval", "scene:car_drive", "--policy", "none.onnx"],
-        ["fit", "none.yaml"],
-        ["fit", "swing.xml", "none.csv", "--free", "joint/hinge.damping=0..1"],
-        ["plot", "none.csv", "-o", "a.png"],
-        ["diff", "none.csv", "none.csv"],
-        ["diff", "none.png", "none.png"],
-        ["diff", "none.mp4", "none.mp4"],
-        ["diff", "none.npz", "none.npz"],
-        ["trace", "swing.xml", "--golden", "none.csv"],
-        ["trace", "swing.xml", "--ctrl-from", "none.csv"],
-        ["trace", "swing.xml", "--controller", "none.py:control"],
-        ["trace", "swing.xml", "--policy", "none.onnx"],
-        ["trace", "swing.xml", "--replay", "none.npz"],
-        ["video", "swing.xml", "--camera", "none.yaml"],
-        ["bench", "swing.xml", "--compare", "none.json"],
-    ],
-)
+@cases("arguments")
 def test_an_input_other_than_the_model_that_is_missing_ends_with_seven(
     mjrun_here: Command, swing: Path, arguments: list[str]
 ) -> None:
@@ -339,28 +273,7 @@ def test_a_document_goes_to_stdout_as_json(mjrun_here: Command, swing: Path) -> 
     assert found["renderer"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "kind", "message"),
-    [
-        (["video", "swing.xml", "--fps", "0"], 2, "UsageError", "'0' is not a positive number"),
-        (["vidoe"], 2, "UsageError", "No such command 'vidoe'"),
-        (["video", "swing.xml", "-o", "-"], 2, "UsageError", "--json and the output both print to standard output"),
-        (["image", "swing.xml", "--key", "home"], 2, "UnknownNameError", "no keyframe 'home'"),
-        (["info", "none.xml"], 3, "ModelNotFoundError", "none.xml: no such model file"),
-        (["trace", "exploding.xml", "--key", "fast", "-o", "t.csv"], 4, "UnstableError", "became unstable at step 6"),
-        (["plot", "none.csv", "-o", "a.png"], 7, "FileError", "none.csv: no such file"),
-        (["sweep", "none.yaml"], 7, "FileError", "none.yaml: no such file"),
-        (["check", "none.xml"], 3, "FailedCheck", "1 does not load"),
-        (["diff", "a.csv", "b.csv"], 1, "Difference", "a.csv and b.csv differ"),
-        (["diff", "--golden", "a.csv", "swing.xml", "--duration", "0.01"], 1, "GoldenDifferenceError", "a.csv"),
-        (
-            ["bench", "exploding.xml", "--key", "fast", "--scan", "timestep=.001,.03", "--steps", "9"],
-            8,
-            "PartlyDone",
-            "1 of 2 points could not be measured",
-        ),
-    ],
-)
+@cases("arguments, code, kind, message")
 def test_json_has_an_error_for_every_exit_code(
     mjrun_here: Command,
     swing: Path,

@@ -18,6 +18,7 @@ from mjrun.confinement.confinement import (
     require_unconfined,
 )
 from mjrun.errors import UsageError
+from tests.cases import cases
 
 
 @pytest.fixture
@@ -41,23 +42,7 @@ def test_it_comes_back_from_the_environment(limits: Confinement) -> None:
     assert confinement() == limits
 
 
-@pytest.mark.parametrize(
-    ("path", "readable"),
-    [
-        ("model", True),
-        ("model/a.xml", True),
-        ("model/missing/b.xml", True),
-        ("named/c.csv", True),
-        ("model/../secret", False),
-        ("modelled/a.xml", False),
-        ("out/a.csv", False),
-        ("secret", False),
-        ("model/link", False),
-        ("model/inner", True),
-        ("model/inner/../../secret", False),
-        ("/etc/passwd", False),
-    ],
-)
+@cases("path, readable")
 @pytest.mark.usefixtures("limits")
 def test_paths_are_judged_by_where_they_lead(tmp_path: Path, path: str, readable: bool) -> None:
     (tmp_path / "model/link").symlink_to(tmp_path / "secret")

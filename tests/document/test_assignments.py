@@ -5,29 +5,13 @@ from typing import Any, cast
 
 import pytest
 
+from tests.cases import cases
 from tests.document.documents import ANCHOR, Film, Run, problems, put, read
 
 WRITTEN = "duration: 2\nfilms:\n  - fps: 30\n  - {title: b}\nstart:\n"
 
 
-@pytest.mark.parametrize(
-    ("assignments", "expected"),
-    [
-        ([], {"duration": 2}),
-        (["duration=3"], {"duration": 3}),
-        (["duration=3", "duration=4"], {"duration": 4}),
-        (["duration=1e-3"], {"duration": 1e-3}),
-        (["steps=010"], {"steps": 10}),
-        (["model=no"], {"model": "no"}),
-        (["model='5'"], {"model": "5"}),
-        (["model=a=b"], {"model": "a=b"}),
-        (["films[0].fps=60"], {"films": [{"fps": 60}, {"title": "b"}]}),
-        (["films[1].fps=60", "films[0]={title: a}"], {"films": [{"title": "a"}, {"fps": 60, "title": "b"}]}),
-        (["films=[{fps: 1}, {fps: 2}]", "films[1].fps=3"], {"films": [{"fps": 1}, {"fps": 3}]}),
-        (["start.knee=.5", "start.left hip=-1"], {"start": {"knee": 0.5, "left hip": -1}}),
-        (["start={}"], {"start": {}}),
-    ],
-)
+@cases("assignments, expected")
 def test_a_setting_stands_over_what_is_written(assignments: list[str], expected: dict[str, Any]) -> None:
     written = {"duration": 2, "films": [{"fps": 30}, {"title": "b"}], "start": {}}
     path = put(WRITTEN.replace("start:", "start: {}") if not any("start" in a for a in assignments) else WRITTEN)

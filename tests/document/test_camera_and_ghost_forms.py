@@ -11,6 +11,7 @@ from mjrun.document.camera_and_ghost_forms import CameraForm, InlineGhost, ghost
 from mjrun.errors import DocumentError
 from mjrun.options.kinds import ReadingContext
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 from tests.document.run_documents import jobs, problems
 
 
@@ -22,16 +23,7 @@ def test_a_ghost_cannot_go_through_a_file_in_a_folder_with_a_comma() -> None:
         jobs("{model: m.xml, videos: [{output: a.mp4, ghost: {trace: g.csv}}]}", name="a,b/d.yaml")
 
 
-@pytest.mark.parametrize(
-    ("mapping", "text"),
-    [
-        ({}, ""),
-        ({"offset": [0, 0.5, -1]}, "offset=0/0.5/-1"),
-        ({"opacity": 0.25, "key": 0}, "opacity=0.25,key=0"),
-        ({"offset": [0, 0, 0], "trace": "a.csv"}, "trace=study/a.csv"),
-        ({"recording": "a.npz", "opacity": 1}, "opacity=1.0,recording=study/a.npz"),
-    ],
-)
+@cases("mapping, text")
 def test_a_ghost_in_a_mapping_is_that_of_the_command_line(mapping: dict[str, Any], text: str) -> None:
     ghost = InlineGhost(**mapping)
     assert ghost_text(ghost.text(), lambda path: f"study/{path}") == text
@@ -48,32 +40,13 @@ def test_an_inline_camera_has_a_name_of_its_own() -> None:
     assert CameraForm().read({"shots": shots}, ReadingContext()) == CameraScript("script", [Shot(ModelRig("top"))])
 
 
-@pytest.mark.parametrize(
-    ("written", "texts"),
-    [
-        ("{body: torso, force: [0, 100, 0], at: 1.0, duration: 0.2}", ["body:torso=0/100/0@1+0.2"]),
-        ("{site: 'a=b', force: [0, -.5, 0], at: 1/3, duration: 1e-3}", ["site:a=b=0/-0.5/0@1/3+0.001"]),
-        ("torso=0/100/0@1+0.2", ["torso=0/100/0@1+0.2"]),
-        ("[torso=1/2/3@0+1, {body: a, force: [1, 2, 3], at: 0, duration: 1}]", ["torso=1/2/3@0+1", "body:a=1/2/3@0+1"]),
-    ],
-)
+@cases("written, texts")
 def test_a_push_in_a_document_is_that_of_the_command_line(written: str, texts: list[str]) -> None:
     (trace,) = jobs(f"{{model: m.xml, push: {written}, traces: [a.csv]}}")
     assert trace.simulation == Simulation("m.xml", push=texts)
 
 
-@pytest.mark.parametrize(
-    ("written", "problem"),
-    [
-        ("torso=0/1@1+1", "1:22: push: expected a push with a force of three finite numbers, FX/FY/FZ [N], got"),
-        ("[a=0/0/1@0+1, a=0/0/1@0+0]", "1:36: push[1]: expected a push of a duration above 0 [s], got 'a=0/0/1@0+0'"),
-        ("{force: [1, 2, 3], at: 0, duration: 1}", "1:22: push: give either body or site"),
-        ("{body: a, site: b, force: [1, 2, 3], at: 0, duration: 1}", "1:38: push.site: give either body or site"),
-        ("{body: a, force: [1, 2, 3], at: 0, duration: 0}", "1:67: push.duration: expected a positive number, got 0"),
-        ("{body: a, force: [1, 2], at: 0, duration: 1}", "1:39: push.force: expected 3 numbers, got 2"),
-        ("7", "1:22: push: expected text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}, got 7"),
-    ],
-)
+@cases("written, problem")
 def test_a_push_that_cannot_be_is_refused_at_its_place(written: str, problem: str) -> None:
     (line,) = problems(f"{{model: m.xml, push: {written}, traces: [a.csv]}}")
     assert line.startswith(problem)

@@ -3,38 +3,11 @@
 import pytest
 
 from mjrun.errors import clean
+from tests.cases import cases
 from tests.document.documents import ANCHOR, Nothing, Run, problems, put, read
 
 
-@pytest.mark.parametrize(
-    ("text", "lines"),
-    [
-        ("duration: 0\n", ["d.yaml:1:11: duration: expected a positive number, got 0"]),
-        ("duration: '2'\n", ["d.yaml:1:11: duration: expected a number, got '2'"]),
-        ("duration: yes\n", ["d.yaml:1:11: duration: expected a number, got 'yes'"]),
-        ("duration: true\n", ["d.yaml:1:11: duration: expected a number, got true"]),
-        ("duration:\n", ["d.yaml:1:10: duration: expected a number, got nothing"]),
-        ("duration: [1]\n", ["d.yaml:1:11: duration: expected a number, got a list"]),
-        ("duration: {}\n", ["d.yaml:1:11: duration: expected a number, got a mapping"]),
-        ("duration: .nan\n", ["d.yaml:1:11: duration: expected a finite number, got .nan"]),
-        ("duration: 1e999\n", ["d.yaml:1:11: duration: expected a finite number, got 1e999"]),
-        ("steps: 2.0\n", ["d.yaml:1:8: steps: expected a whole number, got 2.0"]),
-        ("model: 2\n", ["d.yaml:1:8: model: expected text, got 2; to write text, use quotes: '2'"]),
-        ('model: "b\\0.xml"\n', [r"d.yaml:1:8: model: 'b\x00.xml' contains a null character"]),
-        ("model: null\n", ["d.yaml:1:8: model: expected text, got null; to write text, use quotes: 'null'"]),
-        ("model: ''\n", ["d.yaml:1:8: model: expected text that is not empty, got ''"]),
-        ("films: {}\n", ["d.yaml:1:8: films: expected a list, got a mapping"]),
-        ("films:\n  - 5\n", ["d.yaml:2:5: films[0]: expected a mapping with fps, title, got 5"]),
-        ("start: 5\n", ["d.yaml:1:8: start: expected a mapping, got 5"]),
-        ("start: {knee: up}\n", ["d.yaml:1:15: start.knee: expected a number or a list of numbers, got 'up'"]),
-        (
-            "durations: 2\n",
-            ["d.yaml:1:1: unknown key 'durations' (did you mean 'duration'?); "
-             "keys: duration, steps, model, films, start"],
-        ),
-        ("films: [{fsp: 2}]\n", ["d.yaml:1:10: films[0]: unknown key 'fsp' (did you mean 'fps'?); keys: fps, title"]),
-    ],
-)  # fmt: skip
+@cases("text, lines")
 def test_a_value_that_does_not_fit_is_reported_with_what_is_expected(text: str, lines: list[str]) -> None:
     assert problems(lambda: read(put(text), Run)) == lines
 

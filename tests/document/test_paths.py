@@ -6,6 +6,7 @@ import pytest
 
 from mjrun.document.run import read_run
 from mjrun.options.run import RunOptions
+from tests.cases import cases
 from tests.document.run_documents import HEAD, jobs, problems
 
 OWN = "each output needs a separate file"
@@ -39,29 +40,7 @@ def test_views_in_files_of_their_own_leave_the_name_itself_free() -> None:
     assert len(jobs(text)) == 2
 
 
-@pytest.mark.parametrize(
-    ("output", "reason"),
-    [
-        ("-", "a document cannot write to standard output (-)"),
-        ("../a.csv", "'../a.csv' leaves the folder of outputs"),
-        ("b/../../a.csv", "'b/../../a.csv' leaves the folder of outputs"),
-        ("../out/a.csv", "'../out/a.csv' leaves the folder of outputs"),
-        ("..", "'..' leaves the folder of outputs"),
-        ("/a.csv", "'/a.csv' is not a path inside the folder of outputs"),
-        ("//a.csv", "'//a.csv' is not a path inside the folder of outputs"),
-        ("~/a.csv", "'~/a.csv' is not a path inside the folder of outputs"),
-        ("~root/a.csv", "'~root/a.csv' is not a path inside the folder of outputs"),
-        (".", "'.' is the folder of outputs itself"),
-        ("./", "'./' is the folder of outputs itself"),
-        ("b/..", "'b/..' is the folder of outputs itself"),
-        ('"a\\0.csv"', r"'a\x00.csv' contains a null character"),
-        ("link/a.csv", "out/link/a.csv leads out of the folder of outputs, by a link"),
-        ("link/../a.csv", "out/link/../a.csv leads out of the folder of outputs, by a link"),
-        ("link", "out/link leads out of the folder of outputs, by a link"),
-        ("file.csv", "out/file.csv leads out of the folder of outputs, by a link"),
-        ("self", "out/self leads out of the folder of outputs, by a link"),
-    ],
-)
+@cases("output, reason")
 def test_no_output_is_outside_of_the_folder(folder: Path, output: str, reason: str) -> None:
     (folder / "else").mkdir()
     for link, target in (("link", "../else"), ("file.csv", "../else/file.csv"), ("self", ".")):

@@ -12,6 +12,7 @@ from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.job_plan import StudyPlan, plan
 from mjrun.study.study import Study
+from tests.cases import cases
 from tests.study.models import BALL
 
 
@@ -62,21 +63,7 @@ def test_a_plan_of_nothing_is_empty(made: StudyPlan) -> None:
     assert read_plan("plan.jsonl") is None
 
 
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ("nonsense", "plan.jsonl:1:1: not JSON: Expecting value"),
-        ("[]", "plan.jsonl:1:1: expected a mapping"),
-        ({"schema": "mjrun-plan-9"}, "plan.jsonl:1:1: schema: expected 'mjrun-plan-2', got 'mjrun-plan-9'"),
-        ({"pickle": "x"}, "plan.jsonl:1:1: unknown key 'pickle'; keys: schema, folder, study, "),
-        ({"ranges": [["0"]]}, "plan.jsonl:1:1: ranges[0][0]: expected a whole number, got '0'"),
-        ({"ranges": [[0, 2], [1, 5]]}, "plan.jsonl:1:1: ranges: expected ascending pairs"),
-        ({"ranges": [[0, 2, 4]]}, "plan.jsonl:1:1: ranges: expected ascending pairs"),
-        ({"ranges": [[-1, 2]]}, "plan.jsonl:1:1: ranges: expected ascending pairs"),
-        ({"study": {"model": "ball.xml", "durration": 1}}, "plan.jsonl:1:1: unknown key 'durration' (did"),
-        ({"study": {"model": "ball.xml", "controller": "a:b"}}, "plan.jsonl:1:1: unknown key 'controller'"),
-    ],
-)
+@cases("change, expected")
 def test_what_is_no_plan_is_refused(made: StudyPlan, change: Any, expected: str) -> None:
     write_plan("plan.jsonl", made)
     text = change if isinstance(change, str) else json.dumps({**content("plan.jsonl"), **change})

@@ -16,6 +16,7 @@ from mjrun.errors import DocumentError, UsageError
 from mjrun.options.sweep import MOST_POINTS
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
+from tests.cases import cases
 from tests.document.camera_strategies import names, texts
 from tests.study.models import BALL
 
@@ -91,52 +92,14 @@ def test_files_are_relative_to_the_document_and_the_folder_to_the_current_one(fo
 # --- what is wrong ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("sampels: 3", "3:1: unknown key 'sampels' (did you mean 'samples' or 'sampler'?); keys: model, "),
-        ("metric: {x: max(time)}", "3:1: unknown key 'metric' (did you mean 'metrics'?); keys: model, "),
-        ("engine: dask", "3:1: unknown key 'engine'; keys: model, "),
-        ("controller: a.py:b", "3:1: unknown key 'controller'"),
-        ("vary: [seed]", "3:7: vary: expected a mapping, got a list"),
-        (
-            "vary: {seed: {form: 1}}",
-            "3:14: vary.seed: expected text, a list of values, {from, to, count}, or a distribution as in "
-            "{uniform: [0.3, 1]}, got a mapping",
-        ),
-        ("vary: {seed: }", "3:13: vary.seed: expected text, a list of values, {from, to, count}, or a distribution"),
-        ("samples: 0", "3:10: samples: expected a positive number, got 0"),
-        ("design: gird", "3:9: design: expected 'grid' or 'zip', got 'gird' (did you mean 'grid'?)"),
-        ("output: ../up", "3:9: output: '../up' leaves the folder of outputs"),
-        ("metrics: {x: }", "3:13: metrics.x: expected a finite number, text, true or false, or a list of finite"),
-        ("duration: 3", "2:8: steps: duration and steps exclude each other: both set the length"),
-    ],
-)
+@cases("text, expected")
 def test_what_is_wrong_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(text)
     assert str(caught.value).startswith(f"d.yaml:{expected}")
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("vary: {sed: 1}", "3:8: vary.sed: no parameter 'sed' in vary (did you mean 'seed'?)"),
-        ("vary: {density: 1}", "3:8: vary.density: no parameter 'density' in vary (did you mean 'opt.density'?)"),
-        ("vary: {seed: '1..2:x'}", "3:8: vary.seed: vary seed=1..2:x: write FIRST..LAST:COUNT, with numbers"),
-        ("vary: {seed: {uniform: [2, 1]}}", "3:8: vary.seed: uniform(2, 1): write uniform(LOW, HIGH), LOW below HIGH"),
-        ("vary: {seed: 'gauss(0, 1)'}", "3:8: vary.seed: no distribution gauss; distributions: uniform(LOW, HIGH), "),
-        ("vary: {geom/bal.size: 1}", "3:8: vary.geom/bal.size: no geom 'bal' (did you mean 'ball'?)"),
-        ("vary: {perturb: -1}", "3:8: vary.perturb: '-1' is not a number of at least 0"),
-        ("vary: {seed: [1, 2]}\nwhere: [sed < 2]", "4:9: where[0]: no column 'sed' in 'sed < 2'"),
-        ("vary: {seed: [1, 2]}\nwhere: seed > 2", "4:8: where: none of the 2 points satisfies it"),
-        ("metrics: {low: min(qpos/bal/z)}", "3:11: metrics.low: no column 'qpos/bal/z' in 'min(qpos/bal/z)'"),
-        ("metrics: {status: max(time)}", "3:11: metrics.status: metric: 'status' cannot be the name of a metric"),
-        ("require: [share(ok) > 0.9, max(x) > 1]", "3:28: require[1]: no column 'x' in 'max(x) > 1'"),
-        ("qpos: {bal/z: 1}", "3:8: qpos.bal/z: no joint 'bal'"),
-        ("set: {geom/bal.size: 1}", "3:7: set.geom/bal.size: no geom 'bal'"),
-    ],
-)
+@cases("text, expected")
 def test_what_is_wrong_with_the_model_at_hand_is_reported_where_it_is(text: str, expected: str) -> None:
     Path("d.yaml").write_text(HEAD + text)
     request = read_study("d.yaml")
@@ -192,17 +155,7 @@ def test_the_document_of_a_study_is_that_study(made: Study) -> None:
     assert read_study("d.yaml").made == made
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        [],
-        ["--vary", "qpos/ball/z=.2..1:5", "--vary", "seed=1,2", "--design", "zip"],
-        ["--vary", "opt.gravity=0,0,-9.81;0,0,-1.6", "--where", "seed < 3", "--repeats", "4"],
-        ["--vary", "perturb=uniform(0,1)", "--samples", "8", "--sampler", "lhs", "--time-limit", "1/3"],
-        ["--metric", "low=min(qpos/ball/z)", "--require", "share(ok) > 0.9", "--every", "3", "-o", "out/a"],
-        ["--set", "opt.cone=elliptic", "--qpos", "ball/z=.4", "--timestep", "1e-3", "--push", "ball=0/0/9@0.1+0.1"],
-    ],
-)  # fmt: skip
+@cases("words")
 def test_a_command_line_and_its_document_are_the_same_study(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Study] = []
 

@@ -14,6 +14,7 @@ from mjrun.document.json_schema import json_schema
 from mjrun.document.task import read_task
 from mjrun.errors import DocumentError, FileError, UsageError, concerning
 from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
+from tests.cases import cases
 from tests.document.schema_oracle import fits
 
 EXAMPLE = (task_module.__doc__ or "").split("```yaml")[1].split("```")[0]
@@ -194,118 +195,21 @@ def test_the_name_in_python_is_the_function() -> None:
 # --- what is wrong ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("reward: {}", "6:1: unknown key 'reward' (did you mean 'rewards'?); keys: model, "),
-        ("derived: late", "6:10: derived: expected 'current' or 'lagged', got 'late'"),
-        ("reset: {noise: {qpos/car/x: 'gauss(0, 1)'}}", "6:17: reset.noise.qpos/car/x: no distribution gauss; "),
-        ("reset: {noise: {qpos/car/x: big}}", "6:17: reset.noise.qpos/car/x: big is neither a number nor"),
-        ("reset: {set: {qpos/car/x: {uniform: [1, 0]}}}", "6:15: reset.set.qpos/car/x: uniform(1, 0): write uniform("),
-        ("commands: {goal: }", "6:17: commands.goal: expected a mapping, got nothing"),
-        (
-            "commands: {goal: {}}",
-            "6:18: commands.goal.constant: a command comes from one of constant, table, schedule, random",
-        ),
-        (
-            "commands: {goal: {constant: 1, table: a.csv}}",
-            "6:39: commands.goal.table: a command comes from one of constant, table, schedule, random, "
-            "not constant and table",
-        ),
-        ("commands: {goal: {constant: 1, every: 2}}", "6:39: commands.goal.every: every applies only with random"),
-        ("commands: {goal: {schedule: [[1, 2]]}}", "6:29: commands.goal.schedule: '[1, 2]' is not a list of [time,"),
-        ("commands: {goal: {random: [a]}}", "6:28: commands.goal.random[0]: a is neither a number nor a distribution"),
-        ("rewards: {far: {weight: 2}}", "6:16: rewards.far: 'value' is missing"),
-        ("rewards: {far: }", "6:15: rewards.far: expected an expression, or a mapping with value and weight, got noth"),
-        ("rewards: [far]", "6:10: rewards: expected a mapping, got a list"),
-        ("terminations: {far: {when: a > 1}}", "6:21: terminations.far: 'as' is missing"),
-        (
-            "terminations: {far: {when: a, as: lost}}",
-            "6:35: terminations.far.as: expected 'success', 'failure' or 'timeout', got 'lost'",
-        ),
-        (
-            "terminations: {timeout: {when: a > 1, as: success}}",
-            "6:25: terminations.timeout: timeout is a built-in termination; choose another name",
-        ),
-    ],
-)
+@cases("text, expected")
 def test_what_is_wrong_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(WHOLE + text)
     assert str(caught.value).startswith(f"t.yaml:{expected}")
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("observations: []", "5:15: observations: expected at least 1 item, got none"),
-        ("observations: [{probe: qpos}]", "5:16: observations[0]: 'name' is missing"),
-        (
-            "observations: [{name: a}]",
-            "5:16: observations[0].probe: an observation is taken from one of probe, joints, action, command, ",
-        ),
-        (
-            "observations: [{name: a, phase: 1, value: time}]",
-            "5:43: observations[0].value: an observation is taken from one of probe, joints, action, command, phase, "
-            "value, not phase and value",
-        ),
-        ("observations: [{name: a, probe: qpos, of: qvel}]", "5:43: observations[0].of: of applies only with joints"),
-        ("observations: [{name: a, probe: b, delay: -1}]", "5:43: observations[0].delay: expected a number of at"),
-        (
-            "observations: [{name: a, probe: qpos, history: 0}]",
-            "5:48: observations[0].history: expected a positive num",
-        ),
-        ("observations: [{name: a, probe: qpos, clip: [1, 0]}]", "5:45: observations[0].clip: '1, 0' is not two num"),
-        ("observations: [{name: a, probe: qpos, clip: 1}]", "5:45: observations[0].clip: expected a list, got 1"),
-        ("observations: [{name: a, probe: qpos, scale: []}]", "5:46: observations[0].scale: expected"),
-        ("observations: [{name: a, phase: 0}]", "5:33: observations[0].phase: expected a positive number, got 0"),
-        (
-            "observations: [{name: a, command: goal}]",
-            "5:35: observations[0].command: no command 'goal'; there are no c",
-        ),
-        (
-            "observations: [{name: a, probe: qpos}, {name: a, probe: qvel}]",
-            "5:47: observations[1].name: two observations have the name 'a'",
-        ),
-        ("observations: {name: a}", "5:15: observations: expected a list, got a mapping"),
-    ],
-)
+@cases("text, expected")
 def test_what_is_wrong_with_an_observation_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(HEAD + ACTS + text)
     assert str(caught.value).startswith(f"t.yaml:{expected}")
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("", "1:1: 'actions' is missing"),
-        ("actions: [{}]", "5:11: actions[0].actuators: an action drives one of actuators, joints"),
-        (
-            "actions: [{actuators: a, joints: b}]",
-            "5:34: actions[0].joints: actuators and joints exclude each other: an action drives either",
-        ),
-        ("actions: [{joints: a}]", "5:11: actions[0].target: joints requires a target: control, position, velocity or"),
-        (
-            "actions: [{joints: a, target: force}]",
-            "5:31: actions[0].target: expected 'control', 'position', 'velocity'",
-        ),
-        (
-            "actions: [{actuators: a, target: torque}]",
-            "5:34: actions[0].target: target torque applies only with joints",
-        ),
-        ("actions: [{joints: a, target: position, kd: 1}]", "5:31: actions[0].target: the target position requires kp"),
-        ("actions: [{joints: a, target: torque, kp: 1}]", "5:43: actions[0].kp: kp is not a gain of the target torque"),
-        (
-            "actions: [{actuators: a, squash: tan}]",
-            "5:34: actions[0].squash: expected 'none' or 'tanh', got 'tan' (did",
-        ),
-        (
-            "actions: [{actuators: a, offset: true}]",
-            "5:34: actions[0].offset: expected a number, a list of numbers, or",
-        ),
-    ],
-)
+@cases("text, expected")
 def test_what_is_wrong_with_an_action_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(HEAD + OBSERVES + text)

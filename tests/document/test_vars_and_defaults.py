@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from mjrun.document import vars_and_defaults
+from tests.cases import cases
 from tests.document.documents import Anything, Film, Run, problems, put, read
 
 
@@ -13,27 +14,7 @@ def resolved(text: str, *assignments: str) -> Any:
     return read(put(text), Anything, assignments, variables=True).a
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("a: ${x}", 0.5),
-        ("a: '${x}'", 0.5),
-        ("a: ${n}", "box"),
-        ("a: ${t}", True),
-        ("a: ${e}", None),
-        ("a: v=${x}", "v=0.50"),
-        ("a: ${x} ", 0.5),
-        ("a: '${x} '", "0.50 "),
-        ("a: ${n}${n}/${x}", "boxbox/0.50"),
-        ("a: $${x}", "${x}"),
-        ("a: $${x} is ${x}", "${x} is 0.50"),
-        ("a: $x $ {x} $$ }", "$x $ {x} $$ }"),
-        ("a: $$${x}", "$${x}"),
-        ("a: ${d}", "${n}"),
-        ("a: {b: [1, '${x}'], '${x}': 2}", {"b": [1, 0.5], "${x}": 2}),
-        ("a: [5, '${n}x']", [5, "boxx"]),
-    ],
-)
+@cases("text, value")
 def test_variables_stand_for_their_values(text: str, value: object) -> None:
     found = resolved(f"vars: {{x: 0.50, n: box, t: true, e: ~, d: '$${{n}}'}}\n{text}\n")
     assert found == value

@@ -10,6 +10,7 @@ from mjrun.errors import UsageError
 from mjrun.experiment.design import Design, design
 from mjrun.experiment.point_conditions import chosen
 from mjrun.options.sweep import VariationOptions
+from tests.cases import cases
 from tests.experiment.test_design import MODEL
 
 GRID = {"opt.solver": "cg,newton", "opt.iterations": "5,10,50", "opt.ls_iterations": "1..4:4", "seed": "1,2"}
@@ -60,23 +61,7 @@ def test_what_is_quoted_after_a_comparison_is_a_text_whatever_it_contains() -> N
     assert names("seed == '2' and name == 'seed' and seed > 1") == {"seed"}
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"when": {"iteration": "seed == 1"}}, "no parameter 'iteration'"),
-        ({"when": {"iterations": "solvers == 'cg'"}}, "solvers"),
-        ({"when": {"iterations": "solver == 'pgs'"}}, "'opt.solver' has no value 'pgs'; values: cg, newton"),
-        ({"when": {"iterations": "solver < 2"}}, 'values that are not numbers; compare it with one of "cg", "newton"'),
-        ({"when": {"iterations": "'cg' == solver"}}, "no column 'cg'"),
-        ({"when": {"iterations": "seed + 1 == 'cg'"}}, "expected a column compared with a text"),
-        ({"when": {"iterations": "iterations < 2"}}, "depend on themselves: iterations"),
-        ({"when": {"iterations": "seed < 2", "seed": "iterations < 2"}}, "depend on themselves"),
-        (
-            {"vary": {"a.x": "uniform(0,1)"}, "sampler": "saltelli", "when": {"x": "x < 1"}},
-            "varies distributions only, without --when",
-        ),
-    ],
-)
+@cases("options, expected")
 def test_conditions_that_decide_nothing_are_refused(options: dict[str, Any], expected: str) -> None:
     with pytest.raises(UsageError) as raised:
         points(**options)

@@ -8,6 +8,7 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.fitting.free_parameter import FreeParameter, free_parameters, overrides, require_effect
 from mjrun.model.sources import parse_source
+from tests.cases import cases
 from tests.fitting.logs import NOMINAL, write_model
 
 SERVO = """<mujoco><worldbody><body name="a"><joint name="j"/><geom name="g" size=".1"/></body></worldbody>
@@ -73,22 +74,7 @@ def test_a_delay_with_a_wildcard_is_one_of_all_its_columns(tmp_path: Path) -> No
         free_parameters([("delay:ctrl/*", "0..0.1"), ("delay:ctrl/brake", "0..0.1")], source, columns)
 
 
-@pytest.mark.parametrize(
-    ("path", "text", "message"),
-    [
-        ("joint/hinge.damping", "1..0", "LOW..HIGH with LOW below HIGH"),
-        ("joint/hinge.damping", "log:0..1", "LOW below HIGH and above 0"),
-        ("joint/hinge.damping", "half", "is not LOW..HIGH, log:LOW..HIGH"),
-        ("joint/hinge.damping", "0..1~normal(0.5, 0)", "standard deviation above 0"),
-        ("joint/hinge.dampin", "0..1", "did you mean 'damping'"),
-        ("joint/knee.damping", "0..1", "no joint 'knee'"),
-        ("joint/hinge.axis", "0..1", r"has 3 numbers; write joint/hinge.axis\[0\] for the first"),
-        ("joint/hinge.type", "0..1", "is not a number"),
-        ("delay:ctrl/servo", "0..1", "no signal 'ctrl/servo'"),
-        ("delay:ctrl/motor", "-1..1", "a delay"),
-        ("body/rod.mass", "0.5..2", "is not in the source|has no effect"),
-    ],
-)
+@cases("path, text, message")
 def test_what_cannot_be_free_is_refused(tmp_path: Path, path: str, text: str, message: str) -> None:
     source = parse_source(str(write_model(tmp_path)))
     with pytest.raises(UsageError, match=message):

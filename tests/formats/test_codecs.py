@@ -12,26 +12,10 @@ import pytest
 from mjrun.errors import BadValueError, MjrunError
 from mjrun.formats.codecs import CODECS, CONTAINERS, Encoding, encoding, is_folder, suffixes
 from mjrun.formats.ffmpeg import command
+from tests.cases import cases
 
 
-@pytest.mark.parametrize(
-    ("output", "format_name", "codec"),
-    [
-        ("film.mp4", "mp4", "h264"),
-        ("FILM.MP4", "mp4", "h264"),
-        ("a.b/film.webm", "webm", "vp9"),
-        ("film.mkv", "mkv", "h264"),
-        ("film.mov", "mov", "h264"),
-        ("film.gif", "gif", "gif"),
-        ("film.apng", "apng", "apng"),
-        ("film.webp", "webp", "webp"),
-        ("frames/", "png", "png"),
-        ("frames.v2/", "png", "png"),
-        ("frames", "png", "png"),
-        ("f_%04d.png", "png", "png"),
-        (None, "mp4", "h264"),
-    ],
-)
+@cases("output, format_name, codec")
 def test_the_output_s_name_chooses_the_format(output: str | None, format_name: str, codec: str) -> None:
     chosen = encoding(output)
     assert (chosen.format, chosen.codec) == (format_name, codec)
@@ -43,25 +27,7 @@ def test_every_format_holds_codecs_that_exist_and_every_codec_has_a_format() -> 
     assert all(codec.crf is None or codec.crf[0] <= codec.crf[2] <= codec.crf[1] for codec in CODECS.values())
 
 
-@pytest.mark.parametrize(
-    ("wanted", "message"),
-    [
-        ({"output": "film.avi"}, "no video format '.avi' in film.avi"),
-        ({"output": "film.mpg4"}, "no video format '.mpg4' in film.mpg4 (did you mean '.mp4'"),
-        ({"output": "film.mp4", "format": "gif"}, "format gif and the suffix of film.mp4 disagree"),
-        ({"output": None, "format": "mp5"}, "no format 'mp5' (did you mean 'mp4'?)\nformats: mp4, mov"),
-        ({"output": None, "format": "png"}, "format png cannot be written to a pipe"),
-        ({"output": "film.webm", "codec": "h264"}, "no codec 'h264' in webm\ncodecs: vp9, av1"),
-        ({"output": "film.mp4", "crf": 52}, "crf: '52' is not from 0 (best) to 51, as h264 takes"),
-        ({"output": "film.mp4", "crf": -1}, "crf: '-1' is not from 0 (best) to 51, as h264 takes"),
-        ({"output": "film.gif", "crf": 3}, "crf: gif does not support a constant rate factor"),
-        (
-            {"output": "film.mp4", "preset": "slowest"},
-            "no preset 'slowest' in codec h264 (did you mean 'slower' or 'slow'?)",
-        ),
-        ({"output": "film.gif", "preset": "fast"}, "no preset 'fast' in codec gif\nthere are no presets"),
-    ],
-)
+@cases("wanted, message")
 def test_what_does_not_fit_is_refused_with_what_does(wanted: dict, message: str) -> None:
     with pytest.raises(MjrunError) as caught:
         encoding(**wanted)

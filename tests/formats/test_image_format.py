@@ -6,35 +6,10 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.formats.image_format import FIGURES, FORMATS, figure_format, image_format, suffixes
+from tests.cases import cases
 
 
-@pytest.mark.parametrize(
-    ("output", "view", "asked", "name"),
-    [
-        ("still.png", "rgb", None, "png"),
-        ("STILL.PNG", "rgb", None, "png"),
-        ("a.b/still.jpg", "rgb", None, "jpeg"),
-        ("still.jpeg", "rgb", None, "jpeg"),
-        ("still.webp", "rgb", None, "webp"),
-        ("still.tif", "rgb", None, "tiff"),
-        ("still.tiff", "depth", None, "tiff"),
-        ("still.png", "depth", None, "png"),
-        ("still.exr", "depth", None, "exr"),
-        ("still.npy", "depth", None, "npy"),
-        ("still.npy", "seg", None, "npy"),
-        ("still.png", "seg", None, "png"),
-        ("still.png", "seg", "palette", "palette"),
-        ("still.json", "seg", None, "coco"),
-        ("still.json", "seg", "coco", "coco"),
-        ("still", "rgb", "jpg", "jpeg"),
-        ("still.dat", "depth", "npy", "npy"),
-        (None, "rgb", None, "png"),
-        (None, "depth", None, "png"),
-        (None, "seg", None, "png"),
-        (None, "depth", "exr", "exr"),
-        (None, "seg", "json", "coco"),
-    ],
-)
+@cases("output, view, asked, name")
 def test_the_suffix_and_the_view_choose_the_format(output: str | None, view: str, asked: str | None, name: str) -> None:
     assert image_format(output, view, asked) == name
 
@@ -77,20 +52,7 @@ def test_suffixes_are_those_of_the_table() -> None:
         assert all(image_format(f"a{suffix}", view) in known for suffix in suffixes(view))
 
 
-@pytest.mark.parametrize(
-    ("output", "named", "name"),
-    [
-        ("a.png", None, "png"),
-        ("a.SVG", None, "svg"),
-        ("a.pdf", None, "pdf"),
-        ("a.jpg", None, "jpeg"),
-        ("a.pdf", "pdf", "pdf"),
-        ("a", "svg", "svg"),
-        (None, None, "png"),
-        (None, "pdf", "pdf"),
-        (None, ".svg", "svg"),
-    ],
-)
+@cases("output, named, name")
 def test_the_suffix_or_the_option_decides(output: str | None, named: str | None, name: str) -> None:
     assert figure_format(output, named) == name
 

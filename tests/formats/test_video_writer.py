@@ -22,6 +22,7 @@ from PIL import Image, ImageSequence
 from mjrun.errors import EncoderError, MjrunError, UsageError
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video_writer import VideoWriter, write_video
+from tests.cases import cases
 
 SIZE = (64, 48)
 FPS = Fraction(25)
@@ -50,22 +51,7 @@ def write(output: str, pictures: np.ndarray, promised: int | None = None, fps: F
         video.publish()
 
 
-@pytest.mark.parametrize(
-    ("name", "how", "error"),
-    [
-        ("f.mp4", {}, 4),
-        ("f.mp4", {"codec": "h265"}, 6),
-        ("f.mp4", {"codec": "av1"}, 6),
-        ("f.mov", {"codec": "prores"}, 4),
-        ("f.mkv", {"codec": "ffv1"}, 0),
-        ("f.mp4", {"codec": "h264rgb"}, 0),
-        ("f.webm", {"codec": "vp9", "crf": 10}, 6),
-        ("f.webm", {"codec": "av1"}, 6),
-        ("f.apng", {}, 0),
-        ("f.gif", {}, 8),
-        ("f.bin", {"format": "mkv", "preset": "ultrafast"}, 4),
-    ],
-)
+@cases("name, how, error")
 def test_a_video_of_an_iterable_has_every_frame_in_order_and_in_its_colours(
     tmp_path: Path, decode: Callable, name: str, how: dict[str, Any], error: float
 ) -> None:

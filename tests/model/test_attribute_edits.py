@@ -11,6 +11,7 @@ from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from tests.cases import cases
 
 MODEL = """<mujoco>
   <!-- comments > stay -->
@@ -96,15 +97,7 @@ def test_gains_of_a_servo_are_written_as_its_own_attributes(model: Path) -> None
     assert lines == ['<default class="stiff"><joint stiffness="5"/><position kp="44.0" kv="3.0"/></default>']
 
 
-@pytest.mark.parametrize(
-    ("path", "message"),
-    [
-        ("actuator/motor.gainprm[0]", "<motor> has no attribute for it"),
-        ("joint/joint:2.armature", "a <freejoint> has no joint attributes"),
-        ("opt.flag.gravity", "has no <option>|cannot be written|not a number"),
-        ("stat.extent", "the file has no <statistic>"),
-    ],
-)
+@cases("path, message")
 def test_what_is_no_attribute_is_refused(model: Path, path: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         changes(model, [Override(path, "1")])
@@ -127,15 +120,7 @@ def test_included_files_are_named(model: Path) -> None:
     assert made.element.file.name == "part.xml"
 
 
-@pytest.mark.parametrize(
-    ("scene", "overrides"),
-    [
-        ("arm", [("scale:joint/*.damping", "1.5"), ("joint/*.armature", "0.11"), ("joint/*.frictionloss", "0.2")]),
-        ("car", [("geom/*.friction[0]", "0.7")]),
-        ("dominos", [("geom/*.friction[0]", "0.7")]),
-        ("pendulum", [("geom/bob.mass", "1.1"), ("actuator/motor.gear[0]", "1.2")]),
-    ],
-)
+@cases("scene, overrides")
 def test_scenes_compile_to_what_is_written(tmp_path: Path, scene: str, overrides: list[tuple[str, str]]) -> None:
     path = tmp_path / f"{scene}.xml"
     path.write_bytes((scene_folder() / f"{scene}.xml").read_bytes())

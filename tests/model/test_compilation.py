@@ -10,6 +10,7 @@ from mjrun.errors import BadValueError, BrokenModelError, MjrunError, ModelError
 from mjrun.model.compilation import non_finite_number
 from mjrun.model.override import Override
 from mjrun.model.sources import load, parse_source
+from tests.cases import cases
 from tests.model.model_files import MODEL, write
 
 
@@ -103,21 +104,7 @@ def model(option: str = "", joint: str = "", geom: str = "") -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/>{BODY.format(joint, geom)}</mujoco>")
 
 
-@pytest.mark.parametrize(
-    ("parts", "says"),
-    [
-        ({"option": 'gravity="0 nan 0"'}, "opt.gravity must be finite, not nan"),
-        ({"option": 'wind="inf 0 0"'}, "opt.wind must be finite, not inf"),
-        ({"option": 'density="nan"'}, "opt.density must be finite, not nan"),
-        ({"option": 'tolerance="nan"'}, "opt.tolerance must be finite, not nan"),
-        ({"joint": 'damping="nan"'}, "dof_damping of joint 'hip' must be finite, not nan"),
-        ({"joint": 'armature="inf"'}, "dof_armature of joint 'hip' must be finite, not inf"),
-        ({"joint": 'range="0 nan"'}, "jnt_range of joint 'hip' must be finite, not nan"),
-        ({"joint": 'ref="nan"'}, "qpos0 must be finite, not nan"),
-        ({"geom": 'mass="inf"'}, "body_inertia of body 'arm' must be finite, not inf"),
-        ({"geom": 'friction="nan"'}, "geom_friction of geom 'bob' must be finite, not nan"),
-    ],
-)
+@cases("parts, says")
 def test_what_is_not_finite_is_named(parts: dict[str, str], says: str) -> None:
     assert non_finite_number(model(**parts)) == says
 

@@ -1,24 +1,16 @@
 """The bodies of flexes, against the names that MuJoCo's compiler gives them."""
 
 import mujoco
-import pytest
 
 from mjrun.model.flex_bodies import carriers, flex_owners
+from tests.cases import cases
 
 FLEX = """<mujoco><worldbody><body name="arm"><geom size=".1"/><flexcomp name="c" type="grid" dim="3" count="2 2 2"
   spacing=".1 .1 .1" radius=".01" mass="1" {attributes}>{pin}<elasticity young="1e4" poisson=".2"/></flexcomp></body>
   <body name="last"><geom size=".1"/></body></worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize(
-    ("attributes", "pin", "owner"),
-    [
-        ("", "", "c_0"),
-        ("", '<pin id="0"/>', "arm"),
-        ('dof="trilinear"', "", "c_0_0_0"),
-        ('rigid="true"', "", "arm"),
-    ],
-)
+@cases("attributes, pin, owner")
 def test_a_flex_belongs_to_a_body_that_carries_it(attributes: str, pin: str, owner: str) -> None:
     model = mujoco.MjModel.from_xml_string(FLEX.format(attributes=attributes, pin=pin))
     (body,) = flex_owners(model)

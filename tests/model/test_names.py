@@ -20,6 +20,7 @@ from mjrun.model.names import (
     matching,
     names,
 )
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><camera/><camera name="top"/>
 <body name="arm"><joint name="knee"/><joint name="1" axis="1 0 0"/><joint axis="0 1 0"/><geom size="1"/><site/></body>
@@ -27,18 +28,7 @@ MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><camera/><camera na
 <actuator><motor joint="knee"/></actuator><keyframe><key/><key name="home"/></keyframe></mujoco>""")
 
 
-@pytest.mark.parametrize(
-    ("kind", "expected"),
-    [
-        ("body", ["world", "arm", "a[0]"]),
-        ("joint", ["knee", "1", "joint:2", "knee_2"]),
-        ("geom", ["geom:0", "Ball"]),
-        ("site", ["site:0"]),
-        ("camera", ["camera:0", "top"]),
-        ("actuator", ["actuator:0"]),
-        ("keyframe", ["keyframe:0", "home"]),
-    ],
-)
+@cases("kind, expected")
 def test_every_object_has_a_name_and_answers_to_it(kind: str, expected: list[str]) -> None:
     assert names(MODEL, kind) == expected
     assert [identify(MODEL, kind, name) for name in expected] == list(range(len(expected)))
@@ -85,24 +75,7 @@ def test_the_plural_of_body_is_bodies() -> None:
         identify(MODEL, "body", "leg")
 
 
-@pytest.mark.parametrize(
-    ("kind", "pattern", "found"),
-    [
-        ("joint", "knee", [0]),
-        ("joint", "knee*", [0, 3]),
-        ("joint", "knee_?", [3]),
-        ("joint", "*", [0, 1, 2, 3]),
-        ("joint", "joint:*", [2]),
-        ("joint", "[!k]*", [1, 2]),
-        ("joint", "2", [2]),
-        ("joint", "joint:1", [1]),
-        ("body", "a[0]", [2]),
-        ("body", "a*", [1, 2]),
-        ("geom", "ball", None),
-        ("joint", "hip*", None),
-        ("joint", "", None),
-    ],
-)
+@cases("kind, pattern, found")
 def test_a_pattern_means_all_it_matches_in_order_but_an_exact_name_means_itself(
     kind: str, pattern: str, found: list[int] | None
 ) -> None:

@@ -11,6 +11,7 @@ from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.model.names import enum_members
 from mjrun.model.override import ELEMENTS, Override, apply
 from mjrun.model.sources import load
+from tests.cases import cases
 from tests.model.model_files import content
 
 MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quality/><global/><rgba/></visual>
@@ -177,53 +178,14 @@ def test_enabling_a_flag_sets_its_enable_bit_and_disabling_clears_it(name: str) 
     assert flags(name, "disable") == flags(name, "enable", "disable") == (0, 0)
 
 
-@pytest.mark.parametrize(
-    ("path", "near"),
-    [
-        ("opt.timstep", "'timestep'"),
-        ("opt.Timestep", "'timestep'"),
-        ("opts.timestep", "'opt'"),
-        ("opt.flag.gravty", "'gravity'"),
-        ("opt.flags", "'flag'"),
-        ("vis.qualty.shadowsize", "'quality'"),
-        ("vis.quality.shadowsz", "'shadowsize'"),
-        ("compiler.autolimit", "'autolimits'"),
-        ("gem/floor.size", "'geom'"),
-        ("geom/flor.size", "'floor'"),
-        ("geom/floor.frction", "'friction'"),
-        ("joint/knee.dampng", "'damping'"),
-    ],
-)
+@cases("path, near")
 def test_a_path_that_names_nothing_is_refused_with_the_nearest_name(path: str, near: str) -> None:
     error = refusal(path, "1")
     assert isinstance(error, UnknownNameError)
     assert f"(did you mean {near}" in str(error).splitlines()[0]
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "expected"),
-    [
-        ("opt.gravity", "1,2", "3 numbers separated by commas"),
-        ("opt.gravity", "1,2,3,4", "3 numbers separated by commas"),
-        ("opt.gravity", "", "3 numbers separated by commas"),
-        ("opt.gravity", "a,b,c", "numbers separated by commas"),
-        ("opt.gravity", "0,0,nan", "numbers separated by commas"),
-        ("geom/floor.friction", "1,2,3,4", "at most 3 numbers separated by commas"),
-        ("geom/floor.friction", "", "at most 3 numbers separated by commas"),
-        ("geom/floor.rgba", "1,0,0", "4 numbers separated by commas"),
-        ("opt.timestep", "fast", "a number"),
-        ("opt.timestep", "inf", "a number"),
-        ("opt.iterations", "5.5", "a whole number"),
-        ("opt.iterations", "enable", "a whole number"),
-        ("vis.quality.shadowsize", "false", "a whole number"),
-        ("opt.iterations", "99999999999", "a valid value of iterations"),
-        ("opt.flag.gravity", "off", "enable or disable (true or false)"),
-        ("size.memory", "1.5G", "a memory size such as 500K, 100M or 1G"),
-        ("size.memory", "0", "a memory size such as 500K, 100M or 1G"),
-        ("compiler.autolimits", "maybe", "enable or disable (true or false)"),
-        ("numeric/table.data", "1,x", "numbers separated by commas"),
-    ],
-)
+@cases("path, value, expected")
 def test_a_value_that_does_not_fit_is_refused_with_what_would(path: str, value: str, expected: str) -> None:
     error = refusal(path, value)
     assert isinstance(error, BadValueError)
@@ -365,15 +327,7 @@ def test_a_relative_value_with_a_wildcard_is_relative_to_each_element() -> None:
     assert [geom.size[0] for geom in spec.geoms] == [2, 6]
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "reason"),
-    [
-        ("opt.gravity", "0,0,-9mm", "gravity is no length"),
-        ("geom/shin.l.size", "1kg", "size is no mass"),
-        ("scale:geom/shin.l.size", "1mm", "a factor has none"),
-        ("joint/knee.range", "-1mm,1", "range is no length"),
-    ],
-)
+@cases("path, value, reason")
 def test_a_unit_that_does_not_fit_is_refused(path: str, value: str, reason: str) -> None:
     assert f"{value} has a unit, and {reason}" in str(refusal(path, value))
 

@@ -16,6 +16,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.file import FileSource
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
+from tests.cases import cases
 from tests.model.model_files import content
 
 MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .001"/></default>
@@ -238,25 +239,7 @@ def _value(path: str, numbers: list[float]) -> str:
     return ",".join(map(repr, numbers if is_vector else numbers[:1]))
 
 
-@pytest.mark.parametrize(
-    ("name", "path"),
-    [
-        ("humanoid/humanoid.xml", "scale:geom/torso.size"),
-        ("humanoid/humanoid.xml", "scale:body/*.pos"),
-        ("humanoid/humanoid.xml", "scale:geom/*.density"),
-        ("car/car.xml", "body/car.pos[2]"),
-        ("car/car.xml", "scale:geom/*.size"),
-        ("car/car.xml", "geom/chasis.mass"),
-        ("sleep/dominos.xml", "geom/*.margin"),
-        ("replicate/tendon.xml", "scale:site/*.pos"),
-        ("slider_crank/slider_crank.xml", "scale:geom/*.size"),
-        ("mug/mug.xml", "scale:geom/*.pos"),
-        ("balloons/balloons.xml", "scale:body/*.pos"),
-        ("flex/flag.xml", "scale:geom/*.pos"),
-        ("plugin/actuator/pid.xml", "joint/*.damping"),
-        ("adhesion/active_adhesion.xml", "scale:joint/*.armature"),
-    ],
-)
+@cases("name, path")
 def test_numbers_of_real_models_give_the_compiled_model(name: str, path: str) -> None:
     model = MODELS / name
     if not model.exists():

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from mjrun.options.disturbance import Push, PushKind
 from mjrun.options.schema_validation import InvalidValueError
+from tests.cases import cases
 
 KIND = PushKind()
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -41,29 +42,7 @@ def test_a_mapping_says_the_same() -> None:
     assert KIND({"site": "hand", **facts}) == KIND("site:hand=0/100/0@1+0.2")
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        ("torso", "BODY=FX/FY/FZ@T"),
-        ("torso=1/2/3", "BODY=FX/FY/FZ@T"),
-        ("torso=1/2/3@1", "BODY=FX/FY/FZ@T"),
-        ("torso=1/2/3@-1+2", "BODY=FX/FY/FZ@T"),
-        ("=1/2/3@1+2", "BODY=FX/FY/FZ@T"),
-        (7, "BODY=FX/FY/FZ@T"),
-        ("torso=1/2@1+2", "three finite numbers"),
-        ("torso=1/2/x@1+2", "three finite numbers"),
-        ("torso=1/2/nan@1+2", "three finite numbers"),
-        ("torso=1/2/3@1+0", "duration above 0"),
-        ("torso=1/2/3@1+1/0", "duration above 0"),
-        ("torso=1/2/3@1.1.1+1", "begins at 0 or later"),
-        ({"force": [1, 2, 3], "at": 0, "duration": 1}, "body or site"),
-        ({"body": "a", "site": "b", "force": [1, 2, 3], "at": 0, "duration": 1}, "body or site"),
-        ({"body": "a", "force": [1, 2, 3], "at": 0}, "body or site"),
-        ({"body": "a", "force": [1, 2, 3], "at": 0, "duration": 1, "until": 2}, "body or site"),
-        ({"body": "a", "force": 3, "at": 0, "duration": 1}, "three finite numbers"),
-        ({"body": "a", "force": [1, 2, 3], "at": -1, "duration": 1}, "begins at 0 or later"),
-    ],
-)
+@cases("value, expected")
 def test_what_is_no_push_is_refused_with_what_is_missing(value: object, expected: str) -> None:
     with pytest.raises(InvalidValueError, match=expected):
         KIND(value)  # type: ignore[arg-type]

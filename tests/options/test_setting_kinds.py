@@ -7,25 +7,10 @@ import pytest
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import DISTRIBUTIONS, JointNumbers, VariedSettings, with_paths
 from mjrun.physics.random_distribution import parse_distribution
+from tests.cases import cases
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        ("1..5:5", "1..5:5"),
-        (3, "3"),
-        (0.1, "0.1"),
-        (True, "true"),
-        (["elliptic", "pyramidal"], "elliptic,pyramidal"),
-        ([0.1, 2], "0.1,2"),
-        ([[0, 0, -9.81], [0, 0, -1.6]], "0,0,-9.81;0,0,-1.6"),
-        ([[0, 0, -9.81]], "0,0,-9.81;"),
-        ({"from": 0.1, "to": 1, "count": 10}, "0.1..1:10"),
-        ({"from": 1e-4, "to": 1e-2, "count": 5, "log": True}, "log:0.0001..0.01:5"),
-        ({"uniform": [0.3, 1]}, "uniform(0.3, 1)"),
-        ({"choice": ["a.xml", "b.xml"]}, "choice(a.xml, b.xml)"),
-    ],
-)
+@cases("value, text")
 def test_every_form_is_a_text(value: object, text: str) -> None:
     assert VariedSettings()({"x": value}) == (("x", text),)
 

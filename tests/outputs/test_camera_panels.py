@@ -26,6 +26,7 @@ from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.compositor import CameraPanel, Overlay
 from mjrun.rendering.visual import Visual
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 
 pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
@@ -115,15 +116,7 @@ def test_names_of_cameras_are_reported_apart_by_number_where_they_are_alike() ->
     assert [file.path for file in panel_files(options, "x.png")] == ["x-a_b0.png", "x-a_b1.png", "x-c.png"]
 
 
-@pytest.mark.parametrize(
-    ("values", "exact"),
-    [
-        ({"view": "depth", "style": "exact"}, [True]),
-        ({"view": "depth"}, [False]),
-        ({"view": "rgb", "style": "exact"}, [False]),
-        ({"view": ["rgb", "depth", "seg"], "style": "exact", "separate": True}, [False, True, True]),
-    ],
-)
+@cases("values, exact")
 def test_only_panels_of_numbers_are_exact(values: dict[str, object], exact: list[bool]) -> None:
     options = ViewOptions(**values)  # type: ignore[arg-type]
     files = panel_files(options, "v.mkv")
@@ -263,18 +256,7 @@ def test_every_pixel_shows_what_mj_ray_meets_through_it(swing: Path, tmp_path: P
     assert alike == compared
 
 
-@pytest.mark.parametrize(
-    ("output", "file"),
-    [
-        ("f/", "../f/000003.png"),
-        ("f", "../f/000003.png"),
-        ("f_%04d.png", "../f_0003.png"),
-        ("c/f_%d.png", "f_3.png"),
-        ("f.jpg", "../f.jpg"),
-        ("f.mp4", ""),
-        ("-", ""),
-    ],
-)
+@cases("output, file")
 def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, file: str
 ) -> None:
@@ -339,19 +321,7 @@ def test_files_that_are_not_asked_for_have_no_name() -> None:
     assert named_files(output="a", contacts=None, manifest="-") == [("output", "a"), ("manifest", "-")]
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        ("a.csv", "a.csv"),
-        ("a.csv", "x/../a.csv"),
-        ("f/", "f/000000.png"),
-        ("f/000000.png", "f/"),
-        ("f_%04d.png", "f_0007.png"),
-        ("f_0007.png", "f_%04d.png"),
-        ("f_%d.png", "f_%06d.png"),
-        ("real/a.csv", "link/a.csv"),
-    ],
-)
+@cases("first, second")
 def test_two_names_of_one_file_clash(tmp_path: Path, first: str, second: str) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "real")
@@ -361,16 +331,7 @@ def test_two_names_of_one_file_clash(tmp_path: Path, first: str, second: str) ->
         reserved.reserve(f"{tmp_path}/{second}", "the second")
 
 
-@pytest.mark.parametrize(
-    "paths",
-    [
-        ("-", "-"),
-        ("a.csv", "a.csv.gz", "b/a.csv"),
-        ("f_%04d.png", "f_.png", "f_7.jpg", "g_0007.png", "sub/f_0007.png"),
-        ("f/", "f2/", "f.png"),
-        ("a+%d.png", "aa1.png"),
-    ],
-)
+@cases("paths")
 def test_files_apart_do_not_clash(tmp_path: Path, paths: tuple[str, ...]) -> None:
     reserved = ReservedFiles()
     for path in paths:

@@ -22,6 +22,7 @@ from mjrun.rendering.compositor import DrawingCosts
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 
 SIZE = (64, 48)
 FRAMES = 6
@@ -86,21 +87,7 @@ def pictures(folder: Path) -> np.ndarray:
     return np.stack([iio.imread(file) for file in sorted(folder.iterdir())])
 
 
-@pytest.mark.parametrize(
-    ("estimated", "measured", "draft", "started", "costs"),
-    [
-        (0.001, 0.001, 0.0009, [], "1 ms per frame, about 0 s in total"),
-        (60.0, 0.5, 0.36, [2], "500 ms per frame, about 2 s in total by 2 processes"),
-        (
-            0.001,
-            60.0,
-            40.0,
-            [2],
-            "60000 ms per frame, less than 360 s in total by 2 processes"
-            "; quality draft takes about 40000 ms, without shadows and reflections",
-        ),
-    ],
-)
+@cases("estimated, measured, draft, started, costs")
 @pytest.mark.slow
 def test_an_estimate_starts_processes_early_and_a_measurement_late(
     make_video: Callable,
@@ -193,16 +180,7 @@ def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None
         jobs_for(asked, True, 100, 0.1, 2)
 
 
-@pytest.mark.parametrize(
-    ("asked", "frames", "lacks_gpu", "started"),
-    [
-        ("auto", 900, True, [2]),
-        ("auto", 900, False, []),
-        ("auto", 3, True, []),
-        (3, 900, True, [3]),
-        (1, 900, True, []),
-    ],
-)
+@cases("asked, frames, lacks_gpu, started")
 def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     swing: Path, monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
 ) -> None:

@@ -8,26 +8,10 @@ from PIL import Image
 
 from mjrun.errors import UsageError
 from mjrun.outputs.diff import common_kind, kind_of
+from tests.cases import cases
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        ("-", "table"),
-        ("a.CSV", "table"),
-        ("a.parquet", "table"),
-        ("none.npz", "table"),
-        ("a.mp4", "video"),
-        ("a.apng", "video"),
-        ("a.gif", "video"),
-        ("a.png", "image"),
-        ("a.exr", "image"),
-        ("a.npy", "image"),
-        ("a.xml", "model"),
-        ("scene:dominos", "model"),
-        ("a.mjb", "model"),
-    ],
-)
+@cases("name, kind")
 def test_the_suffix_says_the_kind(name: str, kind: str) -> None:
     assert kind_of(name) == kind
 

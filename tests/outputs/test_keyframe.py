@@ -20,6 +20,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 
 SCENES = Path(__file__).parents[2] / "scenes"
 MOCAP = """<?xml version="1.0" encoding="UTF-8"?>
@@ -56,15 +57,7 @@ def last_state(recording: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("in_place", [False, True])
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("humanoid", {"key": "squat", "perturb": 0.01}),
-        ("car", {"ctrl": {"*": 0.3}}),
-        ("mocap", {"ctrl": {"lag": 0.7}, "qvel": {"box": (1, 2, 3, 1, 2, 3)}}),
-        ("tippe_top", {"key": "spinning"}),
-    ],
-)
+@cases("name, options")
 def test_the_next_simulation_starts_where_this_one_ended(
     tmp_path: Path, name: str, options: dict[str, object], in_place: bool
 ) -> None:
@@ -165,14 +158,7 @@ def test_a_compiled_model_and_standard_input_take_no_key(tmp_path: Path) -> None
         Keyframe(Simulation("-"), f"{tmp_path}/a.xml").run()
 
 
-@pytest.mark.parametrize(
-    ("output", "name", "message"),
-    [
-        ("a.mjb", "end", "a.mjb: keyframes are saved as XML; give an .xml file"),
-        ("-", "end", "it cannot be standard output"),
-        ("a.xml", " ", "the keyframe needs a name"),
-    ],
-)
+@cases("output, name, message")
 def test_an_output_that_cannot_be_is_refused(tmp_path: Path, output: str, name: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Keyframe(Simulation(copied("mocap", tmp_path)), output, name=name).run()

@@ -14,6 +14,7 @@ from mjrun.errors import ContactMemoryError, FailedAssertionError, MjrunError, U
 from mjrun.outputs.trace import Trace, columns
 from mjrun.outputs.trace_rows import TIME
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 
 SCENES = Path(__file__).parents[2] / "scenes"
 FALL = '<mujoco><worldbody><body name="b" pos="0 0 9"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
@@ -247,22 +248,7 @@ def test_an_assertion_that_holds_passes_and_one_that_does_not_fails_with_its_row
     assert caught.value.exit_code == 1
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"probe": ["none"]},
-        {"every": 2, "rate": 10},
-        {"rate": 0},
-        {"units": "row"},
-        {"units": "metadata", "output": "-"},
-        {"units": "metadata", "output": "t.npz"},
-        {"units": "comment", "output": "t.jsonl"},
-        {"assert_": ["max("]},
-        {"assert_": ["max(qpos/none) > 0"]},
-        {"output": "t.xls"},
-        {"output": "/dev/null/t.csv"},
-    ],
-)
+@cases("wrong")
 def test_what_is_wrong_is_refused_before_the_first_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict
 ) -> None:

@@ -19,6 +19,7 @@ from mjrun.outputs.trace import Trace
 from mjrun.outputs.up_to_date_check import UpToDateCheck, dependencies
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 from tests.check.models import MESH
 from tests.conftest import Command
 
@@ -192,15 +193,7 @@ def test_cameras_and_ghosts_depend_on_their_files() -> None:
     assert [path for _, path in job.inputs] == ["script.yaml", "a.csv", "b.txt", "c.npz", "d.csv"]
 
 
-@pytest.mark.parametrize(
-    ("options", "output", "message"),
-    [
-        ({"if_changed": True}, "-", "if_changed requires files"),
-        ({"depfile": "a.d"}, "-", "depfile requires files"),
-        ({"depfile": "a.csv"}, "a.csv", "depfile a.csv is another file"),
-        ({"depfile": "meshes/../meshes/a.obj"}, "a.csv", "is another file"),
-    ],
-)
+@cases("options, output, message")
 def test_impossible_requests_are_refused(options: dict, output: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         UpToDateCheck([Trace(Simulation("model.xml"), output, probe=["qpos"])], RerunOptions(**options))

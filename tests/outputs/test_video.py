@@ -19,6 +19,7 @@ from mjrun.outputs import drawing_processes, output
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 from tests.reporters import RecordingReporter
 
 pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
@@ -113,24 +114,7 @@ def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_video(explod
     assert old.read_text() == "old"
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"camera": "none"},
-        {"fps": 0},
-        {"speed": -1},
-        {"size": (8, 8)},
-        {"size": (100_000, 100_000)},
-        {"format": "avi"},
-        {"codec": "mpeg1"},
-        {"crf": 99},
-        {"preset": "none"},
-        {"gl": "none"},
-        {"output": "/dev/null/video.mp4"},
-        {"output": "video.avi"},
-        {"output": "video.gif", "fps": 30},
-    ],
-)
+@cases("wrong")
 def test_what_is_wrong_is_refused_before_the_first_step(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict
 ) -> None:
@@ -255,16 +239,7 @@ def gray16(video: Path) -> np.ndarray:
     return np.frombuffer(done.stdout, "<u2").reshape(-1, SIZE[1], SIZE[0])
 
 
-@pytest.mark.parametrize(
-    ("how", "said"),
-    [
-        ({"view": "depth", "style": "exact", "output": "d.mp4"}, "mp4 cannot hold numbers of 16 bits\nmkv, png can"),
-        ({"view": "seg", "output": "s.webm"}, "webm cannot hold the colours of a segmentation without loss"),
-        ({"view": ["rgb", "depth"], "style": "exact", "output": "s.mkv"}, "separate writes a file for each"),
-        ({"view": ["rgb", "depth"], "separate": True, "output": "-"}, "standard output holds only one"),
-        ({"jobs": 0, "output": "s.mp4"}, "jobs: '0' is not a number of processes"),
-    ],
-)
+@cases("how, said")
 def test_views_that_a_video_cannot_hold_are_refused(
     swing: Path, tmp_path: Path, how: dict[str, object], said: str
 ) -> None:

@@ -11,6 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, spelled
 from mjrun.options.setting_kinds import Angle, Length
 from mjrun.physics.initial_state import InitialState
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
 <body name="box"><freejoint name="root"/><geom size="1"/></body>
@@ -51,38 +52,7 @@ def test_an_unnamed_keyframe_answers_to_its_index() -> None:
     assert change(key="1") == change(key="keyframe:1") == {"ctrl": {0: 3, 1: 3}}
 
 
-@pytest.mark.parametrize(
-    ("how", "expected"),
-    [
-        ({"qpos": {"left/knee": 0.5}}, {"qpos": {13: 0.5}}),
-        ({"qpos": {"left/knee": [0.5]}}, {"qpos": {13: 0.5}}),
-        ({"qvel": {"left/knee": -2}}, {"qvel": {11: -2}}),
-        ({"qpos": {"4": 0.5}}, {"qpos": {13: 0.5}}),
-        ({"qpos": {"joint:3": 0.5}}, {"qpos": {12: 0.5}}),
-        ({"qpos": {"hand": 0.5}}, {"qpos": {11: 0.5}}),
-        ({"qvel": {"hand": 0.5}}, {"qvel": {9: 0.5}}),
-        ({"qpos": {"joint:*": 0.5}}, {"qpos": {11: 0.5, 12: 0.5}}),
-        ({"qvel": {"*knee": 3}}, {"qvel": {11: 3}}),
-        ({"qpos": {"shoulder": [0, 1, 0, 0]}}, {"qpos": {7: 0, 8: 1}}),
-        ({"qvel": {"shoulder": (1, 2, 3)}}, {"qvel": {6: 1, 7: 2, 8: 3}}),
-        ({"qpos": {"root": [1, 2, 3, 0, 0, 0, 1]}}, {"qpos": {0: 1, 1: 2, 2: 3, 3: 0, 6: 1}}),
-        ({"qvel": {"root": [1, 2, 3, 4, 5, 6]}}, {"qvel": {0: 1, 1: 2, 2: 3, 3: 4, 4: 5, 5: 6}}),
-        ({"qpos": {"box": [1, 2, 3, 0, 0, 0, 1]}}, {"qpos": {0: 1, 1: 2, 2: 3, 3: 0, 6: 1}}),
-        ({"qpos": {"root/z": 3, "box/x": 1}}, {"qpos": {2: 3, 0: 1}}),
-        ({"qpos": {"root/qw": 0, "root/qz": 1}}, {"qpos": {3: 0, 6: 1}}),
-        ({"qpos": {"shoulder/qw": 0, "shoulder/qy": 1}}, {"qpos": {7: 0, 9: 1}}),
-        ({"qvel": {"root/vy": 1, "root/wz": 2}}, {"qvel": {1: 1, 5: 2}}),
-        ({"qvel": {"arm/wx": 1}}, {"qvel": {6: 1}}),
-        ({"ctrl": {"motor": 0.5}}, {"ctrl": {0: 0.5}}),
-        ({"ctrl": {"*": 0.5}}, {"ctrl": {0: 0.5, 1: 0.5}}),
-        ({"ctrl": {"1": 0.5}}, {"ctrl": {1: 0.5}}),
-        ({"ctrl": {"*": 1, "motor": 2}}, {"ctrl": {0: 2, 1: 1}}),
-        (
-            {"qpos": {"hand": 1}, "qvel": {"hand": 2}, "ctrl": {"motor": 3}},
-            {"qpos": {11: 1}, "qvel": {9: 2}, "ctrl": {0: 3}},
-        ),
-    ],
-)
+@cases("how, expected")
 def test_what_is_named_is_where_it_is_put_and_nothing_else_moves(
     how: dict[str, Any], expected: dict[str, dict[int, float]]
 ) -> None:
@@ -120,46 +90,14 @@ def test_noise_has_the_asked_deviation_about_zero() -> None:
     assert abs(samples.std() - 0.5) < 5 * error / np.sqrt(2)
 
 
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"qpos": {"root": 1}}, "qpos root: '1' is not 7 numbers"),
-        ({"qpos": {"root": [1, 2, 3]}}, "qpos root: '1,2,3' is not 7 numbers"),
-        ({"qvel": {"root": [1, 2, 3, 4, 5, 6, 7]}}, "qvel root: '1,2,3,4,5,6,7' is not 6 numbers"),
-        ({"qpos": {"shoulder": [1, 0, 0]}}, "qpos shoulder: '1,0,0' is not 4 numbers"),
-        ({"qvel": {"shoulder": [1, 0, 0, 0]}}, "qvel shoulder: '1,0,0,0' is not 3 numbers"),
-        ({"qpos": {"hand": [1, 2]}}, "qpos hand: '1,2' is not 1 number"),
-        ({"qpos": {"hand": []}}, "qpos hand: '' is not 1 number"),
-        ({"qpos": {"root/z": [1, 2]}}, "qpos root/z: '1,2' is not 1 number"),
-        ({"qpos": {"*": 1}}, "qpos *: '1' is not 7 numbers"),
-        ({"ctrl": {"motor": [1, 2]}}, "ctrl motor: '1,2' is not 1 number"),
-    ],
-)
+@cases("how, message")
 def test_a_wrong_number_of_values_is_refused_with_the_right_one(how: dict[str, Any], message: str) -> None:
     with pytest.raises(BadValueError) as caught:
         InitialState(**how).data(MODEL)
     assert str(caught.value).startswith(message)
 
 
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"key": "hom"}, "no keyframe 'hom' (did you mean 'home'?)\nkeyframes: home, keyframe:1"),
-        ({"key": "2"}, "no keyframe '2'\nkeyframes: home, keyframe:1"),
-        ({"key": "-1"}, "no keyframe '-1'\nkeyframes: home, keyframe:1"),
-        ({"qpos": {"sholder": 1}}, "no joint 'sholder' (did you mean 'shoulder'?)\n"),
-        ({"qvel": {"sholder/wx": 1}}, "no joint 'sholder' (did you mean 'shoulder'?)\n"),
-        ({"qpos": {"two": 1}}, "no joint 'two'"),
-        ({"qpos": {"world": 1}}, "no joint 'world'"),
-        ({"qpos": {"hip*": 1}}, "no joint 'hip*'"),
-        ({"qpos": {"root/wx": 1}}, "no component 'wx' in joint root"),
-        ({"qvel": {"root/x": 1}}, "no component 'x' in joint root"),
-        ({"qvel": {"shoulder/vx": 1}}, "no component 'vx' in joint shoulder"),
-        ({"qpos": {"hand/x": 1}}, "no component 'x' in joint hand\nthere are no components"),
-        ({"ctrl": {"moter": 1}}, "no actuator 'moter' (did you mean 'motor'?)\nactuators: motor, actuator:1"),
-        ({"ctrl": {"left/knee": 1}}, "no actuator 'left/knee'"),
-    ],
-)
+@cases("how, message")
 def test_an_unknown_name_is_refused_with_those_there_are(how: dict[str, Any], message: str) -> None:
     with pytest.raises(UnknownNameError) as caught:
         InitialState(**how).data(MODEL)

@@ -11,6 +11,7 @@ import pytest
 import mjrun
 from mjrun.platform import cores
 from mjrun.platform.cores import available_cores
+from tests.cases import cases
 
 PACKAGE = Path(mjrun.__file__).parent
 
@@ -47,21 +48,7 @@ V1 = """\
 V1_GROUPS = "12:memory:/elsewhere\n4:cpu,cpuacct:{path}\n1:name=systemd:/x\n"
 
 
-@pytest.mark.parametrize(
-    ("quota", "expected"),
-    [
-        ("max 100000", 64),
-        ("400000 100000", 4),
-        ("150000 100000", 2),
-        ("1000 100000", 1),
-        ("50000 25000", 2),
-        ("9900000 100000", 64),
-        ("0 100000", 64),
-        ("4 0", 64),
-        ("four 100000", 64),
-        ("", 64),
-    ],
-)
+@cases("quota, expected")
 def test_a_quota_of_version_2_limits_the_cores(machine: Machine, quota: str, expected: int) -> None:
     machine("0::/\n", V2, **{"cpu.max": quota})
     assert available_cores() == expected

@@ -18,6 +18,7 @@ from mjrun.plotting.curve_syntax import (
 )
 from mjrun.plotting.panel import CURVES, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.simulation.simulation import Simulation
+from tests.cases import cases
 
 UNITS = {
     "qpos/root/x": "m",
@@ -74,32 +75,13 @@ def test_a_chosen_panel_is_one_whatever_its_units() -> None:
     assert [c.name for c in panel.curves] == ["root/x [m]", "root/y [m]", "root/qw", "knee [rad]", "hip [rad]"]
 
 
-@pytest.mark.parametrize(
-    ("text", "label"),
-    [
-        ("energy/total", "energy/total [J]"),
-        ("knee [°]=qpos/knee*180/pi", "knee [°]"),
-        ("legs: qpos/knee, qpos/hip", "legs [rad]"),
-        ("legs [deg]: qpos/knee*57.3, qpos/hip*57.3", "legs [deg]"),
-        ("only: energy/total", "only [J]"),
-        ("qpos/knee * 2", "qpos/knee * 2"),
-    ],
-)
+@cases("text, label")
 def test_a_chosen_panel_has_the_label_that_its_text_says(text: str, label: str) -> None:
     (panel,) = chosen_panels([text], UNITS)
     assert panel.label == label
 
 
-@pytest.mark.parametrize(
-    ("names", "time"),
-    [
-        (["a", "time"], "time"),
-        (["Time", "a"], "Time"),
-        (["t [ms]", "a"], "t [ms]"),
-        (["T", "time"], "time"),
-        (["a"], None),
-    ],
-)
+@cases("names, time")
 def test_the_time_is_found_by_its_name(names: list[str], time: str | None) -> None:
     assert time_column(names) == time
 

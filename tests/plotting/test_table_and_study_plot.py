@@ -21,6 +21,7 @@ from mjrun.plotting.table_figure import TableFigure, table_names
 from mjrun.plotting.table_statistics import TableSummary
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
+from tests.cases import cases
 from tests.plotting.test_html_page import external_references
 from tests.reporters import RecordingReporter
 
@@ -255,20 +256,7 @@ def test_a_figure_follows_its_page_unless_a_style_was_chosen(style: str, follows
         assert ("var(--figure-ground)" in figure.for_page().svg) == follows
 
 
-@pytest.mark.parametrize(
-    ("paths", "names"),
-    [
-        (["kick_1.csv", "kick_2.csv"], ["1", "2"]),
-        (["out/energy_0.01.csv", "out/energy_0.001.csv"], ["0.01", "0.001"]),
-        (["a_slow_run.csv", "a_very_fast_run.csv"], ["slow", "very_fast"]),
-        (["energy.csv", "energy_0.01.csv"], ["energy", "energy_0.01"]),
-        (["old/run.csv", "new/run.csv"], ["old", "new"]),
-        (["run.csv", "run.parquet"], ["run.csv", "run.parquet"]),
-        (["ball.csv", "top.npz"], ["ball", "top"]),
-        (["one.csv"], ["one"]),
-        (["a.csv", "a.csv"], ["a.csv", "a.csv"]),
-    ],
-)
+@cases("paths, names")
 def test_names_are_short_and_tell_tables_apart(paths: list[str], names: list[str]) -> None:
     assert table_names(paths) == names
 

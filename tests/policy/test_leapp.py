@@ -11,6 +11,7 @@ from mjrun.errors import FileError, UsageError
 from mjrun.policy.leapp_package import find_package, read_package, read_safetensors
 from mjrun.policy.load import load_policy
 from mjrun.policy.loaders.leapp import LeappPolicy
+from tests.cases import cases
 from tests.policy.action_spaces import unbounded
 from tests.policy.leapp_packages import GAIN, INITIAL, package, tensors
 
@@ -107,29 +108,7 @@ def test_a_folder_is_a_package_if_it_holds_one_description(tmp_path: Path) -> No
         find_package(tmp_path / "empty")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("models:", "networks:", "is not a LEAPP package: models is not a mapping"),
-        ("pipeline:", "pipes:", "pipeline is not a mapping"),
-        ("model_path: policy.onnx", "model_path: ../secret.onnx", "'../secret.onnx', which is outside its folder"),
-        ("model_path: policy.onnx", "model_path: /etc/passwd", "'/etc/passwd', which is outside its folder"),
-        ("walk_initial_values", "../walk", "initial_values is '../walk.safetensors', which is outside"),
-        ("walk_initial_values", "none", "no such file"),
-        ("sha256sum: ", "sha256sum: a", "is not the file that walk.yaml describes: its SHA-256 differs"),
-        ("dtype: float32", "dtype: bfloat16", "the dtype of quaternion is not one of float16, float32"),
-        ("shape: [1, 4]", "shape: [1, n]", "the shape of quaternion is not a list of sizes"),
-        ("shape: [1, 4]", "shape: 4", "the shape of quaternion is not a list"),
-        ("{name: quaternion, ", "{", "a tensor in inputs of observer has no name"),
-        ("[policy/features]", "[policy/nothing]", "data_flow names 'policy/nothing', which is not a tensor"),
-        ("[policy/features]", "[observer/quaternion]", "observer/features and observer/quaternion differ in shape"),
-        ("policy: [joint_pos]", 'policy: ["jo\\x1bint"]', r"inputs of the pipeline name 'policy/jo\\\\?x1bint'"),
-        ("frequency: 50.0", "frequency: -1", "the frequency is '-1', not a positive number"),
-        ("frequency: 50.0", "frequency: .nan", "the frequency is 'nan'"),
-        ("models:", "models: !!python/object/apply:os.mkdir [made]\nx:", "cannot be read as YAML"),
-        ("models:", "models: [", "cannot be read as YAML"),
-    ],
-)
+@cases("old, new, message")
 def test_what_does_not_fit_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = package(tmp_path, lambda text: text.replace(old, new, 1) if old != "sha256sum: " else text.replace(old, new))
     before = sorted(each.name for each in tmp_path.iterdir())

@@ -10,6 +10,7 @@ from mjrun.model import state
 from mjrun.probe.derived import DERIVED
 from mjrun.probe.fields import LAZY, InstantProbe, Probe, extents, field_probe, offered, state_columns
 from mjrun.probe.select import available_columns
+from tests.cases import cases
 from tests.model.test_state import CROWDED
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -106,37 +107,7 @@ def test_a_field_has_as_many_columns_as_numbers(field: str) -> None:
         assert np.array_equal(row(probe, data), values.ravel(), equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("field", "name", "unit"),
-    [
-        ("qpos", "qpos/turn", "rad"),
-        ("qpos", "qpos/rail", "m"),
-        ("qpos", "qpos/root/z", "m"),
-        ("qpos", "qpos/root/qw", ""),
-        ("qvel", "qvel/turn", "rad/s"),
-        ("qvel", "qvel/rail", "m/s"),
-        ("qvel", "qvel/root/vz", "m/s"),
-        ("qvel", "qvel/root/wz", "rad/s"),
-        ("qacc", "qacc/turn", "rad/s²"),
-        ("qacc", "qacc/root/vx", "m/s²"),
-        ("qacc_smooth", "qacc_smooth/turn", "rad/s²"),
-        ("qfrc_actuator", "qfrc_actuator/turn", "N·m"),
-        ("qfrc_actuator", "qfrc_actuator/rail", "N"),
-        ("xpos", "xpos/arm/x", "m"),
-        ("cvel", "cvel/arm/wx", "rad/s"),
-        ("cvel", "cvel/arm/vx", "m/s"),
-        ("cfrc_ext", "cfrc_ext/arm/fx", "N"),
-        ("cfrc_ext", "cfrc_ext/arm/tx", "N·m"),
-        ("cfrc_int", "cfrc_int/arm/fz", "N"),
-        ("cfrc_int", "cfrc_int/arm/tz", "N·m"),
-        ("cacc", "cacc/arm/wx", "rad/s²"),
-        ("cacc", "cacc/arm/vx", "m/s²"),
-        ("xfrc_applied", "xfrc_applied/arm/fx", "N"),
-        ("xfrc_applied", "xfrc_applied/arm/tx", "N·m"),
-        ("qfrc_inverse", "qfrc_inverse/turn", "N·m"),
-        ("sensordata", "sensordata/gyro/x", "rad/s"),
-    ],
-)
+@cases("field, name, unit")
 def test_a_column_has_its_unit(field: str, name: str, unit: str) -> None:
     assert {column.name: column.unit for column in field_probe(MODEL, field).columns}[name] == unit
 

@@ -23,6 +23,7 @@ from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, available_columns
 from mjrun.probe.vocabularies import AvailableProbes, TableVocabulary
 from mjrun.timeline import Timeline, rational
+from tests.cases import cases
 
 RNG = np.random.default_rng(3)
 TABLE = {"t": np.linspace(0.0, 1.0, 50), "knee_deg": RNG.normal(size=50), "qpos/root/x": RNG.normal(size=50)}
@@ -61,15 +62,7 @@ def test_the_columns_are_those_that_are_read_in_the_order_of_the_text() -> None:
     assert parse_row_expression("1", list(TABLE), "map").columns == ()
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("max(t)", "map, character 1: found max over all rows, expected values per row, or first"),
-        ("t < 1", "map, character 1: found a comparison, expected a number"),
-        ("t 1", "map, character 3: found '1', expected an operator or the end"),
-        ("", "map, character 1: found the end"),
-    ],
-)
+@cases("text, message")
 def test_what_has_no_value_per_row_is_refused(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         parse_row_expression(text, list(TABLE), "map")
@@ -245,18 +238,7 @@ def test_a_condition_holds_where_numpy_says_and_nowhere_with_nan(text: str, mean
     assert 0 < found.sum() < len(found)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("contact(ball, floor)", [False, True, True, False, False]),
-        ("not contact(ball, floor)", [True, False, False, True, False]),
-        ("(contact(ball, floor)) and time < 2", [False, True, False, False, False]),
-        ("not (contact(ball, floor) or time > 2)", [True, False, False, False, False]),
-        ("contact/ball/floor", [False, True, True, False, False]),
-        ("contact(ball, floor) == 2", [False, False, True, False, False]),
-        ("contact/ball/floor-1 > 0", [False, False, True, False, False]),
-    ],
-)
+@cases("text, expected")
 def test_a_number_of_contacts_alone_holds_above_zero(text: str, expected: list[bool]) -> None:
     watched = condition(text, SCENE)
     assert probes(watched) == ["contact/ball/floor"]
@@ -282,33 +264,7 @@ def test_rows_one_at_a_time_hold_as_all_at_once(text: str) -> None:
 # --- names -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "columns"),
-    [
-        ("speed(box) > 1", ["speed/box"]),
-        ("speed( 'box' )>1", ["speed/box"]),
-        ("speed (`left (up)`) > 1", ["speed/left (up)"]),
-        ("speed(geom:ball) > 1", ["speed/geom:ball"]),
-        ("qvel('it''s') > 1", ["qvel/it's"]),
-        ("`speed/q[0]` > 1", ["speed/q[0]"]),
-        ("xpos(box).z > 1", ["xpos/box/z"]),
-        ("xpos(crate).z > 1", ["geom_xpos/crate/z"]),
-        ("xpos(tip).x > geom_xpos(crate).x", ["site_xpos/tip/x", "geom_xpos/crate/x"]),
-        ("xpos/tip/x > xpos/box/x", ["site_xpos/tip/x", "xpos/box/x"]),
-        ("xpos(crate).z > geom_xpos(crate).z + 1", ["geom_xpos/crate/z"]),
-        ("qpos(box).qw > 1", ["qpos/box/qw"]),
-        ("sensor(imu).z > sensordata(imu).z", ["sensor/imu/z"]),
-        ("cdof(box).wx.vx > 1", ["cdof/box/wx/vx"]),
-        ("energy(drift) > 1", ["energy/drift"]),
-        ("contact(ncon) > contact/ncon / 2", ["contact/ncon"]),
-        ("contact(ball, 'q[0]') > 1", ["contact/ball/q[0]"]),
-        ("contact(body:ball,geom:floor)", ["contact/body:ball/geom:floor"]),
-        ("contact/geom:floor/ball", ["contact/geom:floor/ball"]),
-        ("'contact/left (up)/floor' > 1", ["contact/left (up)/floor"]),
-        ("max(speed(ball), ctrl(motor)) > time", ["speed/ball", "ctrl/motor"]),
-        ("speed(ball) > speed(box)/speed(pole) and speed/box > 1", ["speed/ball", "speed/box", "speed/pole"]),
-    ],
-)
+@cases("text, columns")
 def test_an_accessor_is_the_column_that_it_spells(text: str, columns: list[str]) -> None:
     watched = condition(text, SCENE)
     assert probes(watched) == columns
@@ -477,16 +433,7 @@ TOUCHING_ROWS = {
 TABLE_NAMES = TableVocabulary(list(TOUCHING_ROWS))
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("time > 0.5", [False, True, True]),
-        ("contact(ball, floor)", [False, True, False]),
-        ("not contact(ball, floor)", [True, False, False]),
-        ("xpos(top).z < 3 and time < 2", [False, True, False]),
-        ("contact/ball/floor > 0 or time == 2", [False, True, True]),
-    ],
-)
+@cases("text, expected")
 def test_a_condition_holds_row_by_row(text: str, expected: list[bool]) -> None:
     assert parse_condition(text, TABLE_NAMES, "when").holds(TOUCHING_ROWS).tolist() == expected
 

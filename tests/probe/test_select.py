@@ -6,6 +6,7 @@ import pytest
 from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.options.trace import PROBES
 from mjrun.probe.select import aliases, available_columns, select, split
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -60,48 +61,12 @@ def test_the_default_is_everything_that_most_people_want() -> None:
     assert {name.split("/")[0] for name in found(*PROBES)} == {"qpos", "qvel", "energy", "contact", "sensor"}
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("qpos,qvel", ["qpos", "qvel"]),
-        ("qpos[a,b],qvel", ["qpos[a,b]", "qvel"]),
-        ("xpos[hand],", ["xpos[hand]"]),
-        ("", []),
-    ],
-)
+@cases("text, parts")
 def test_a_list_is_split_at_commas_outside_brackets(text: str, parts: list[str]) -> None:
     assert split(text) == parts
 
 
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        (["qpo"], "no probe 'qpo' (did you mean 'qpos'"),
-        (["qpos[left_hop]"], "no object 'left_hop' in probe qpos (did you mean 'left_hip'?)\nobjects: left_hip"),
-        (["qpos[left_hip,left_hop]"], "no object 'left_hop' in probe qpos"),
-        (["qpos[*_elbow]"], "no object '*_elbow' in probe qpos"),
-        (["xpos/left/w"], "no column 'xpos/left/w' (did you mean 'xpos/left/z'"),
-        (["xpos[nobody]"], "no object 'nobody' in probe xpos"),
-        (["qpos", "qpos[left_hip]"], "probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
-        (["qpos["], "no probe 'qpos['"),
-        (["Torques"], "no probe 'Torques' (did you mean 'qfrc_actuator' or 'actuator_force'?)"),
-        (["joint_position[left_hip]"], "no probe 'joint_position' (did you mean 'qpos'?)"),
-        (["contact_frce"], "did you mean 'contact_force'"),
-        (["qLU"], "qLU cannot be measured at an instant: an integrator computes it in the middle of a step"),
-        (["plugin_data[0]"], "plugin_data cannot be measured at an instant: it holds addresses in memory"),
-        (["time/s"], "no probe 'time'"),
-        (
-            ["contact/left/rihgt"],
-            "no object 'rihgt' (did you mean 'right'?)\nbodies and geoms: world, left, right, skin",
-        ),
-        (["contact/lft/right"], "no object 'lft' (did you mean 'left'?)"),
-        (["contact/tip/right"], "no object 'tip'"),
-        (["contact/geom:left/right"], "no geom 'left'\ngeoms: skin, geom:1"),
-        (["contact/left"], "no column 'contact/left'"),
-        (["contact/left"], "columns: contact/ncon, contact/A/B"),
-        (["contact/left/right", "contact/left/right"], "both give 'contact/left/right'"),
-    ],
-)
+@cases("asked, message")
 def test_a_wrong_probe_is_refused_with_what_is_right(asked: list[str], message: str) -> None:
     with pytest.raises(MjrunError) as caught:
         select(MODEL, asked)

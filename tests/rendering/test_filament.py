@@ -28,6 +28,7 @@ from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
+from tests.cases import cases
 
 pytestmark = pytest.mark.slow
 
@@ -363,24 +364,7 @@ def test_lights_with_an_intensity_keep_it(draw: Draw) -> None:
     assert lit(1e-3) < 5 < lit(3e5) < lit(1e6) < 255
 
 
-@pytest.mark.parametrize(
-    ("visual", "message"),
-    [
-        ({"label": "body"}, "label body: filament cannot render text\nrenderer classic can"),
-        ({"show": ["fog"]}, "show fog: filament cannot do that\nrenderer classic can; its own fog"),
-        ({"show": ["additive"]}, "show additive: filament cannot do that\nrenderer classic can"),
-        ({"hide": ["cull_face"]}, "hide cull_face: filament cannot do that\nrenderer classic can"),
-        ({"show": ["depth"]}, "show depth: filament cannot do that\nview depth can"),
-        ({"show": ["segment"]}, "show segment: filament cannot do that\nview seg can"),
-        ({"show": ["flexvert"]}, "show flexvert: filament cannot do that\nrenderer classic can"),
-        ({"hide": ["flexskin"]}, "hide flexskin: filament cannot do that\nrenderer classic can"),
-        ({"show": ["reflection"]}, "show reflection: filament renders reflections upside down\nrenderer classic can"),
-        (
-            {"show": ["wireframe"], "hide": ["texture"]},
-            "show wireframe and hide texture: filament supports only one",
-        ),
-    ],
-)
+@cases("visual, message")
 def test_what_filament_cannot_draw_is_refused(room: mujoco.MjModel, visual: dict, message: str) -> None:
     with pytest.raises(UsageError) as caught:
         check_visual(room, Visual(**visual))

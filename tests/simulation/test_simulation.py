@@ -19,6 +19,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
+from tests.cases import cases
 from tests.model.model_files import content
 
 XML = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1" pos="0 0 -1"/></body></worldbody>
@@ -263,36 +264,14 @@ def test_faults_of_a_table_are_reported_at_replay_and_those_of_a_map_at_the_map(
         assert caught.value.path == place
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"quat": "xyzw"},
-        {"replay_rate": 50},
-        {"replay_interpolation": "hold"},
-        {"replay_unwrap": True},
-        {"replay_mode": "controls"},
-        {"control_dt": "0.1"},
-    ],
-)
+@cases("options")
 def test_options_about_a_table_or_a_controller_need_one(path: Path, options: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=rf"^{next(iter(options))} requires "):
         Simulation(path, **options).stepper(MODEL)
     Simulation(path, quat="wxyz", replay_mode="states").stepper(MODEL)  # as if nothing were said
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"seed": 3},
-        {"qpos": {"hinge": 1}, "perturb": 0.5},
-        {"duration": "1s"},
-        {"steps": 5, "duration": 1},
-        {"policy": "zero", "qpos": {"hinge": 1}},
-        {"replay": "run.npz"},
-        {"seed": 1.5},
-        {"model": "other.xml"},
-    ],
-)
+@cases("values")
 def test_other_values_are_those_of_replace(path: Path, values: dict[str, Any]) -> None:
     def outcome(make: Callable[..., Simulation]) -> object:
         try:

@@ -15,6 +15,7 @@ from mjrun.errors import FailedPointsError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.study.dataset import Dataset, DatasetResult
 from mjrun.study.image_spec import camera_argument, part_of
+from tests.cases import cases
 from tests.study.in_process import simulate_here
 
 MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
@@ -153,21 +154,7 @@ def test_a_point_that_fails_has_no_images_and_the_others_have(model: Path, tmp_p
     assert sum(result.images.values()) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"format": "bop,coco"}, "bop has other folders than coco"),
-        ({"engine": "warp"}, "warp renders nothing"),
-        ({"objects": "bxo"}, "no body 'bxo' (did you mean 'box'?)"),
-        ({"camera": "top", "vary": {"seed": "1,2"}}, "no camera 'top'"),
-        ({"camera": "top"}, "a camera of the model has no settings; give a rig, such as free"),
-        ({"vary": {"camera.azimut": "1,2"}}, "no setting 'azimut' in camera free (did you mean 'azimuth'?)"),
-        ({"vary": {"camera.distance[0]": "1,2"}}, "only points have coordinates, as in camera.lookat[0]"),
-        ({"split": "train=0.8,val=0.3"}, "is not a list of names with shares that sum to 1"),
-        ({"vary": {"seed": "1,2"}, "samples": 9}, "samples: nothing is drawn at random"),
-        ({"format": "yolo", "yolo_task": "pose"}, "pose: no object has keypoints"),
-    ],
-)
+@cases("options, message")
 def test_wrong_options_are_refused_with_what_is_right(
     model: Path, tmp_path: Path, options: dict[str, Any], message: str
 ) -> None:
@@ -190,17 +177,7 @@ def test_parts_have_their_shares_at_any_size() -> None:
             assert abs(parts.count(name) - float(share) * count) <= 2
 
 
-@pytest.mark.parametrize(
-    ("text", "values", "expected"),
-    [
-        ("top", {"azimuth": "3"}, "top"),
-        ("auto", {"azimuth": "3"}, "auto:azimuth=3"),
-        ("auto", {"azimuth": "3", "distance": "2"}, "free:azimuth=3,distance=2"),
-        ("track:box,distance=1", {"distance": "2", "azimuth": "5"}, "track:box,distance=2,azimuth=5"),
-        ("free:lookat=1/2/3", {"lookat[1]": "9"}, "free:lookat=1/9/3"),
-        ("free:lookat=box", {"lookat[0]": "4", "lookat[2]": "5"}, "free:lookat=4/0/5"),
-    ],
-)
+@cases("text, values, expected")
 def test_settings_of_cameras_vary(text: str, values: dict[str, str], expected: str) -> None:
     assert camera_argument(text, values) == expected
 

@@ -6,6 +6,7 @@ import pytest
 
 from mjrun.errors import ModelError
 from mjrun.model.sources import load
+from tests.cases import cases
 from tests.check.fixes import fixed
 from tests.check.models import MESH, lint, lint_file, mjcf, write
 
@@ -27,16 +28,7 @@ def test_a_missing_file_is_told_with_every_path_that_mujoco_opens_and_what_lies_
         path.unlink()
 
 
-@pytest.mark.parametrize(
-    ("filename", "compiler", "tried"),
-    [
-        ("meshes/part.stl", "", "meshes/part.stl"),
-        ("meshes/part.stl", 'meshdir="mm"', "mm/meshes/part.stl"),
-        ("meshes/part.stl", 'meshdir="mm" strippath="true"', "mm/part.stl"),
-        ("package://pkg/part.stl", 'meshdir="mm"', "package:/pkg/part.stl"),
-        ("package://pkg/part.stl", 'meshdir="mm" strippath="true"', "mm/part.stl"),
-    ],
-)
+@cases("filename, compiler, tried")
 def test_files_of_urdf_are_told_as_mujoco_looks_for_them(filename: str, compiler: str, tried: str) -> None:
     inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     mesh = f'<collision><geometry>\n<mesh filename="{filename}"/></geometry></collision>'
@@ -60,17 +52,7 @@ def test_backslashes_part_folders_for_mujoco_and_for_the_rules() -> None:
         assert [(f.code, f.file, f.line) for f in lint(text)] == [(code, "sub/part.xml", 2)]
 
 
-@pytest.mark.parametrize(
-    ("name", "compiler", "right"),
-    [
-        ("Part.obj", 'meshdir="meshes"', "part.OBJ"),
-        ("MESHES/part.obj", "", "meshes/part.OBJ"),
-        ("./meshes\\PART.obj", "", "meshes/part.OBJ"),
-        ("other/part.obj", 'meshdir="meshes" strippath="true"', None),
-        ("Part.obj", 'meshdir="Meshes"', None),
-        ("parts.obj", 'meshdir="meshes"', None),
-    ],
-)
+@cases("name, compiler, right")
 def test_a_name_that_differs_from_a_file_in_case_only_is_corrected(name: str, compiler: str, right: str | None) -> None:
     Path("meshes").mkdir(exist_ok=True)
     Path("meshes/part.OBJ").write_text(MESH)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.check.rules import mjcf_schema, removed_from_mjcf
+from tests.cases import cases
 from tests.check.fixes import fixed
 from tests.check.models import hinged, keyed, mjcf
 
@@ -25,27 +26,7 @@ def test_the_numbers_of_a_reversed_range_are_swapped(text: str, wrong: str, righ
     assert fixed(text) == text.replace(wrong, right)
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ('<option mpr_iterations="7"/>', '<option ccd_iterations="7"/>'),
-        ('<option mpr_tolerance="1e-3"/>', '<option ccd_tolerance="1e-3"/>'),
-        ('<option apirate="3" timestep="0.001"/>', '<option timestep="0.001"/>'),
-        ('<option collision="all"/>', ""),
-        ('<option><flag passive="disable"/></option>', '<option><flag spring="disable" damper="disable"/></option>'),
-        ('<option><flag sensornoise="enable"/></option>', "<option></option>"),
-        ('<compiler convexhull="false"/>', ""),
-        ('<compiler exactmeshinertia="false"/>', ""),
-        (
-            '<compiler exactmeshinertia="true"/><asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0"/></asset>',
-            '<asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0" inertia="exact"/></asset>',
-        ),
-        (
-            '<default><camera orthographic="true"/></default>',
-            '<default><camera projection="orthographic"/></default>',
-        ),
-    ],
-)
+@cases("before, after")
 def test_removed_attributes_are_written_as_mujoco_reads_them_now(before: str, after: str) -> None:
     expected = mjcf(before=after) if after else mjcf().replace("\n", "", 1)  # an empty element loses its line, too
     assert fixed(mjcf(before=before)) == expected

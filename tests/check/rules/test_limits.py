@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from tests.cases import cases
 from tests.check.models import arms, attaching, hinged, lint, lint_file, mjcf
 
 MUSCLE = ".75 1.05 5 200 .5 1.6 1.5 1.3 1.2"
@@ -44,14 +45,7 @@ def test_an_actuator_has_limits_exactly_when_a_huge_control_makes_no_huge_force(
     assert ("MJ301" in codes) == (not bounded)
 
 
-@pytest.mark.parametrize(
-    ("positions", "severity", "remedy"),
-    [
-        ([], "warning", "choose a range"),
-        ([2.5], "warning", "choose a range"),
-        ([2.5, 1.5], "note", "start from keyframe '1'"),
-    ],
-)
+@cases("positions, severity, remedy")
 def test_a_start_beyond_a_range_is_a_note_if_a_keyframe_is_within(
     positions: list[float], severity: str, remedy: str
 ) -> None:
@@ -62,24 +56,7 @@ def test_a_start_beyond_a_range_is_a_note_if_a_keyframe_is_within(
     assert finding.remedy.startswith(remedy)
 
 
-@pytest.mark.parametrize(
-    ("unit", "joint", "mistaken", "remedy"),
-    [
-        ("degree", 'range="0 6.28"', True, 'range="0 360"'),
-        ("degree", 'range="-3.1416 3.14159265"', True, 'range="-180 180"'),
-        ("degree", 'range="-1.571 4.71"', True, 'range="-90 270"'),
-        ("degree", 'range="-1.5 1.5"', False, ""),
-        ("degree", 'range="-3 3.14"', False, ""),
-        ("degree", 'type="ball" range="0 1.57"', True, 'range="0 90"'),
-        ("degree", 'type="slide" range="-1.57 1.57"', False, ""),
-        ("degree", 'range="-90 90"', False, ""),
-        ("radian", 'range="-45 45"', True, 'range="-0.7854 0.7854"'),
-        ("radian", 'range="-40 40"', False, ""),
-        ("radian", 'range="-62.83 62.83"', False, ""),
-        ("radian", 'range="-720 720"', False, ""),
-        ("radian", 'type="slide" range="-90 90"', False, ""),
-    ],
-)
+@cases("unit, joint, mistaken, remedy")
 def test_a_range_in_the_other_unit_is_one_that_only_that_unit_explains(
     unit: str, joint: str, mistaken: bool, remedy: str
 ) -> None:

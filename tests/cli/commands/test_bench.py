@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.cases import cases
 from tests.physics import test_warp_engine
 
 if TYPE_CHECKING:
@@ -146,38 +147,7 @@ def test_a_slower_build_fails_only_with_a_limit_and_an_incomparable_one_is_refus
     assert b"compared in spite of a difference: noise_std" in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "said"),
-    [
-        (["--json", "--csv"], 2, "--json and --csv exclude each other: both print to standard output"),
-        (["--fail-above", "10%"], 2, "--fail-above has no effect without --compare"),
-        (["--compare", "base.json", "--fail-above", "0.1"], 2, "'0.1' is not a percentage; write it as in 10%"),
-        (["--compare", "base.json"], 7, "base.json: cannot be read"),
-        (
-            ["--threads", "1,many"],
-            2,
-            "Invalid value for '--threads': 'many' is not a number of threads, at least 1, or auto",
-        ),
-        (["--scan", "timestep=.1", "--scan", "timestep=.2"], 2, "--scan timestep is given twice"),
-        (["--scan", "opt.solvr=cg"], 2, "did you mean 'solver' or"),
-        (["--scan", "integrator=rk5"], 2, "no integrator 'rk5'"),
-        (["--size", "64x48"], 2, "--size: nothing is drawn\n  add --render to time frames, or --whole to time a video"),
-        (["--gl", "egl"], 2, "--gl: nothing is drawn"),
-        (["--camera", "free", "--require-gpu"], 2, "--camera, --require-gpu: nothing is drawn"),
-        (["--whole", "--view", "rgb", "--view", "depth"], 2, "--whole times one video, not 2"),
-        (["--whole", "--gl", "nonsense"], 2, "nonsense"),
-        (["--whole", "--camera", "none"], 2, "none"),
-        (["--horizon", "1"], 2, "--horizon has no effect without --accuracy"),
-        (["--force"], 2, "--force has no effect without --compare"),
-        (["--noise-std", "2"], 2, "'2' is not a number from 0 to 1"),
-        (["--key", "none"], 2, "no keyframe 'none'"),
-        (["--save", "/dev/null/base.json"], 7, "is not a folder"),
-        (["--accuracy", "--reference", "1"], 2, "--reference: '1' is not finer than every measured timestep"),
-        (["--worlds", "2"], 2, "--worlds requires --engine warp"),
-        (["--device", "cpu"], 2, "--device requires --engine warp"),
-        (["--engine", "warp"], 2, "--threads requires --engine c"),
-    ],
-)
+@cases("options, code, said")
 def test_what_cannot_be_meant_ends_with_its_code_and_no_output(
     mjrun_here: Command, swing: Path, options: list[str], code: int, said: str
 ) -> None:

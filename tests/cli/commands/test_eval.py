@@ -14,6 +14,7 @@ from mjrun.cli.commands.eval import evaluation_markdown, evaluation_report
 from mjrun.evaluation.evaluation import EvaluationResult
 from mjrun.evaluation.summaries import PointSummary, compared, summary_of
 from mjrun.evaluation.videos import EpisodeVideo
+from tests.cases import cases
 from tests.evaluation.episodes import episodes, played
 from tests.evaluation.tasks import XML, write_policies
 from tests.study.in_process import simulate_here
@@ -125,25 +126,7 @@ def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str)
     assert points["policy"].tolist() == ["zero", "policies.py:act"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "text"),
-    [
-        (["cart.yaml"], 2, "--policy"),
-        (["cart.xml", "--policy", "zero"], 2, "does not specify its control period"),
-        (["cart.xml", "duration=1", "--policy", "zero"], 2, "is not a document"),
-        (["missing.yaml", "--policy", "zero"], 7, "missing.yaml"),
-        (["cart.yaml", "--policy", "missing.onnx"], 7, "missing.onnx"),
-        (["cart.yaml", "--policy", "zero", "--episodes", "0"], 2, "episodes"),
-        (["cart.yaml", "--policy", "policies.py:wide", "--jobs", "1"], 2, "3 numbers"),
-        (["cart.yaml", "--policy", "zero", "--engine", "warp"], 2, "--engine warp plays no policies"),
-        (["cart.yaml", "--policy", "zero", "--metric", "m=max(qpos/knee)"], 2, "qpos/knee"),
-        (["cart.yaml", "--policy", "zero", "--fail-below", "0.9"], 2, "success=90%"),
-        (["cart.yaml", "--policy", "zero", "--fail-below", "speed=1"], 2, "success_low"),
-        (["cart.yaml", "--policy", "zero", "--vary", "colour=1,2"], 2, "colour"),
-        (["cart.yaml", "--policy", "zero", "-o", "."], 7, "contains other files, but no evaluation"),
-        (["cart.yaml", "--policy", "zero", "-o", "cart.xml"], 7, "is not a folder"),
-    ],
-)
+@cases("arguments, code, text")
 def test_what_cannot_be_is_told_and_leaves_nothing(
     mjrun_here: Command, cart: str, arguments: list[str], code: int, text: str
 ) -> None:

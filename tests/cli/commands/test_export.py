@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cases import cases
 from tests.evaluation.tasks import XML
 
 if TYPE_CHECKING:
@@ -77,21 +78,7 @@ def test_episodes_are_a_folder_that_a_second_run_continues(mjrun_here: Command, 
     assert b"cart_lerobot: has episodes of another task, policy, model, version or options" in edited.stderr
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--format", "lerobot"), "is a task: select a --policy for it"),
-        (("--policy", "zero", "--format", "lerobot", "-o", "set.glb"), "the suffix of set.glb, which is glb"),
-        (("--policy", "zero", "--format", "usda", "-o", "set.usdc"), "usda contradicts the suffix of set.usdc"),
-        (("--policy", "zero", "--episodes", "2"), "--episodes applies to episodes, with --format lerobot or minari"),
-        (("--policy", "zero", "--format", "lerobot", "--plot", "energy"), "--plot does not apply to --format lerobot"),
-        (("--policy", "zero", "--format", "lerobot", "--recording", "r.npz"), "--recording does not apply to"),
-        (("--policy", "zero", "--format", "lerobot", "--ghost", "offset=0/1/0"), "show what a policy would see"),
-        (("--policy", "zero", "--format", "minari", "--camera", "free"), "a Minari dataset has no images"),
-        (("--policy", "zero", "--format", "lerobot", "--fps", "30"), "such as 50, 25, 10, 5, 2, 1"),
-        (("--policy", "zero", "--format", "lerobot", "--crf", "99", "--camera", "free"), "from 0 (best) to 51"),
-    ],
-)
+@cases("options, message")
 def test_mistakes_in_episodes_are_explained_before_anything_is_written(
     mjrun_here: Command, cart: str, options: tuple[str, ...], message: str
 ) -> None:

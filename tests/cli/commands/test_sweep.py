@@ -15,6 +15,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from tests.cases import cases
 from tests.study.models import BALL
 
 if TYPE_CHECKING:
@@ -137,28 +138,7 @@ def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> No
     assert (mjrun_here.folder / "ball_study" / "results.csv").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "expected"),
-    [
-        (("-o", "study", "--vary", "seed"), 2, "--vary"),
-        (("-o", "study", "--vary", "sed=1"), 2, "did you mean 'seed'"),
-        (("-o", "study", "--vary", "seed=1..4:7"), 2, "--vary seed: '1.5' is not a whole number of at least 0"),
-        (("-o", "study", "--vary", "opt.iterations=1,2.5"), 2, "opt.iterations: '2.5' is not a whole number"),
-        (("-o", "study", "--vary", "opt.timestep=1e-3,x"), 2, "opt.timestep: 'x' is not a number"),
-        (("-o", "study", "--metric", "x=max(qpos/bal/z)"), 2, "qpos/ball/z"),
-        (("-o", "study", "--vary", "seed=gauss(0,1)"), 2, "distributions: uniform(LOW, HIGH)"),
-        (
-            (
-                "-o",
-                "ball.xml/study",
-            ),
-            7,
-            "cannot be made",
-        ),
-        (("-o", "study", "--require", "max(seed) <", "--vary", "seed=1"), 2, "--require, character"),
-        (("-o", "study", "--engine", "rya", "--vary", "seed=1"), 2, "engines: local, "),
-    ],
-)
+@cases("options, code, expected")
 def test_mistakes_are_reported_and_nothing_is_simulated(
     mjrun_here: Command, ball: str, options: tuple[str, ...], code: int, expected: str
 ) -> None:
@@ -253,26 +233,7 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
     assert pd.read_csv(mjrun_here.folder / "kicks" / "results.csv")["seed"].tolist() == [1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("k.yaml", "--samples", "3"), "--samples cannot accompany k.yaml; write samples=VALUE instead"),
-        (("k.yaml", "--metric", "x=1"), "--metric cannot accompany k.yaml; write metrics.NAME=VALUE instead"),
-        (("k.yaml", "--qpos", "x=1"), "--qpos cannot accompany k.yaml; write qpos.NAME=VALUE instead"),
-        (("r.yaml", "--samples", "3"), "'traces' makes this a run document, for mjrun run; expected a study document"),
-        (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
-        (("ball.xml", "samples=3"), "samples=3: ball.xml is not a document, so KEY=VALUE cannot change it"),
-        (("ball.xml", "--task", "1/2"), "--task: ball.xml is not a plan (.jsonl); --plan FILE writes one"),
-        (("p.jsonl",), "p.jsonl is a plan; give --task I/N or --collect"),
-        (("p.jsonl", "--task", "1/2"), "p.jsonl has no points: all results existed when it was made"),
-        (("p.jsonl", "--task", "3/2"), "'3/2' is not one of N tasks; write it as in 1/16"),
-        (
-            ("ball.xml", "--task", "1/2", "--collect"),
-            "--task and --collect exclude each other: each of these replaces the run; give only one",
-        ),
-        (("ball.xml", "--csv", "--json"), "--json and --csv exclude each other: both print to standard output"),
-    ],
-)
+@cases("words, expected")
 def test_what_does_not_go_together_is_reported(
     mjrun_here: Command, ball: str, words: tuple[str, ...], expected: str
 ) -> None:

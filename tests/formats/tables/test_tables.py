@@ -12,6 +12,7 @@ import mjrun
 from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
 from mjrun.formats import tables
 from mjrun.formats.tables import FORMATS, input_format, output_format, suffixes
+from tests.cases import cases
 
 
 def test_every_module_is_a_format_of_its_own_name_and_suffixes() -> None:
@@ -47,19 +48,7 @@ def test_a_suffix_of_no_format_is_reported_with_those_that_can_be_read() -> None
         input_format(Path("t.xlsx"))
 
 
-@pytest.mark.parametrize(
-    ("output", "asked", "meant"),
-    [
-        ("t.csv", None, "csv"),
-        ("runs.v2/T.PARQUET", None, "parquet"),
-        ("t.arrow", None, "feather"),
-        ("t.feather", "feather", "feather"),
-        ("t.dat", "csv", "csv"),
-        ("table", "npz", "npz"),
-        (None, None, "csv"),
-        (None, "jsonl", "jsonl"),
-    ],
-)
+@cases("output, asked, meant")
 def test_the_suffix_means_the_format(output: str | None, asked: str | None, meant: str) -> None:
     assert output_format(output, asked).name == meant
 
@@ -91,15 +80,7 @@ def test_a_format_that_cannot_be_meant_is_refused(
         output_format(output, asked)
 
 
-@pytest.mark.parametrize(
-    ("suffix", "library", "extra"),
-    [
-        (".parquet", "pyarrow", "parquet"),
-        (".feather", "pyarrow", "parquet"),
-        (".mat", "scipy", "mat"),
-        (".h5", "h5py", "hdf5"),
-    ],
-)
+@cases("suffix, library, extra")
 def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, suffix: str, library: str, extra: str
 ) -> None:

@@ -3,33 +3,15 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
-import pytest
-
 from mjrun.model.description.model_description import ModelDescription
+from tests.cases import cases
 
 DEVICE = """<mujoco><worldbody><site name="a"/><body name="b"><joint name="hinge"/><geom size="1"/><site name="s"/>
 </body><body name="c"><joint name="ball" type="ball"/><geom size="1"/></body></worldbody>
 <actuator>{}</actuator></mujoco>"""
 
 
-@pytest.mark.parametrize(
-    "element",
-    [
-        '<general joint="hinge" gainprm="5"/>',
-        '<motor joint="hinge" gear="7"/>',
-        '<position joint="hinge" kp="7"/>',
-        '<position joint="hinge" kp="7" kv="2" timeconst=".1"/>',
-        '<velocity joint="hinge" kv="3"/>',
-        '<intvelocity joint="hinge" kp="2" actrange="-1 1"/>',
-        '<damper joint="hinge" kv="2" ctrlrange="0 1"/>',
-        '<cylinder joint="hinge" area="2"/>',
-        '<muscle joint="hinge" lengthrange="0 1"/>',
-        '<adhesion body="b" gain="3" ctrlrange="0 1"/>',
-        '<pid joint="hinge" kp="1" ki="2" kv=".1"/>',
-        '<orientation joint="ball" kp="3"/>',
-        '<dcmotor joint="hinge" motorconst="1 1" resistance="1"/>',
-    ],
-)
+@cases("element")
 def test_an_actuator_is_of_the_kind_that_it_was_written_as(
     element: str, described: Callable[[str], ModelDescription]
 ) -> None:
@@ -64,27 +46,7 @@ def test_a_slider_crank_names_both_sites(described: Callable[[str], ModelDescrip
     assert (actuator.transmission, actuator.target, actuator.reference) == ("slidercrank", "s", "a")
 
 
-@pytest.mark.parametrize(
-    ("element", "kind", "name", "dim", "unit"),
-    [
-        ('<jointpos joint="hinge"/>', "joint", "hinge", 1, "rad"),
-        ('<jointvel joint="slide"/>', "joint", "slide", 1, "m/s"),
-        ('<jointactuatorfrc joint="slide"/>', "joint", "slide", 1, "N"),
-        ('<tendonpos tendon="sum"/>', "tendon", "sum", 1, "rad"),
-        ('<tendonvel tendon="rope"/>', "tendon", "rope", 1, "m/s"),
-        ('<tendonpos tendon="both"/>', "tendon", "both", 1, ""),
-        ('<actuatorfrc actuator="m"/>', "actuator", "m", 1, "N·m"),
-        ('<ballquat joint="ball"/>', "joint", "ball", 4, ""),
-        ('<framepos objtype="xbody" objname="car"/>', "xbody", "car", 3, "m"),
-        ('<framelinacc objtype="site" objname="s"/>', "site", "s", 3, "m/s²"),
-        ('<rangefinder site="s"/>', "site", "s", 1, "m"),
-        ('<rangefinder site="s" data="dist normal"/>', "site", "s", 4, ""),
-        ('<contact geom1="tip" data="force"/>', "geom", "tip", 3, "N"),
-        ('<contact geom1="tip" data="found"/>', "geom", "tip", 1, ""),
-        ("<clock/>", None, None, 1, "s"),
-        ('<user dim="3"/>', None, None, 3, ""),
-    ],
-)
+@cases("element, kind, name, dim, unit")
 def test_a_sensor_says_of_what_how_much_and_in_which_unit(
     element: str,
     kind: str | None,

@@ -19,6 +19,7 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.override import Override
 from mjrun.model.sources import gym, parse_source
 from mjrun.model.sources.gym import GymSource, environment_model, make_environment
+from tests.cases import cases
 
 NAMES = sorted(GymSource.descriptions())
 THIRD_PARTY = '''
@@ -90,20 +91,7 @@ def test_overrides_are_applied_and_travel_with_it() -> None:
     assert source.stem == "Hopper_v5"
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("", "name the environment"),
-        ("Humanoid-v2", "needs mujoco-py"),
-        ("Humanoid-v99", "no such environment (did you mean 'Humanoid-v5'"),
-        ("Humanoid", "no such environment (did you mean 'Humanoid-v5'"),
-        ("Humanod-v5", "no such environment (did you mean 'Humanoid-v5'"),
-        ("../../etc/passwd", "no such environment"),
-        ("CartPole-v1", "it does not run on MuJoCo"),
-        ("nobody/Cart-v0", "no installed package registers environments under nobody/"),
-        ("nobody_has_this:Cart-v0", "no installed package has the module nobody_has_this"),
-    ],
-)
+@cases("name, message")
 def test_what_is_no_environment_on_mujoco_is_refused_with_those_there_are(name: str, message: str) -> None:
     with pytest.raises(ModelNotFoundError) as caught:
         parse_source(f"gym:{name}").load()
@@ -168,15 +156,7 @@ def test_settings_of_an_environment_are_part_of_its_name(tmp_path: Path) -> None
     assert make_environment("Ant-v5?include_cfrc_ext_in_observation=false").observation_space.shape == (27,)
 
 
-@pytest.mark.parametrize(
-    ("query", "message"),
-    [
-        ("frame_skp=8", r"no setting 'frame_skp'.*\(did you mean 'frame_skip'\?\)"),
-        ("render_mode=human", r"no setting 'render_mode'"),
-        ("id=Ant-v5", r"no setting 'id'"),
-        ("frame_skip", r"settings are written \?NAME=VALUE"),
-    ],
-)
+@cases("query, message")
 def test_settings_that_an_environment_does_not_take_are_refused(query: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         parse_source(f"gym:Hopper-v5?{query}").load()
