@@ -266,6 +266,10 @@ class CameraScript:
     shots: Sequence[Shot]
     file: str = field(default="", compare=False, repr=False)
 
+    def inline(self) -> InlineCamera:
+        """Returns the script as options."""
+        return InlineCamera(name=self.name, shots=self.shots)  # pyright: ignore[reportArgumentType]
+
     def check(self) -> None:
         """Checks that the shots are consistent.
 

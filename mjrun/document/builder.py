@@ -6,8 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Generic, TypeVar, cast
 
-from mjrun.document.camera_and_ghost_forms import DocumentContext
-from mjrun.document.paths import Folders
+from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.tree import DeclaredAt, Fault, MappingNode, Place, document_error, option_fault
 from mjrun.errors import DocumentError, UsageError
@@ -39,7 +38,7 @@ class DocumentBuilder:
       declared_at: returns the options at a place.
     """
 
-    def __init__(self, tree: MappingNode, folders: Folders, declared_at: DeclaredAt) -> None:
+    def __init__(self, tree: MappingNode, folders: DocumentContext, declared_at: DeclaredAt) -> None:
         self.tree, self.folders, self._declared_at = tree, folders, declared_at
         self._faults: list[Fault] = []
 
@@ -169,7 +168,7 @@ class SimulationDocument(Generic[Made]):
     def made(
         self,
         tree: MappingNode,
-        folders: Folders,
+        folders: DocumentContext,
         document: Values,
         defaults: Mapping[str, object],
         values: Mapping[str, object],

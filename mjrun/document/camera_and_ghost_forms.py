@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import cast
 
 from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEvent
-from mjrun.document.paths import Folders
 from mjrun.document.reader import read
 from mjrun.document.scalars import number
 from mjrun.errors import DocumentError, UsageError, quoted
@@ -192,10 +191,8 @@ FORMS: dict[type[AnyKind], AnyKind] = {
 }
 
 
-class DocumentContext(Folders):
-    """A reader that resolves the paths of a document, and converts its forms of values."""
-
-    def form(self, kind: AnyKind) -> AnyKind:
-        if isinstance(kind, kinds.MujocoName):
-            return MujocoConstantName(kind.of)
-        return FORMS.get(type(kind), kind)
+def form_of(kind: AnyKind) -> AnyKind:
+    """Returns the kind that reads values of `kind` from documents."""
+    if isinstance(kind, kinds.MujocoName):
+        return MujocoConstantName(kind.of)
+    return FORMS.get(type(kind), kind)

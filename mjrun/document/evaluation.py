@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import cast
 
 from mjrun.document.builder import DocumentBuilder, LocatedRequest, Values, located_errors, values_of
-from mjrun.document.camera_and_ghost_forms import DocumentContext
+from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.task import read_task

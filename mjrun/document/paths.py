@@ -8,7 +8,8 @@ from pathlib import Path, PurePosixPath
 from mjrun.dataclass import dataclass
 from mjrun.errors import Problem, UsageError, clean, option, quoted
 from mjrun.model.sources import is_file
-from mjrun.options.kinds import ReadingContext
+from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoName, ReadingContext
+from mjrun.options.number_kinds import Instant
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.suffixes import is_url
 
@@ -79,8 +80,8 @@ class OutputFolder:
 
 
 @dataclass(frozen=True)
-class Folders(ReadingContext):
-    """The folders that resolve relative paths.
+class DocumentContext(ReadingContext):
+    """The folders that resolve relative paths in a document, and the forms of its values.
 
     Attributes:
       inputs: the folder of input files, usually that of the document.
@@ -103,3 +104,10 @@ class Folders(ReadingContext):
     def input(self, path: str) -> str:
         joined = path if self.inputs == Path() else str(self.inputs / path)
         return os.path.normpath(joined) if self.lexical else joined
+
+    def form(self, kind: AnyKind) -> AnyKind:
+        if not isinstance(kind, CameraKind | GhostKind | Instant | MujocoName):
+            return kind
+        from mjrun.document.camera_and_ghost_forms import form_of  # slow to import, and few documents need it
+
+        return form_of(kind)

@@ -27,8 +27,7 @@ from pkgutil import resolve_name
 from typing import cast
 
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
-from mjrun.document.camera_and_ghost_forms import DocumentContext
-from mjrun.document.paths import Folders, OutputFolder
+from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
     RENAMED,
@@ -182,7 +181,7 @@ def read_run(
 class _Builder(DocumentBuilder):
     """A builder of jobs from the contents of a document."""
 
-    def __init__(self, tree: MappingNode, folders: Folders, options: RunOptions, command: str) -> None:
+    def __init__(self, tree: MappingNode, folders: DocumentContext, options: RunOptions, command: str) -> None:
         super().__init__(tree, folders, _declared_at)
         self._options, self._command = options, command
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")

@@ -2,11 +2,9 @@
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import cast
+from typing import Protocol, cast, runtime_checkable
 
-from mjrun.camera.script import CameraScript, Event, InlineCamera
 from mjrun.document.paths import refusal
-from mjrun.document.run import OUTPUTS
 from mjrun.document.scalars import exact, meaning, number
 from mjrun.document.tree import Mapped, Plain
 from mjrun.errors import UsageError, clean, option
@@ -22,6 +20,15 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 
 
+@runtime_checkable
+class WrittenAsOptions(Protocol):
+    """A value with a form of documents, such as a camera script."""
+
+    def inline(self) -> Options:
+        """Returns the options that describe it."""
+        ...
+
+
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
     """Formats the run document of `jobs`, which share one simulation, without default values.
 
@@ -34,6 +41,8 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
     Raises:
       UsageError: a document cannot contain this: code, a compiled model, an output outside of a folder.
     """
+    from mjrun.document.run import OUTPUTS  # slow to import, and other documents need only what follows
+
     if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
         raise UsageError("a run document requires outputs of a single simulation")
     outputs: dict[str, list[Plain]] = {}
@@ -96,11 +105,10 @@ def _written(value: object) -> Plain:
     match value:
         case Fraction():
             return exact(value)
-        case Event():
+        case Options():
             return _written(plain_values(value))
-        case CameraScript(name=name, shots=shots):
-            camera = InlineCamera(name=name, shots=shots)  # pyright: ignore[reportArgumentType]
-            return _written(plain_values(camera))
+        case WrittenAsOptions():
+            return _written(plain_values(value.inline()))
         case bool() | str():
             return value
         case int() | float():

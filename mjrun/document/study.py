@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from mjrun.document.builder import LocatedRequest, SimulationDocument, Values
-from mjrun.document.camera_and_ghost_forms import DocumentContext
+from mjrun.document.paths import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import DocumentPlace, Fault, Mapped, MappingNode, Node, document_error, misfit_faults, node_of
 from mjrun.errors import FileError, UsageError, clean, option, quoted

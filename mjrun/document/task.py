@@ -27,7 +27,7 @@ from typing import TypeVar, cast
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
-from mjrun.document.camera_and_ghost_forms import DocumentContext
+from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read, unchecked_document
 from mjrun.document.scalars import number
 from mjrun.document.tree import MappingNode, Place, document_error, option_fault

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.document.builder import DocumentBuilder
-from mjrun.document.paths import Folders, OutputFolder
+from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.tree import DocumentPlace, MappingNode, option_fault
 from mjrun.document.yaml_text import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError
@@ -43,7 +43,7 @@ def test_everything_that_is_wrong_is_reported_at_once() -> None:
     def fail(name: str) -> object:
         raise UsageError(f"no {name}", (name,))
 
-    folders = Folders(Path(), OutputFolder(Path()))
+    folders = DocumentContext(Path(), OutputFolder(Path()))
     builder = DocumentBuilder(tree("samples: 1\nrepeats: 2"), folders, lambda _: StudyOptions)
     assert builder.attempt((), lambda: 7) == 7
     builder.raise_faults()
