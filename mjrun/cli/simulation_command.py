@@ -185,7 +185,7 @@ def make(
     from mjrun.outputs.up_to_date_check import UpToDateCheck
 
     try:
-        with UpToDateCheck(jobs, options) as last:
+        with UpToDateCheck(jobs, options) as last:  # does nothing unless the options ask for it
             if earlier := last.up_to_date():
                 console.answer(unchanged(earlier))
                 raise click.exceptions.Exit(0)

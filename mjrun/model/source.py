@@ -17,7 +17,7 @@ from mjrun.model.override import Override
 
 @dataclass(frozen=True)
 class Source(ABC):
-    """A model source and the overrides to load it with: a picklable value.
+    """A model source and the overrides to load it with: a picklable value, which compiles the model each time.
 
     Attributes:
       overrides: the overrides, applied in order before compilation.

@@ -24,13 +24,13 @@ from mjrun.options.option import options, values_of
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
-from mjrun.outputs.frame_contacts import ContactRecorder, FrameContacts
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import RowFile
 from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import instants_of
+from mjrun.probe.copied_contacts import CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
@@ -41,6 +41,7 @@ from mjrun.timeline import Timeline
 
 NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
+BLOCK = 64  # frames whose contacts are converted at once
 
 if TYPE_CHECKING:
     from mjrun.outputs.drawn_frames import FramePlan
@@ -178,7 +179,7 @@ class PlannedExportImages:
     job: "VideoInMemory"
     plan: "FramePlan"
 
-    def frames(self, stack: ExitStack, renderers: output.PassRenderers) -> RecordedFrames:
+    def frames(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> RecordedFrames:
         """Returns the frames, whose states are recorded and which can then be drawn."""
         from mjrun.outputs.drawn_frames import DrawnFrames
 
@@ -208,6 +209,57 @@ class MeasuredValues:
         for start in range(0, len(self.stored), ROWS):
             values = self.stored.read(start, ROWS)
             yield self.steps[start : start + len(values)], values
+
+
+@dataclass(frozen=True, eq=False)
+class FrameContacts:
+    """The contacts at each frame.
+
+    Attributes:
+      counts: number of contacts at each frame.
+      values: position [m], normal and force [N] of each contact, in the axes of the world, `(n, 9)` float32.
+    """
+
+    counts: np.ndarray
+    values: np.ndarray
+
+
+class ContactRecorder:
+    """A recorder of the contacts at the instants of frames, which are on the disk if they are many. To be closed."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = model
+        self._copies: list[CopiedContacts] = []
+        self._counts: list[int] = []
+        self._rows = RowFile(9)
+
+    def tap(self, steps: Sequence[int]) -> Tap[CopiedContacts]:
+        """Returns the tap that records the contacts at `steps`."""
+        return Tap(steps, lambda stepper: copy_contacts(stepper.instant()), self._add)
+
+    def contacts(self, count: int) -> FrameContacts:
+        """Returns the contacts of the first `count` frames."""
+        self._convert()
+        counts = np.array(self._counts[:count], int)
+        return FrameContacts(counts, self._rows.read(0, int(counts.sum())).astype(np.float32))
+
+    def close(self) -> None:
+        """Frees the recording."""
+        self._rows.close()
+
+    def _add(self, copied: CopiedContacts) -> None:
+        self._copies.append(copied)
+        if len(self._copies) == BLOCK:
+            self._convert()
+
+    def _convert(self) -> None:
+        if not self._copies:
+            return
+        contacts = RecordedContacts(self._model, self._copies)
+        forces = np.einsum("ni,nij->nj", contacts.wrenches[:, :3], contacts.frames)
+        self._rows.extend(np.column_stack([contacts.fields["pos"], contacts.frames[:, 0], forces]))
+        self._counts += contacts.counts.tolist()
+        self._copies = []
 
 
 @dataclass(frozen=True)
@@ -376,7 +428,7 @@ class ExportOutput(output.Output[ExportResult]):
         rows: Sequence[int] | None,
         detector: "MarkDetector | None",
         stack: ExitStack,
-        renderers: output.PassRenderers,
+        renderers: output.BackendsAndWorkers,
     ) -> None:
         self._job, self._plan, self._context = job, plan, plan.context
         self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)

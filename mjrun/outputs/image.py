@@ -142,7 +142,7 @@ class ImageFile(VideoOrImageFile):
 class ImageOutput(output.Output[ImageResult]):
     """An image with open files."""
 
-    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, renderers: output.PassRenderers) -> None:
+    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
         files = job.formatted_files
         self._job, self._plan, self._frames = job, plan, DrawnFrames(plan, files, stack, renderers)
         self.facts = self._frames.facts

@@ -118,7 +118,7 @@ class KeyframeOutput(output.Output[KeyframeResult]):
         source: Path,
         xml: bytes,
         stack: ExitStack,
-        _: output.PassRenderers,
+        _: output.BackendsAndWorkers,
     ) -> None:
         self._job, self._context, self._step = job, context, step
         self._state = np.empty(0)

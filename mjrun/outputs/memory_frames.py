@@ -44,7 +44,7 @@ class MemoryOutput(output.Output[output.OutputResult]):
       frames: the frames.
     """
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.PassRenderers) -> None:
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
         self.frames = DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:

@@ -1,8 +1,14 @@
 """An output in two phases: a plan, with everything checked and nothing open, and an output, whose files are open.
 
 A *job* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
-An *output* observes the simulation through its taps. Then it draws what they recorded into its files, which the pass
-finishes and publishes.
+An *output* observes the simulation through its taps. Then it draws what they recorded into its files.
+
+The pass in `perform` calls, in this order:
+
+- of each job, `files` and `check`, and then `plan` with the compiled model, while the backend is being detected;
+- of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
+- of each output, `taps`, which are served in one simulation; then `draw` and `written`, which ends the encoders;
+- when its files are in their places, `result` and `remarks`.
 """
 
 from abc import ABC, abstractmethod
@@ -125,8 +131,8 @@ class RendererRequest:
         return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
 
-class PassRenderers:
-    """The renderers of a pass, which detects each backend and starts each worker process only once. To be closed."""
+class BackendsAndWorkers:
+    """The backends and rendering processes of a pass: each is detected or started only once. To be closed."""
 
     def __init__(self) -> None:
         self._detections: dict[RendererRequest, BackendDetection] = {}
@@ -245,7 +251,7 @@ class Plan(Generic[R_co]):
 
     preview: Preview
     until: int
-    open: Callable[[ExitStack, PassRenderers], Output[R_co]]
+    open: Callable[[ExitStack, BackendsAndWorkers], Output[R_co]]
     enable_flags: int = 0
     conditions: Sequence[str] = ()
 

@@ -16,7 +16,7 @@ from mjrun.formats.atomic_output import OutputWriter, move_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.end_condition import final_timeline
-from mjrun.outputs.output import Context, Job, Output, OutputResult, PassRenderers, Plan, Preview
+from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, OutputResult, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.physics.simulation_loop import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
@@ -87,7 +87,7 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     Raises:
       MjrunError: the pass would fail before its first step.
     """
-    with collected_warnings(), closing(PassRenderers()) as renderers:
+    with collected_warnings(), closing(BackendsAndWorkers()) as renderers:
         plans, context, _ = _plan(jobs, reporter or WarningReporter(), renderers)
     timeline = context.timeline
     outputs = [plan.preview for plan in plans]
@@ -95,7 +95,7 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
 
 
 def _plan(
-    jobs: Sequence[Job[R]], reporter: Reporter, renderers: PassRenderers
+    jobs: Sequence[Job[R]], reporter: Reporter, renderers: BackendsAndWorkers
 ) -> tuple[list[Plan[R]], Context, Stepper]:
     """Plans all jobs, after collecting every error in them."""
     if not jobs:
@@ -125,10 +125,11 @@ def _plan(
 
 def _context(simulation: Simulation, reporter: Reporter) -> Context:
     model = simulation.load()
-    return Context(simulation, model, final_timeline(simulation, model), reporter)
+    timeline = simulation.timeline(model) if simulation.until is None else final_timeline(simulation, model)
+    return Context(simulation, model, timeline, reporter)
 
 
-def _check(job: Job[OutputResult], renderers: PassRenderers) -> None:
+def _check(job: Job[OutputResult], renderers: BackendsAndWorkers) -> None:
     job.check()
     if job.renderer_request is not None:
         renderers.detect(job.renderer_request)
@@ -210,7 +211,7 @@ class Pass(Generic[R]):
         self._jobs, self._stack = jobs, stack
         self._manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
 
-        renderers = stack.enter_context(closing(PassRenderers()))
+        renderers = stack.enter_context(closing(BackendsAndWorkers()))
         self._plans, self._context, self._stepper = _plan(jobs, reporter, renderers)
         for text in self._context.simulation.notes(self._context.model):
             reporter.note(text)

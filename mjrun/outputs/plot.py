@@ -124,7 +124,7 @@ class PlotOutput(output.Output[PlotResult]):
         steps: Sequence[int],
         figure: FigurePlan,
         stack: ExitStack,
-        _: output.PassRenderers,
+        _: output.BackendsAndWorkers,
     ) -> None:
         self._job, self._context, self._table, self._steps, self._figure = job, context, table, steps, figure
         self._collectors = [figure.collector(index) for index in range(len(figure.tables))]

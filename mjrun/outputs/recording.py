@@ -49,7 +49,7 @@ class RecordingResult(output.OutputResult):
 class RecordingOutput(output.Output[RecordingResult]):
     """A recording with an open file."""
 
-    def __init__(self, job: Recording, context: output.Context, stack: ExitStack, _: output.PassRenderers) -> None:
+    def __init__(self, job: Recording, context: output.Context, stack: ExitStack, _: output.BackendsAndWorkers) -> None:
         model = context.model
         self._job, self._context = job, context
         self.facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}

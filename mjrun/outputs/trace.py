@@ -162,7 +162,7 @@ class TraceOutput(output.Output[TraceResult]):
         steps: Sequence[int],
         assertions: "Sequence[Assertion]",
         stack: ExitStack,
-        _: output.PassRenderers,
+        _: output.BackendsAndWorkers,
     ) -> None:
         self._job, self._context, self._table, self._steps = job, context, table, steps
         self.facts = context.facts(job)

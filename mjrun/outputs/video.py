@@ -112,7 +112,7 @@ class VideoFile(VideoOrImageFile):
 class VideoOutput(output.Output[VideoResult]):
     """A video with open files."""
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.PassRenderers) -> None:
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
         self._job, self._timeline = job, plan.scene.context.timeline
         self._frames = DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
         self._reporter = plan.scene.context.reporter
@@ -134,7 +134,11 @@ class VideoOutput(output.Output[VideoResult]):
         return self._frames.taps(event_steps)
 
     def draw(self) -> None:
-        """Renders every frame into the files."""
+        """Renders every frame into the files.
+
+        Each state goes through a `CompositorPool` to a `SceneCompositor` here or in another process, whose pixels
+        `DrawnFrames.images` yields by file, and this writes to the encoders.
+        """
         start = perf_counter()
         self._frames.place_scene()
         compositor, count = self._frames.compositor(), len(self._frames.states)

@@ -185,7 +185,7 @@ class SceneCompositor:
         return sum(prod(stream.shape) * stream.dtype.itemsize for stream in self.streams)
 
     def open(self) -> None:
-        """Creates a renderer unless one is open."""
+        """Creates a renderer unless one is open. `CompositorPool` calls this in the process that renders."""
         if self._open_renderer is None:
             self._open_renderer = self.renderer(
                 self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations

@@ -1,4 +1,4 @@
-"""A simulation as a value: model, initial state, inputs and length."""
+"""A simulation as a value: model, initial state, inputs and length. It compiles its model and starts its steppers."""
 
 import copy
 from collections.abc import Mapping, Sequence

@@ -133,7 +133,7 @@ class VariedPlotOutput(PlotOutput):
         points: Sequence[DrawnPoint],
         figure: FigurePlan,
         stack: ExitStack,
-        rendering: output.PassRenderers,
+        rendering: output.BackendsAndWorkers,
     ) -> None:
         table = job.probe_sampler(job.context(points[0], context))
         super().__init__(job, context, table, (), figure, stack, rendering)

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, NoRendererError, spelled
-from mjrun.outputs import drawing_processes, drawn_frames
-from mjrun.outputs.drawing_processes import estimated_cost, jobs_for
-from mjrun.outputs.drawn_frames import DrawnFrames, plan_frames
+from mjrun.outputs import drawn_frames
+from mjrun.outputs.drawn_frames import DrawnFrames, estimated_cost, jobs_for, plan_frames
 from mjrun.outputs.frame_schedule import video_schedule
-from mjrun.outputs.output import Context, PassRenderers
+from mjrun.outputs.output import BackendsAndWorkers, Context
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
 from mjrun.rendering.backend import Backend
@@ -41,8 +40,8 @@ class Notes(WarningReporter):
 @pytest.fixture
 def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
     """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
-    monkeypatch.setattr(drawing_processes, "available_cores", lambda: 2)
-    monkeypatch.setattr(drawing_processes, "LONG", 0.0)
+    monkeypatch.setattr(drawn_frames, "available_cores", lambda: 2)
+    monkeypatch.setattr(drawn_frames, "LONG", 0.0)
 
     def made(
         estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
@@ -70,8 +69,8 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
                 started.append(count)
                 super().__init__(count, module)
 
-        monkeypatch.setattr(drawing_processes, "estimated_cost", lambda size, panels: estimated)
-        monkeypatch.setattr(drawing_processes, "CompositorPool", MeasuredPool)
+        monkeypatch.setattr(drawn_frames, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(drawn_frames, "CompositorPool", MeasuredPool)
         monkeypatch.setattr(compositor_pool, "CompositorProcesses", CountedWorkers)
         notes = Notes()
         simulation = Simulation(swing, duration=duration)
@@ -131,7 +130,7 @@ def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: B
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(make_video: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drawing_processes, "LONG", 60.0)
+    monkeypatch.setattr(drawn_frames, "LONG", 60.0)
     assert make_video(0.001, 0.001)[1] == ""
 
 
@@ -184,19 +183,19 @@ def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None
 def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     swing: Path, monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
 ) -> None:
-    def backend(renderers: PassRenderers, choice: object) -> Backend:
+    def backend(renderers: BackendsAndWorkers, choice: object) -> Backend:
         assert counts == started
         raise NoRendererError({}, "")
 
-    monkeypatch.setattr(drawing_processes, "available_cores", lambda: 2)
+    monkeypatch.setattr(drawn_frames, "available_cores", lambda: 2)
     monkeypatch.setattr(drawn_frames, "lacks_gpu", lambda: lacks_gpu)
     counts: list[int] = []
-    monkeypatch.setattr(PassRenderers, "workers", lambda self, count: counts.append(count))
-    monkeypatch.setattr(PassRenderers, "backend", backend)
+    monkeypatch.setattr(BackendsAndWorkers, "workers", lambda self, count: counts.append(count))
+    monkeypatch.setattr(BackendsAndWorkers, "backend", backend)
     simulation = Simulation(swing, duration=frames / 30)
     video = Video(simulation, "v.mkv", size=(640, 480), fps=30, camera="side", jobs=asked)
     model = simulation.load()
     context = Context(simulation, model, simulation.timeline(model), WarningReporter())
     plan = plan_frames(video, context, partial(video_schedule, fps=video.rate, speed=video.speed))
     with ExitStack() as stack, pytest.raises(NoRendererError):
-        DrawnFrames(plan, video.encoded_files, stack, PassRenderers(), asked)
+        DrawnFrames(plan, video.encoded_files, stack, BackendsAndWorkers(), asked)

@@ -15,7 +15,7 @@ from mjrun.options.rendering import RENDERERS as NAMES
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, FramePlan, check_drawing, check_view, plan_frames
 from mjrun.outputs.frame_schedule import video_schedule
-from mjrun.outputs.output import Context, PassRenderers
+from mjrun.outputs.output import BackendsAndWorkers, Context
 from mjrun.outputs.recorded_scene import Scheduler
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import observe
@@ -70,7 +70,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     data = mujoco.MjData(model)
     with ExitStack() as stack:
         plan = plan_frames(job, context, scheduler(job), job.plot, job.plot_side)
-        output = DrawnFrames(plan, job.encoded_files, stack, stack.enter_context(closing(PassRenderers())))
+        output = DrawnFrames(plan, job.encoded_files, stack, stack.enter_context(closing(BackendsAndWorkers())))
         observe(PhysicsStepper(model, data), output.taps({}), 50)
         output.place_scene()
         assert list(output.times) == [k / 50 for k in range(5)]

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.outputs.frame_contacts import BLOCK, ContactRecorder
+from mjrun.outputs.export import BLOCK, ContactRecorder
 from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 

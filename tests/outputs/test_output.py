@@ -17,7 +17,7 @@ from mjrun.formats.atomic_output import publish_together
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
-from mjrun.outputs.output import Context, Job, Output, PassRenderers, RendererRequest, metadata_tags
+from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, RendererRequest, metadata_tags
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
@@ -64,7 +64,7 @@ def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind:
         assert (plan.preview.kind, plan.preview.path) == (kind, job.output)
         assert [*tmp_path.iterdir()] == [swing]
 
-        output = plan.open(stack, stack.enter_context(closing(PassRenderers())))
+        output = plan.open(stack, stack.enter_context(closing(BackendsAndWorkers())))
         output.simulate(simulation.stepper(context.model), plan.until)
         output.draw()
         writers = output.written()
@@ -83,7 +83,7 @@ def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, 
     context = context_of(simulation)
     with ExitStack() as stack:
         plan = JOBS[kind](simulation, tmp_path).plan(context)
-        output = plan.open(stack, stack.enter_context(closing(PassRenderers())))
+        output = plan.open(stack, stack.enter_context(closing(BackendsAndWorkers())))
         if until != "open":
             output.simulate(simulation.stepper(context.model), plan.until)
         if until in ("draw", "written"):
@@ -179,7 +179,7 @@ def test_videos_of_one_pass_share_one_group_of_workers(
 
 
 def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
-    with closing(PassRenderers()) as renderers:
+    with closing(BackendsAndWorkers()) as renderers:
         choice = RendererRequest.of(ViewOptions(gl=backend.name))
         renderers.detect(choice)
         renderers.detect(RendererRequest.of(ViewOptions(gl=backend.name, camera="side")))
@@ -191,7 +191,7 @@ def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], bac
 
 
 def test_workers_are_added_and_never_started_again(started: dict[str, int]) -> None:
-    with closing(PassRenderers()) as renderers:
+    with closing(BackendsAndWorkers()) as renderers:
         first = renderers.workers(1)
         assert renderers.workers(2) is first
         assert renderers.workers(1) is first
