@@ -46,6 +46,7 @@ class LintContext:
 
     Attributes:
       path: its file.
+      home: the folder of its file; of a copy, that of the original.
       model: the compiled model.
       spec: the specification that it was compiled from; None for a binary.
       source: its XML, as far as it could be read.
@@ -64,6 +65,7 @@ class LintContext:
         thresholds: Thresholds = DEFAULTS,
     ) -> None:
         self.path, self.model, self.spec, self.source = path, model, spec, source
+        self.home = path.absolute().parent
         self.editor, self.unsafe = ElementEditor(source.mjcf_texts), False
         self.announce_slow_fix: Callable[[str], None] = lambda stage: None
         self.thresholds = thresholds

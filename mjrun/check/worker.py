@@ -179,6 +179,7 @@ class ModelChecker(Checker):
         if self.task.root:
             from mjrun.check.fixing import changed_fields
 
+            context.home = Path(self.task.model).absolute().parent
             self.write(stage="comparing it with the original")
             self.write(changes=changed_fields(Path(self.task.original), context.model))
         limit_this_process(memory=self.task.memory * MIB + ARENAS * context.model.narena)

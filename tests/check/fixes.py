@@ -25,7 +25,7 @@ def lint(model: str, copy: Copy | None = None, *, unsafe: bool = False) -> FixOu
     except ModelError as error:
         found, loads = explain(error, source), False
     else:
-        context.unsafe, loads = unsafe, True
+        context.unsafe, loads, context.home = unsafe, True, Path(model).absolute().parent
         found = [*ignored_xml(source), *(finding for code in RULES for finding in apply(code, context))]
         changes = changed_fields(copy.original, context.model) if copy else None
     task = WorkerTask(str(path), (), 0, 0, 0, model=model, root=str(copy.root) if copy else "")

@@ -15,8 +15,8 @@ from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option
 from tests.check import fixes
-from tests.check.fixes import fix, fixing, lint
-from tests.check.models import codes, hinged, mjcf, write
+from tests.check.fixes import fix, fixed, fixing, lint
+from tests.check.models import MESH, codes, hinged, mjcf, write
 
 SWAPPED = 'range="9 -9"'
 RIGHT = 'range="-9 9"'
@@ -26,6 +26,14 @@ def reasons(*models: str, given: list[str] | None = None) -> list[str]:
     """Why faults of models are not fixed."""
     made = fixing(*models, given=given or models)
     return [f.message for result in made.results for f in result.findings if f.code == "MJ007"]  # type: ignore[attr-defined]
+
+
+def test_an_absolute_path_is_fixed_at_once_although_the_model_loads_only_after_another_fix() -> None:
+    write("m.obj", MESH)
+    asset = f'<asset><mesh name="m" file="{Path("m.obj").absolute()}"/></asset>'
+    text = fixed(hinged('limited="true" range="1 -1"', 'type="mesh" mesh="m"', before=asset))
+    assert 'file="m.obj"' in text
+    assert 'range="-1 1"' in text
 
 
 def test_only_the_words_at_fault_change_in_a_file_of_any_form() -> None:

@@ -55,8 +55,7 @@ def _modern(context: LintContext, element: Element, attribute: str) -> Fix:
 @rule("MJ117", "note", "absolute path", fix=SAFE)
 def absolute_paths(context: LintContext) -> Iterator[Violation]:
     """Yields absolute paths of files and folders below that of the model, which a copy of the model does not find."""
-    home = context.path.absolute().parent
-    folders = asset_folders(context.source)
+    home, folders = context.home, asset_folders(context.source)
     if folders.get("strippath") == "true":
         return
     for element in (*context.source.includes, *_elements(context)):
