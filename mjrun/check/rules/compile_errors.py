@@ -3,6 +3,7 @@
 import itertools
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -270,7 +271,11 @@ def _missing_range(error: CompileError, match: re.Match[str]) -> Findings:
         remedy = 'remove autolimits="false" from <compiler>, or write limited="true" or "false" beside the range'
         reason, fix = "is it limited or not?", range_fixes.enabled
     message = f"{error.text.partition('. ')[0]}: {reason}"
-    yield error.finding(MISSING_RANGE, message, remedy, fix=partial(fix, error.source))
+    finding = error.finding(MISSING_RANGE, message, remedy, fix=partial(fix, error.source))
+    culprits = [element for element, _ in range_fixes.reversed_ranges(error.source)]
+    if not finding.line and len(culprits) == 1:  # in an included file, whose lines MuJoCo does not record
+        finding = replace(finding, file=short_path(culprits[0].file), line=culprits[0].line, object=str(culprits[0]))
+    yield finding
 
 
 def _timestep(error: CompileError, match: re.Match[str]) -> Findings:

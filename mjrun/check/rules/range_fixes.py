@@ -34,11 +34,16 @@ def swapped(source: XmlSource) -> Fix | str:
     editor = ElementEditor(source.mjcf_texts)
     edits = [
         edit
-        for element, span, _ in _ranges(source)
-        if len(numbers := _numbers(element, span)) == 2 and numbers[0] > numbers[1]
+        for element, span in reversed_ranges(source)
         for edit in editor.with_words(element, span, dict(enumerate(reversed(element.attributes[span].split()))))
     ]
     return Fix(tuple(edits)) if edits else NOT_CERTAIN
+
+
+def reversed_ranges(source: XmlSource) -> list[tuple[Element, str]]:
+    """Returns each element with a reversed range, and the attribute with the range."""
+    numbers = ((element, span, _numbers(element, span)) for element, span, _ in _ranges(source))
+    return [(element, span) for element, span, values in numbers if len(values) == 2 and values[0] > values[1]]
 
 
 def _ranges(source: XmlSource) -> Iterator[tuple[Element, str, str]]:

@@ -132,3 +132,13 @@ def test_a_mesh_that_has_its_name_from_a_misspelt_file_is_not_renamed() -> None:
     assert (missing.code, missing.line, unknown.code, unknown.line) == ("MJ107", 2, "MJ109", 3)
     assert "'yes.obj'" in missing.remedy
     assert unknown.remedy == "correct the file of the <mesh> on line 2, which gives it its name"
+
+
+def test_the_only_reversed_range_is_the_place_of_the_error_in_an_included_file() -> None:
+    joint = '<joint range="{}" limited="true"/><geom size=".1"/>'
+    part = f"<mujocoinclude><worldbody>\n<body>{joint.format('2 1')}</body>\n<body>{joint.format('%s')}</body>\n"
+    for second, place in (("1 2", ("part.xml", 2)), ("3 2", ("a.xml", None))):
+        Path("part.xml").write_text(part % second + "</worldbody></mujocoinclude>")
+        Path("a.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
+        (finding,) = lint_file(Path("a.xml"))
+        assert (finding.code, finding.file, finding.line) == ("MJ303", *place)
