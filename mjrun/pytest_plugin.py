@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 UPDATE = "--mjrun-update"
 FOLDER = "golden"  # beside the file with the test
+TESTS = pytest.StashKey[dict[Path, str]]()  # by the golden table that is named after each
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,7 +44,7 @@ def assert_trace_golden(request: pytest.FixtureRequest) -> "Callable[..., TraceR
 
     Its arguments are the simulation; `golden`, the path of the table, by default `golden/MODULE/TEST.csv` beside the
     module of the test; and the options of `mjrun.Trace`, such as `probe`, `rate`, `atol` and `tol`. It returns the
-    result of the trace.
+    result of the trace. A second table of a test, or one of a test of a similar name, needs a path.
     """
     from mjrun.errors import FileError, GoldenDifferenceError
     from mjrun.outputs.trace import Trace
@@ -52,10 +53,16 @@ def assert_trace_golden(request: pytest.FixtureRequest) -> "Callable[..., TraceR
     name = re.sub(r"[^\w.-]+", "_", test).strip("_")
     usual = request.path.parent / FOLDER / request.path.stem / f"{name}.csv"
     update = bool(request.config.getoption(UPDATE))
+    tests, used = request.config.stash.setdefault(TESTS, {}), list[Path]()
 
-    def assert_golden(simulation: "Simulation", golden: str | Path = usual, **options: Any) -> "TraceResult":
+    def assert_golden(simulation: "Simulation", golden: str | Path | None = None, **options: Any) -> "TraceResult":
+        if golden is None:
+            if used or tests.setdefault(usual, test) != test:
+                pytest.fail(f"{usual} is already the table of {tests[usual]}; name another: golden=…", pytrace=False)
+            used.append(usual)
+        path = str(golden or usual)
         try:
-            return Trace(simulation, written=False, golden=str(golden), update=update, **options).run()
+            return Trace(simulation, written=False, golden=path, update=update, **options).run()
         except (FileError, GoldenDifferenceError) as error:
             pytest.fail(error.spelled(lambda name: UPDATE if name == "update" else name), pytrace=False)
 

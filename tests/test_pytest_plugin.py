@@ -26,27 +26,55 @@ class TestKicked:
 """
 
 
+def pytest_output(folder: Path, text: str, *options: str) -> str:
+    """Runs pytest on a module of this text."""
+    (folder / "test_it.py").write_text(text)
+    plugin = ["-p", pytest_plugin.__name__, "-p", "no:cacheprovider", "-q"]
+    command = [sys.executable, "-m", "pytest", *plugin, *options, str(folder / "test_it.py")]
+    # The plug-in would be registered twice where an installation has its entry point.
+    environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True).stdout
+
+
 def test_a_trace_is_compared_with_the_golden_table_of_its_test(tmp_path: Path) -> None:
     shutil.copy(ROOT / "scenes/pendulum.xml", tmp_path / "pendulum.xml")
 
     def run(duration: float, *options: str) -> str:
-        (tmp_path / "test_swing.py").write_text(TEST.format(duration=duration))
-        plugin = ["-p", pytest_plugin.__name__, "-p", "no:cacheprovider", "-q"]
-        command = [sys.executable, "-m", "pytest", *plugin, *options, str(tmp_path / "test_swing.py")]
-        # The plug-in would be registered twice where an installation has its entry point.
-        environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""}
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True).stdout
+        return pytest_output(tmp_path, TEST.format(duration=duration), *options)
 
     missing = run(0.1)
     assert "3 failed" in missing
-    assert "golden/test_swing/test_swing_1.csv: the golden table does not exist\n--mjrun-update creates it" in missing
+    assert "golden/test_it/test_swing_1.csv: the golden table does not exist\n--mjrun-update creates it" in missing
     assert "3 passed" in run(0.1, "--mjrun-update")
-    assert mjrun.read_table(tmp_path / "golden/test_swing/test_swing_2.csv")["time"][-1] == 0.1
+    assert mjrun.read_table(tmp_path / "golden/test_it/test_swing_2.csv")["time"][-1] == 0.1
     assert "3 passed" in run(0.1)
     changed = run(0.2)
     assert "3 failed" in changed
     assert "pendulum.xml differs from the golden table" in changed
     assert "--mjrun-update replaces the golden table" in changed
+
+
+TWICE = """
+import pytest
+
+
+def test_both(mjrun_simulation, assert_trace_golden):
+    for mass, golden in ((1, {}), (2, {"golden": "other.csv"}), (3, {})):
+        assert_trace_golden(mjrun_simulation("pendulum.xml", duration=0.1, set={"geom/bob.mass": mass}), **golden)
+
+
+@pytest.mark.parametrize("name", ["a/b", "a b"])
+def test_name(mjrun_simulation, assert_trace_golden, name):
+    assert_trace_golden(mjrun_simulation("pendulum.xml", duration=0.1))
+"""
+
+
+def test_two_tables_cannot_have_one_name(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "scenes/pendulum.xml", tmp_path / "pendulum.xml")
+    output = pytest_output(tmp_path, TWICE, "--mjrun-update")
+    assert "2 failed, 1 passed" in output
+    assert "golden/test_it/test_both.csv is already the table of test_both; name another" in output
+    assert "golden/test_it/test_name_a_b.csv is already the table of test_name[a/b]; name another" in output
 
 
 def test_loading_the_plugin_imports_neither_mujoco_nor_numpy() -> None:
