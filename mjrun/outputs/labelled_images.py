@@ -14,9 +14,9 @@ from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import Region, regions
-from mjrun.model.flex_bodies import carriers, flex_owners
 from mjrun.model.names import matching, names
 from mjrun.model.rendered_view import CameraCalibration, RenderedView
+from mjrun.model.soft_bodies import carriers, flex_owners, skin_owners
 from mjrun.model.stage import FLOOR, GROUND
 from mjrun.options.dataset import LabelOptions
 from mjrun.options.rendering import ViewOptions
@@ -297,9 +297,8 @@ class LabelledRenderer:
         masks = self._masks(renderer, pose, scene, seen.calibration)
         views = list[ObjectView]()
         for index, each in enumerate(scene.objects):
-            box, placed = scene.box(index), scene.pose(index)
             silhouette, truncated, outline = self._silhouette(
-                renderer, pose, scene, index, masks[index], _needed_scale(seen.calibration, box.corners(placed))
+                renderer, pose, scene, index, masks[index], _needed_scale(seen.calibration, scene.corners(index))
             )
             region = found.get(index)
             views.append(
@@ -311,8 +310,8 @@ class LabelledRenderer:
                     truncated=truncated,
                     outline=outline,
                     alone=masks[index] if self._outlines else None,
-                    pose=np.linalg.inv(seen.calibration.pose) @ placed,
-                    box=box,
+                    pose=np.linalg.inv(seen.calibration.pose) @ scene.pose(index),
+                    box=scene.box(index),
                     keypoints=_keypoints(scene.keypoints(index), seen, ids == index),
                 )
             )
@@ -393,6 +392,13 @@ class _Objects:
         """Returns the box around an object in its frame."""
         return self._boxes.box(index, self.pose(index), self._data)
 
+    def corners(self, index: int) -> np.ndarray:
+        """Returns the corners of the box around an object and of boxes around its sites `(n, 3)` [m]."""
+        sites = np.flatnonzero(self._owners["site"] == index)
+        reach = self._model.site_size[sites].max(axis=1, initial=0)[:, None, None]
+        cubes = (self._data.site_xpos[sites][:, None] + CORNERS * reach).reshape(-1, 3)
+        return np.concatenate([self.box(index).corners(self.pose(index)), cubes])
+
     def keypoints(self, index: int) -> np.ndarray:
         """Returns the positions of the keypoints of an object `(n, 3)` [m]."""
         return self._data.site_xpos[[*self.objects[index].keypoints]].reshape(-1, 3)
@@ -411,12 +417,7 @@ class _Objects:
 
     def _place(self, index: int, camera: CameraCalibration) -> np.ndarray:
         """Returns the left, top, right and bottom end of everything of an object in an image [pixels]."""
-        if self._model.nskin:  # which reaches beyond its bones
-            return EVERYWHERE
-        sites = np.flatnonzero(self._owners["site"] == index)
-        reach = self._model.site_size[sites].max(axis=1, initial=0)[:, None, None]
-        cubes = (self._data.site_xpos[sites][:, None] + CORNERS * reach).reshape(-1, 3)
-        pixels = camera.project(np.concatenate([self.box(index).corners(self.pose(index)), cubes]))
+        pixels = camera.project(self.corners(index))
         if (pixels[:, 2] <= camera.near).any():
             return EVERYWHERE
         low, high = pixels[:, :2].min(axis=0), pixels[:, :2].max(axis=0)
@@ -446,7 +447,7 @@ def _bodies_of(model: mujoco.MjModel, kind: str) -> np.ndarray:
         case "flex":
             return flex_owners(model)
         case "skin":
-            return np.array([model.skin_bonebodyid[first] for first in model.skin_boneadr], int)
+            return skin_owners(model)
         case _:
             return np.full(int(model.ntendon), NOTHING)
 

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.model.flex_bodies import flex_owners
+from mjrun.model.soft_bodies import flex_owners, skin_owners
+from mjrun.rendering.drawn_model import VISIBLE_GROUPS
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)
 PLANE = mujoco.mjtGeom.mjGEOM_PLANE
@@ -46,7 +47,7 @@ class ObjectBox:
 
 
 class ObjectBoxes:
-    """The boxes around the visible geoms and the flexes of objects.
+    """The boxes around the visible geoms, the flexes and the skins of objects.
 
     They are exact for geoms of the object's own body; other geoms are as large as their own boxes.
 
@@ -63,25 +64,35 @@ class ObjectBoxes:
             if (owner := int(owners[body])) >= 0:
                 corners = (_exact_corners if body == roots[owner] else _own_corners)(model, int(geom))
                 self._parts.setdefault(owner, []).append((body, corners))
-        self._vertices: dict[int, np.ndarray] = {}
-        for flex, body in enumerate(flex_owners(model)):
-            if (owner := int(owners[body])) >= 0:
-                first, count = int(model.flex_vertadr[flex]), int(model.flex_vertnum[flex])
-                vertices = np.arange(first, first + count)
-                self._vertices[owner] = np.append(self._vertices.get(owner, np.empty(0, int)), vertices)
+        self._flexes = _vertex_owners(owners, flex_owners(model), model.flex_group, model.flex_vertnum)
+        self._skins = _vertex_owners(owners, skin_owners(model), model.skin_group, model.skin_vertnum)
+        self._model, self._scene = model, mujoco.MjvScene(model, 1)  # which computes the vertices of skins
 
     def box(self, index: int, pose: np.ndarray, data: mujoco.MjData) -> ObjectBox:
         """Returns the box around an object at `pose` `(4, 4)`, world from object; empty if nothing is visible."""
         points = [
             data.xpos[body] + corners @ data.xmat[body].reshape(3, 3).T for body, corners in self._parts.get(index, ())
         ]
-        if index in self._vertices:
-            points.append(data.flexvert_xpos[self._vertices[index]])
-        if not points:
+        points.append(data.flexvert_xpos[self._flexes == index])
+        if index in self._skins:
+            mujoco.mjv_updateScene(self._model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 0, self._scene)
+            points.append(self._scene.skinvert.reshape(-1, 3)[self._skins == index])
+        if not any(map(len, points)):
             return ObjectBox(np.zeros(3), np.zeros(3))
         local = (np.concatenate(points) - pose[:3, 3]) @ pose[:3, :3]
         low, high = local.min(axis=0), local.max(axis=0)
         return ObjectBox((low + high) / 2, high - low)
+
+
+def _vertex_owners(owners: np.ndarray, bodies: np.ndarray, groups: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Returns the object of each vertex of flexes or skins, −1 for none.
+
+    Args:
+      owners: the object that each body belongs to.
+      bodies, groups, counts: the body, the group and the number of vertices of each flex or skin.
+    """
+    visible = np.isin(groups, VISIBLE_GROUPS)
+    return np.repeat(np.where(visible, np.append(owners, -1)[bodies], -1), counts)
 
 
 def _own_corners(model: mujoco.MjModel, geom: int) -> np.ndarray:

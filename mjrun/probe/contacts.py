@@ -10,8 +10,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
-from mjrun.model.flex_bodies import carriers
 from mjrun.model.names import PLURALS, identify, names
+from mjrun.model.soft_bodies import carriers
 from mjrun.model.table_column import Column
 from mjrun.probe.copied_contacts import ContactProbe, RecordedContacts
 

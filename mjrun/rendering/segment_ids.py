@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError
-from mjrun.model.flex_bodies import flex_owners
 from mjrun.model.names import KINDS, names
 from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.soft_bodies import flex_owners, skin_owners
 
 NOTHING = -1
 BODY_OF = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid", "camera": "cam_bodyid"}
@@ -62,10 +62,7 @@ class Segmentation:
         for kind, owners in BODY_OF.items():
             self._ids_by_type[int(KINDS[kind])] = index[getattr(model, owners)].astype(np.int32)
         self._ids_by_type[int(KINDS["flex"])] = index[flex_owners(model)].astype(np.int32)
-        # A skin belongs to the body of its first bone.
-        skins = zip(model.skin_boneadr, model.skin_bonenum, strict=True)
-        ids = [index[model.skin_bonebodyid[first]] if count else NOTHING for first, count in skins]
-        self._ids_by_type[int(KINDS["skin"])] = np.array(ids, np.int32)
+        self._ids_by_type[int(KINDS["skin"])] = np.append(index, NOTHING)[skin_owners(model)].astype(np.int32)
 
 
 def groupings() -> Sequence[str]:

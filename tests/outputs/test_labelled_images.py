@@ -91,6 +91,23 @@ def test_a_flex_is_one_object_pinned_or_interpolated() -> None:
     assert image.views[2].box.size.max() == pytest.approx(0.1)
 
 
+SKINNED = """<mujoco><worldbody><light pos="0 0 3"/>
+  <camera name="half" pos=".26667 0 2" projection="orthographic" fovy=".4"/>
+  <body name="sheet"><freejoint/><geom size=".1" group="4"/></body></worldbody>
+  <deformable><skin vertex="-.2 -.1 0  .2 -.1 0  -.2 .1 0  .2 .1 0" face="0 1 2  2 1 3">
+    <bone body="sheet" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2 3" vertweight="1 1 1 1"/></skin></deformable>
+  </mujoco>"""
+
+
+def test_a_skin_is_part_of_its_object_also_outside_of_the_image() -> None:
+    model = mujoco.MjModel.from_xml_string(SKINNED)
+    renderer = LabelledRenderer(LabelOptions(size=SIZE))
+    (view,) = pictured(renderer, model, "half").views
+    renderer.close()
+    np.testing.assert_allclose(view.box.size, [0.4, 0.2, 0], atol=1e-6)
+    assert view.truncated == pytest.approx(0.5, abs=0.02)
+
+
 def test_colours_are_those_of_a_rendering_of_each_model_in_turn(renderer: LabelledRenderer) -> None:
     model = compiled()
     first = pictured(renderer, model)

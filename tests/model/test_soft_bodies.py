@@ -1,8 +1,8 @@
-"""The bodies of flexes, against the names that MuJoCo's compiler gives them."""
+"""The bodies of flexes and skins, against the names that MuJoCo's compiler gives them."""
 
 import mujoco
 
-from mjrun.model.flex_bodies import carriers, flex_owners
+from mjrun.model.soft_bodies import carriers, flex_owners
 from tests.cases import cases
 
 FLEX = """<mujoco><worldbody><body name="arm"><geom size=".1"/><flexcomp name="c" type="grid" dim="3" count="2 2 2"

@@ -1,4 +1,4 @@
-"""The bodies of flexes."""
+"""The bodies of flexes and skins."""
 
 import mujoco
 import numpy as np
@@ -20,3 +20,9 @@ def flex_owners(model: mujoco.MjModel) -> np.ndarray:
     The world carries vertices that are pinned.
     """
     return np.array([next(filter(None, carriers(model, flex)), 0) for flex in range(model.nflex)], int)
+
+
+def skin_owners(model: mujoco.MjModel) -> np.ndarray:
+    """Returns the body that each skin belongs to `(nskin,)`, that of its first bone; −1 for none."""
+    bones = zip(model.skin_boneadr.tolist(), model.skin_bonenum.tolist(), strict=True)
+    return np.array([model.skin_bonebodyid[first] if count else -1 for first, count in bones], int)
