@@ -148,18 +148,27 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
 def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[TableReader, list[str]]]:
     """Opens both tables with their common columns; returns each with the names of all of its columns."""
     first, second = (b, a) if b == STDIN else (a, b)  # standard input can be opened once only
-    second_names, first_names = _names(second), list[str]()
+    second_names, first_names, opened = _names(second), list[str](), list[TableReader]()
     others = set(second_names)
     own = ResultTableKind.of(second_names)
     keys = {TIME, *_named_keys(options), *(own.keys if own else ())}
 
+    def is_late(name: str) -> bool:
+        """Returns whether a key that the first row of JSON Lines lacks belongs to the comparison, which then fails."""
+        return not options.common and _is_chosen(name, options)
+
     def is_common(name: str) -> bool:
+        if opened:
+            return is_late(name)
         first_names.append(name)
         return name in others and (name in keys or _is_chosen(name, options))
 
-    reader = stack.enter_context(open_table(first, is_common, exact=True))
-    other = stack.enter_context(open_table(second, reader.names, exact=True))
-    both = [(reader, first_names), (other, second_names)]
+    def is_shared(name: str) -> bool:
+        return name in opened[0].names if name in others else is_late(name)
+
+    opened.append(stack.enter_context(open_table(first, is_common, exact=True)))
+    opened.append(stack.enter_context(open_table(second, is_shared, exact=True)))
+    both = [*zip(opened, (first_names, second_names), strict=True)]
     return both[::-1] if b == STDIN else both
 
 

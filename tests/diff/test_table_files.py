@@ -184,6 +184,19 @@ def test_columns_of_lists_may_be_there_if_they_are_not_compared(tmp_path: Path) 
     assert refused.value.spelled(str).endswith("columns selects the columns to compare; others may contain anything")
 
 
+def test_a_column_that_begins_after_the_first_row_is_not_overlooked(tmp_path: Path) -> None:
+    pair = str(tmp_path / "a.jsonl"), str(tmp_path / "b.jsonl")
+    for path, late in zip(pair, (1, 2), strict=True):
+        Path(path).write_text(f'{{"time": 0, "x": 1}}\n{{"time": 1, "x": 1, "late": {late}}}\n')
+    with pytest.raises(FileError, match="column 'late' is not in the first row"):
+        compare(*pair, TableDiffOptions())
+    Path(pair[0]).write_text('{"time": 0, "x": 1}\n{"time": 1, "x": 1}\n')
+    with pytest.raises(FileError, match="column 'late' is not in the first row"):
+        compare(*pair, TableDiffOptions())
+    for options in (TableDiffOptions(columns="x"), TableDiffOptions(common=True)):
+        assert differing(compare(*pair, options)) == []
+
+
 BIG = [2**53 + 3, -(2**60) - 1, 2**63 - 1]
 
 

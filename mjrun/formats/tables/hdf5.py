@@ -10,7 +10,7 @@ Attributes of variable length are ignored. Columns of variable length are read b
 unless they are compressed.
 
 In a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`, if it has
-two dimensions. Links to other files are not followed.
+two dimensions. Links to other files are not followed: a column behind one cannot be read.
 
 Columns are written whole, so rows wait in an unnamed file beside the table until the last one has arrived.
 """
@@ -25,7 +25,7 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
-from mjrun.errors import clean
+from mjrun.errors import FileError, clean
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name
@@ -96,9 +96,13 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     with decoding(path):
         archive = h5py.File(file, "r")
         datasets = dict(sorted(_datasets(archive), key=lambda item: _index(item[1])))
-        arrays = [(name, dataset.shape or (), dataset) for name, dataset in datasets.items()]
+        arrays = [(name, () if dataset is None else dataset.shape or (), dataset) for name, dataset in datasets.items()]
         manifest = parse_manifest("".join(_manifest(archive)))
-    columns = tables.select_parts(path, arrays, wanted)
+    columns = dict[str, tuple[h5py.Dataset, int]]()
+    for column, (dataset, part) in tables.select_parts(path, arrays, wanted).items():
+        if dataset is None:
+            raise FileError(path, f"column {tables.shown(column)} is in another file, which is not read")
+        columns[column] = dataset, part
     with decoding(path):
         units = {column: _text(dataset, "unit") for column, (dataset, _) in columns.items()}
     rows = max(((dataset.shape or (0,))[0] for dataset, _ in columns.values()), default=0)
@@ -186,12 +190,13 @@ class _TextReader:
 
 def _datasets(
     group: h5py.Group, prefix: str = "", within: tuple[h5py.Group, ...] = ()
-) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Yields every dataset below a group with its name, except those in other files, and groups within themselves."""
+) -> Iterator[tuple[str, h5py.Dataset | None]]:
+    """Yields every dataset below a group with its name; None for one in another file. Groups within themselves end."""
     if group in within or len(within) == DEEPEST:
         return
     for key in group:
         if isinstance(group.get(key, getlink=True), h5py.ExternalLink):
+            yield f"{prefix}{key}", None
             continue
         item = group.get(key)
         if isinstance(item, h5py.Dataset):
@@ -200,9 +205,9 @@ def _datasets(
             yield from _datasets(item, f"{prefix}{key}/", (*within, group))
 
 
-def _index(dataset: h5py.Dataset) -> int:
+def _index(dataset: h5py.Dataset | None) -> int:
     """Returns the place of a column in the table; 0 if mjrun did not write it."""
-    if "index" not in dataset.attrs:
+    if dataset is None or "index" not in dataset.attrs:
         return 0
     attribute = dataset.attrs.get_id("index")
     index: Any = dataset.attrs["index"]
