@@ -16,6 +16,7 @@ HORIZON = 8 * SHORTEST  # held-out rows predicted from one initial state
 TIME = Column("time", "s", "time in the log")
 HELD = Column("holdout", meaning="whether the row was held out of the fit", integer=True)
 LOG = Column("log", meaning="index of the table that the row belongs to, from 0", integer=True)
+Solutions = Mapping[tuple[str, str], Solution]  # by part, `fitted` or `held`, and model, `nominal` or `fitted`
 WHICH = {"nominal": "predicted by the original model", "fitted": "predicted by the fitted model"}
 
 
@@ -27,11 +28,11 @@ def comparison_columns(signals: Sequence[Column]) -> list[Column]:
     return [*columns, HELD, LOG]
 
 
-def comparison_rows(comparisons: Mapping[tuple[str, str], Solution], logs: Sequence[str]) -> np.ndarray:
+def comparison_rows(comparisons: Solutions, logs: Sequence[str]) -> np.ndarray:
     """Returns a row for each sample, in the order of the logs and of time: `(n, columns)`.
 
     Args:
-      comparisons: predictions by part, `fitted` or `held`, and model, `nominal` or `fitted`.
+      comparisons: the predictions.
       logs: names of the measured tables.
     """
     rows = np.concatenate(
@@ -51,7 +52,7 @@ def write_comparison(stack: ExitStack, path: str, signals: Sequence[Column], row
     return writer
 
 
-def _rows(part: str, comparisons: Mapping[tuple[str, str], Solution], logs: Sequence[str]) -> np.ndarray:
+def _rows(part: str, comparisons: Solutions, logs: Sequence[str]) -> np.ndarray:
     solutions = [comparisons[part, which] for which in WHICH]
     chunks = solutions[0].chunks
     tables: list[np.ndarray] = []

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnidentifiableError, UsageError, clean, listing, option
@@ -18,7 +17,7 @@ from mjrun.fitting.limited_chirps import MotionLimits, chirps, control_room
 from mjrun.fitting.measurements import CONTROLS, Segment, commands
 from mjrun.fitting.prediction import Chunk, ChunkSimulation, Predictor
 from mjrun.fitting.shooting_fit import Shooting
-from mjrun.fitting.solution import Solution
+from mjrun.fitting.solution import Floats, Solution
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
@@ -38,8 +37,6 @@ CORNERS = 8  # limit of corners of the bounds of the parameters
 RIVALS = 4  # number of inputs that are weakened if none is within limits at the corners
 WEAKER = 0.7  # factor by which chirps are weakened until the motion is within limits
 TRIES = 12
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Fits of parameters of a model to measurements, with confidence intervals and a verdict."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from mjrun.errors import (
     option,
     spelled,
 )
-from mjrun.fitting.comparison import HORIZON
+from mjrun.fitting.comparison import HORIZON, Solutions
 from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fitting.measurements import CONTROLS, read_measurements
@@ -39,7 +39,6 @@ from mjrun.simulation.simulation import Simulation, require_simulation, require_
 ENOUGH = 4  # least measured numbers per unknown
 TOLERANCE = 1e-3  # relative difference of costs due to rounding
 
-Solutions = Mapping[tuple[str, str], Solution]
 Partial = Callable[[FitResult], None]
 
 

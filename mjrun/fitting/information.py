@@ -218,8 +218,7 @@ def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Fl
     if statistic > special.chdtri(tested, DOUBT):
         return False
 
-    values, vectors = np.linalg.eigh(whole)
-    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    root = _inverse_root(whole)
     shares = np.einsum("ji,bjk,ki->bi", root, informations, root)
     expected = (shares * (1 - shares)).sum(axis=0)
     freedom = np.maximum(shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300) - 1, 1.0)
@@ -231,9 +230,8 @@ def _scattered(solution: Solution, whole: Floats, generator: np.random.Generator
     """Draws deviations of the coordinates from the truth by Student's t, `(DRAWS, p)`."""
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     freedom = max(numbers - solution.unknowns, 1)
-    values, vectors = np.linalg.eigh(whole)
-    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
-    draws = generator.normal(size=(DRAWS // 2, len(values)))
+    root = _inverse_root(whole)
+    draws = generator.normal(size=(DRAWS // 2, len(whole)))
     draws = np.concatenate([draws, -draws]) * solution.cost * np.sqrt(numbers / freedom)
     return draws / np.sqrt(generator.chisquare(freedom, (DRAWS, 1)) / freedom) @ root.T
 
@@ -256,12 +254,17 @@ def _unfitted(scores: Floats, informations: Floats, whole: Floats) -> Floats:
     R. M. Bell, D. F. McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples"
     (2002), the jackknife.
     """
-    values, vectors = np.linalg.eigh(whole)
-    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))  # of the inverse
+    root = _inverse_root(whole)
     leverages, directions = np.linalg.eigh(root.T @ informations @ root)
     in_directions = np.einsum("bij,bi->bj", directions, scores @ root)
     grown = in_directions / (1 - np.minimum(leverages, MOST_LEVERAGE))
     return np.einsum("bij,bj->bi", directions, grown) @ np.linalg.pinv(root)
+
+
+def _inverse_root(whole: Floats) -> Floats:
+    """Returns a root R of the inverse of an information, R Rᵀ."""
+    values, vectors = np.linalg.eigh(whole)
+    return vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
 
 
 def _degrees_of_freedom(informations: Floats, whole: Floats) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, option
 from mjrun.fitting.rotations_and_noise import Floats
-from mjrun.model.names import control_names
+from mjrun.model.names import SCALAR_JOINTS, control_names
 from mjrun.model.table_column import Column
 from mjrun.probe.fields import field_probe
 
@@ -78,7 +78,6 @@ def _range(model: mujoco.MjModel, index: int) -> tuple[float, float] | None:
 
 SLACK = 0.01  # margin at both ends of a range, as a share of it
 FIELDS = ("qpos", "qvel", "actuator_force", "qfrc_actuator")
-_SLIDING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 class MotionLimits:
@@ -96,7 +95,7 @@ class MotionLimits:
     def __init__(self, model: mujoco.MjModel, speed: float | None) -> None:
         ranges = {field: np.tile([-np.inf, np.inf], (len(field_probe(model, field).columns), 1)) for field in FIELDS}
         limits = {field: np.zeros(len(values), bool) for field, values in ranges.items()}
-        for joint in np.flatnonzero(np.isin(model.jnt_type, _SLIDING)):
+        for joint in np.flatnonzero(np.isin(model.jnt_type, SCALAR_JOINTS)):
             position, velocity = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
             limits["qpos"][position] = limits["qvel"][velocity] = True
             if model.jnt_limited[joint]:

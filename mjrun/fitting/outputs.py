@@ -1,20 +1,19 @@
 """The files of a fit: their names are checked before hours of fitting, and all of them appear together, or none."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
-from mjrun.fitting.comparison import comparison_rows, write_comparison
+from mjrun.fitting.comparison import Solutions, comparison_rows, write_comparison
 from mjrun.fitting.fit_page import write_fit_page
 from mjrun.fitting.fit_video import FitVideo, VideoStretch
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter
-from mjrun.fitting.solution import Solution
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.tables import output_format
@@ -33,8 +32,6 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import is_yaml
 
 SUFFIX = ".xml"
-
-Solutions = Mapping[tuple[str, str], Solution]
 
 
 class FitOutputs:

@@ -95,6 +95,8 @@ class _Document:
         self._indices: dict[tuple[str, object], int] = {}
         self._primitives: dict[Mesh, dict[str, Any]] = {}
         self._inputs: dict[bytes, int] = {}
+        self._times = np.asarray(motion.times if motion else (), np.float32)
+        self._samplers, self._channels = list[dict[str, Any]](), list[dict[str, Any]]()
         children: dict[int, list[int]] = {}
         for index, node in enumerate(graph.nodes):
             children.setdefault(node.parent, []).append(index)
@@ -227,36 +229,26 @@ class _Document:
 
     def _animate(self, motion: SceneMotion) -> None:
         """Adds an animation of everything that moves; its samplers share the times of the frames."""
-        times = np.asarray(motion.times, np.float32)
-        if np.any(np.diff(times) <= 0):
+        if np.any(np.diff(self._times) <= 0):
             last = float(motion.times[-1])
             raise UsageError(f"the frames up to {last:g} s are too close together for the times of binary glTF")
-        animation = _Animation()
-        every = np.arange(len(times))
+        every = np.arange(len(self._times))
         for column, node in enumerate(motion.nodes):
             parts = {"translation": motion.positions[:, column], "rotation": motion.quaternions[:, column]}
-            self._add_channels(animation, node, parts, times, every)
+            self._add_channels(node, parts, every)
         for track in motion.tracks:
             parts = {"translation": track.positions, "rotation": track.quaternions, "scale": track.scales}
-            self._add_channels(animation, track.node, parts, times, track.frames, "LINEAR" if track.smooth else "STEP")
+            self._add_channels(track.node, parts, track.frames, "LINEAR" if track.smooth else "STEP")
         for shapes in motion.deformations:
             if len(shapes.frames) > 1:
                 weights = np.eye(len(shapes.frames), dtype=np.float32)[:, 1:]
                 output = self._array(np.ascontiguousarray(weights).ravel())
-                self._add_channel(animation, shapes.node, "weights", times, shapes.frames, output, "LINEAR")
-        if animation.channels:
-            self.json["animations"] = [
-                {"name": "simulation", "samplers": animation.samplers, "channels": animation.channels}
-            ]
+                self._add_channel(shapes.node, "weights", shapes.frames, output, "LINEAR")
+        if self._channels:
+            self.json["animations"] = [{"name": "simulation", "samplers": self._samplers, "channels": self._channels}]
 
     def _add_channels(
-        self,
-        animation: "_Animation",
-        node: int,
-        parts: Mapping[str, np.ndarray],
-        times: np.ndarray,
-        frames: np.ndarray,
-        interpolation: str = "LINEAR",
+        self, node: int, parts: Mapping[str, np.ndarray], frames: np.ndarray, interpolation: str = "LINEAR"
     ) -> None:
         """Adds the properties of a node that change."""
         for path, values in parts.items():
@@ -264,31 +256,19 @@ class _Document:
                 content = partial(_rotations if path == "rotation" else _float32, values)
                 view = self._later(content, 4 * values.size)
                 output = self._accessor(view, len(values), values.shape[1], FLOAT)
-                self._add_channel(animation, node, path, times, frames, output, interpolation)
+                self._add_channel(node, path, frames, output, interpolation)
 
-    def _add_channel(
-        self,
-        animation: "_Animation",
-        node: int,
-        path: str,
-        times: np.ndarray,
-        frames: np.ndarray,
-        output: int,
-        interpolation: str,
-    ) -> None:
+    def _add_channel(self, node: int, path: str, frames: np.ndarray, output: int, interpolation: str) -> None:
         """Adds a property of a node, given the accessor of its values at some frames."""
-        sampler: dict[str, Any] = {"input": self._input(times, frames), "output": output}
-        sampler["interpolation"] = interpolation
-        if len(frames) < len(times):
-            sampler["extras"] = {"frames": frames.tolist()}  # for viewers that play by frame
-        animation.add(node, path, sampler)
-
-    def _input(self, times: np.ndarray, frames: np.ndarray) -> int:
-        """Returns the index of the accessor with the times of some frames."""
         key = frames.tobytes()
         if key not in self._inputs:
-            self._inputs[key] = self._array(times[frames], limits=True)
-        return self._inputs[key]
+            self._inputs[key] = self._array(self._times[frames], limits=True)
+        sampler: dict[str, Any] = {"input": self._inputs[key], "output": output}
+        sampler["interpolation"] = interpolation
+        if len(frames) < len(self._times):
+            sampler["extras"] = {"frames": frames.tolist()}  # for viewers that play by frame
+        self._channels.append({"sampler": len(self._samplers), "target": {"node": node, "path": path}})
+        self._samplers.append(sampler)
 
     def _array(self, values: np.ndarray, target: int | None = None, limits: bool = False) -> int:
         """Adds an array; returns the index of its accessor."""
@@ -326,18 +306,6 @@ class _Document:
         if (name, key) not in self._indices:
             self._indices[name, key] = self._add(name, make())
         return self._indices[name, key]
-
-
-class _Animation:
-    """The samplers and channels of an animation."""
-
-    def __init__(self) -> None:
-        self.samplers, self.channels = list[dict[str, Any]](), list[dict[str, Any]]()
-
-    def add(self, node: int, path: str, sampler: dict[str, Any]) -> None:
-        """Adds the motion of a property of a node."""
-        self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
-        self.samplers.append(sampler)
 
 
 def xyzw(quaternions: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from mjrun.errors import UnknownNameError
 
@@ -45,6 +46,8 @@ KIND_OF = {int(obj): kind for kind, obj in KINDS.items()} | {int(mujoco.mjtObj.m
 PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes", "mesh": "meshes"}
 
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 ROTATION = ("wx", "wy", "wz")
 # The components of qpos and qvel of a joint by its type.
@@ -107,6 +110,12 @@ def actuator_parts(model: mujoco.MjModel, counts: Iterable[int]) -> list[tuple[s
     for actuator, (name, count) in enumerate(zip(names(model, "actuator"), map(int, counts), strict=True)):
         parts += [(f"{name}/{i}" if count > 1 else name, actuator) for i in range(count)]
     return parts
+
+
+def actuators_of(model: mujoco.MjModel, joint: int) -> list[int]:
+    """Returns the actuators of a joint."""
+    is_of_joint = np.isin(model.actuator_trntype, JOINT_TRANSMISSIONS) & (model.actuator_trnid[:, 0] == joint)
+    return np.flatnonzero(is_of_joint).tolist()
 
 
 def control_names(model: mujoco.MjModel) -> list[str]:

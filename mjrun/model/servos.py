@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, counted, option
+from mjrun.model.names import SCALAR_JOINTS
 from mjrun.options.model import AUTO, parse_gains
 
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -52,7 +53,7 @@ def servos(model: mujoco.MjModel) -> list[int]:
         and model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
         and model.actuator_dyntype[index] != mujoco.mjtDyn.mjDYN_INTEGRATOR
         and model.actuator_biasprm[index, 1] != 0
-        and int(model.jnt_type[model.actuator_trnid[index, 0]]) in (int(HINGE), int(SLIDE))
+        and int(model.jnt_type[model.actuator_trnid[index, 0]]) in SCALAR_JOINTS
     ]
 
 

@@ -8,8 +8,9 @@ forces [N]: contact_force/*         a panel with its own title and unit
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatchcase
+from typing import TypeVar
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option, quoted
@@ -18,6 +19,8 @@ from mjrun.options.number_kinds import Range
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
+
+T = TypeVar("T")
 
 _TITLE = re.compile(r"\s*((?:[^:='`]|:(?!\s))+?)\s*:\s+(.*)", re.DOTALL)
 _LABEL = re.compile(r"\s*([^='`]*[^='`\s])\s*=(.*)", re.DOTALL)
@@ -146,41 +149,34 @@ def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
 
 
 def parse_ylim(texts: Sequence[str], panels: int) -> dict[int, tuple[float, float]]:
-    """Returns the ranges of y axes by panel, counted from 0; the range of one panel precedes that of all.
-
-    Raises:
-      BadValueError: a text is not a range.
-      UsageError: the figure has fewer panels.
-    """
-    everywhere, limits = dict[int, tuple[float, float]](), dict[int, tuple[float, float]]()
-    for index, text in enumerate(texts):
-        with concerning("ylim", index):
-            numbered = _PANEL.fullmatch(text)
-            try:
-                limit = Range().parse(numbered[2] if numbered else text)
-            except InvalidValueError as error:
-                raise BadValueError(option("ylim"), text, error.expected) from None
-            if numbered:
-                limits[panel_index(int(numbered[1]), panels, "ylim")] = limit
-            else:
-                everywhere = dict.fromkeys(range(panels), limit)
-    return everywhere | limits
+    """Returns the ranges of y axes by panel; raises BadValueError if a text is not a range."""
+    return _by_panel("ylim", texts, panels, Range().parse)
 
 
 def parse_ylabel(texts: Sequence[str], panels: int) -> dict[int, str]:
-    """Returns the labels of y axes by panel, counted from 0; the label of one panel precedes that of all.
+    """Returns the labels of y axes by panel."""
+    return _by_panel("ylabel", texts, panels, str.strip)
+
+
+def _by_panel(name: str, texts: Sequence[str], panels: int, parse: Callable[[str], T]) -> dict[int, T]:
+    """Returns the values of an option by panel, counted from 0; the value of one panel precedes that of all.
 
     Raises:
       UsageError: the figure has fewer panels.
     """
-    everywhere, labels = dict[int, str](), dict[int, str]()
+    everywhere, own = dict[int, T](), dict[int, T]()
     for index, text in enumerate(texts):
-        with concerning("ylabel", index):
-            if numbered := _PANEL.fullmatch(text):
-                labels[panel_index(int(numbered[1]), panels, "ylabel")] = numbered[2].strip()
+        with concerning(name, index):
+            numbered = _PANEL.fullmatch(text)
+            try:
+                value = parse(numbered[2] if numbered else text)
+            except InvalidValueError as error:
+                raise BadValueError(option(name), text, error.expected) from None
+            if numbered:
+                own[panel_index(int(numbered[1]), panels, name)] = value
             else:
-                everywhere = dict.fromkeys(range(panels), text)
-    return everywhere | labels
+                everywhere = dict.fromkeys(range(panels), value)
+    return everywhere | own
 
 
 def parse_marks(texts: Sequence[str], panels: int) -> list[ReferenceLine]:

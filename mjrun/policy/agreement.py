@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, counted, listing, option
-from mjrun.model.names import names
+from mjrun.model.names import JOINT_TRANSMISSIONS, names
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
-from mjrun.policy.inferred_task import JOINTS
+from mjrun.policy.inferred_task import JOINTS, last_part
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
-from mjrun.task.action_map import TRANSMISSIONS
 from mjrun.task.observation_plan import ObservedNumber
 from mjrun.task.task import Observation, Task
 from mjrun.task.worlds import TaskWorlds
@@ -43,7 +42,7 @@ class _Comparison:
         self._task, self._facts = task, facts
         self._worlds = TaskWorlds(task, 1, threads=1)
         self._model = self._worlds.model(0)
-        self._joints = tuple(map(_last, facts.joints or ()))
+        self._joints = tuple(map(last_part, facts.joints or ()))
         self._terms: dict[str, list[ObservedNumber]] = {}
         for number in self._worlds.observed:
             self._terms.setdefault(number.term, []).append(number)
@@ -124,7 +123,7 @@ class _Comparison:
         if part.history not in (None, term.history):
             yield f"history of {label}: {_both(str(part.history), str(term.history))}"
         latest = [number for number in numbers if number.delay == term.delay]
-        elements = [_last(number.source) for number in latest]
+        elements = [last_part(number.source) for number in latest]
         scales = [number.scale for number in latest]
         quantity = JOINTS.get(part.kind or part.name)
         groups = {number.source.partition("/")[0] for number in latest}
@@ -149,13 +148,13 @@ class _Comparison:
                 offsets = [number.offset for number in latest]
                 yield from self._numbers(f"default pose in {label}", defaults, offsets, elements)
         if part.elements and len(part.elements) == len(elements):
-            in_file = [_last(element) for element in part.elements]
+            in_file = [last_part(element) for element in part.elements]
             if in_file != elements and (sorted(in_file) == sorted(elements) or term.joints is not None):
                 yield f"order of {label}: {_both(listing(in_file), listing(elements))}"
 
     def _term_order(self, name: str, numbers: Sequence[ObservedNumber]) -> Iterator[str]:
         """Compares the order of joints and of quaternion components in a term of any name."""
-        elements = [_last(number.source) for number in numbers if number.delay == numbers[-1].delay]
+        elements = [last_part(number.source) for number in numbers if number.delay == numbers[-1].delay]
         in_task = [element for element in elements if element in self._joints]
         in_file = [joint for joint in self._joints if joint in in_task]
         is_declared = any(part.name == name and part.elements for part in self._facts.observations or ())
@@ -172,7 +171,7 @@ class _Comparison:
     def _actions(self) -> Iterator[str]:
         facts, actions = self._facts, self._worlds.actions
         joints = self._driven_joints
-        known = [*map(_last, facts.action_joints or ())] or [joint for joint in self._joints if joint in joints]
+        known = [*map(last_part, facts.action_joints or ())] or [joint for joint in self._joints if joint in joints]
         if len(known) == len(joints) and known != joints:
             yield f"order of actions: {_both(listing(known), listing(joints))}"
             return
@@ -199,9 +198,9 @@ class _Comparison:
         driven: list[str] = []
         for each in self._worlds.actions.driven:
             actuator = each.actuator(self._model)
-            is_of_joint = each.joint < 0 and self._model.actuator_trntype[actuator] in TRANSMISSIONS
+            is_of_joint = each.joint < 0 and self._model.actuator_trntype[actuator] in JOINT_TRANSMISSIONS
             joint = int(self._model.actuator_trnid[actuator, 0]) if is_of_joint else each.joint
-            driven.append(_last(each.name if joint < 0 else joints[joint]))
+            driven.append(last_part(each.name if joint < 0 else joints[joint]))
         return driven
 
     @property
@@ -291,7 +290,3 @@ def _is_within(term: str, part: str) -> bool:
 
 def _both(policy: str, task: str) -> str:
     return f"the policy has {policy}; the task has {task}"
-
-
-def _last(name: str) -> str:
-    return name.rpartition("/")[2]

@@ -8,12 +8,11 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option, quoted
-from mjrun.model.names import names
+from mjrun.model.names import actuators_of, names
 from mjrun.model.source import CollectionModelSource, Source
 from mjrun.options.option import is_given, options_of
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
 from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
-from mjrun.task.action_map import actuators_of
 from mjrun.task.task import Action, Observation, Reset, Task
 
 DURATION = Fraction(5)  # [s], the default duration of simulations
@@ -172,13 +171,18 @@ class _Draft:
 
     def _joint(self, name: str) -> str:
         """Returns the name of a joint in the model, where a scene may add a prefix: `robot/knee`."""
-        alike = [each for each in self._names if _last(each) == _last(name)]
+        alike = [each for each in self._names if last_part(each) == last_part(name)]
         if len(alike) == 1 or name in alike:
             return name if name in alike else alike[0]
         if alike:
             message = f"joint {quoted(name)} of the policy may be {' or '.join(map(quoted, alike))} of the model"
             raise UsageError(f"{message}; name it in a task document", ("policy",))
-        raise UnknownNameError("joint", name, [*map(_last, self._names)], where="the model, which the policy names")
+        raise UnknownNameError("joint", name, [*map(last_part, self._names)], where="the model, which the policy names")
+
+
+def last_part(name: str) -> str:
+    """Returns a name without the prefix of a scene: `knee` of `robot/knee`."""
+    return name.rpartition("/")[2]
 
 
 def _line(term: Observation | Action) -> str:
@@ -187,7 +191,3 @@ def _line(term: Observation | Action) -> str:
     given = [each for each in options_of(declared) if each.is_required or is_given(term, each.name)]
     pairs = [f"{each.key}: {json.dumps(each.kind.plain(vars(term)[each.attribute]))}" for each in given]
     return f"    - {{{', '.join(pairs)}}}"
-
-
-def _last(name: str) -> str:
-    return name.rpartition("/")[2]

@@ -14,7 +14,7 @@ from mjrun.errors import clean, option
 from mjrun.model.names import enum_members, object_names
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping
-from mjrun.scene_graph.meshes import unique_rows
+from mjrun.scene_graph.meshes import unique_rows, unit
 from mjrun.scene_graph.visualizer_geoms import ItemRecorder, Shapes, flex_ends
 from mjrun.scene_graph.walk import SKIN, UNSCALED, ModelWalk, is_attached, matrix_quaternion, toward
 
@@ -263,7 +263,7 @@ class _FlexRecorder:
         if not self.remark and (frame % self._stride == 0 or is_last):
             self._frames.append(frame)
             self._positions.append(positions[self._first].copy())
-            self._normals.append(_unit(normals[self._first]))
+            self._normals.append(unit(normals[self._first]))
 
     def finished(self, index: int) -> tuple[Node, Deformation] | None:
         """Returns the node, whose index is given, and the motion of its vertices; None without vertices."""
@@ -293,12 +293,6 @@ def _numbers(shape: tuple[int, ...]) -> np.ndarray:
         return np.empty(shape)
     with tempfile.TemporaryFile() as file:
         return np.memmap(file, np.float64, "w+", shape=shape)
-
-
-def _unit(normals: np.ndarray) -> np.ndarray:
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    up = np.array([0, 0, 1], np.float32)
-    return np.where(lengths > 0, normals / np.where(lengths > 0, lengths, 1), up).astype(np.float32)
 
 
 def _without_contacts(options: mujoco.MjvOption) -> mujoco.MjvOption:

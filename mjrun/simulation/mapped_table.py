@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, near, option
 from mjrun.formats.table_reader import open_table, read_table
-from mjrun.model.names import control_names
+from mjrun.model.names import JOINT_TRANSMISSIONS, control_names
 from mjrun.options.number_kinds import UNITS as EXACT_UNITS
 from mjrun.options.setting_kinds import UNITS
 from mjrun.physics.control import ControlTable
@@ -25,7 +25,6 @@ from mjrun.timeline import seconds
 
 POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
-JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 SI_FACTORS = {
     **{name: float(factor) for name, factor in EXACT_UNITS["SECONDS"].items()},
     **{f"{name}{rate}": factor for name, (_, factor) in UNITS.items() for rate in ("", "/s")},
@@ -244,7 +243,7 @@ def _joints_of_controls(model: mujoco.MjModel) -> dict[str, str]:
     names = control_names(model)
     joints = dict.fromkeys(names, "")
     for i in range(model.nactuator):
-        if model.actuator_ctrlnum[i] == 1 and model.actuator_trntype[i] in JOINT_DRIVEN:
+        if model.actuator_ctrlnum[i] == 1 and model.actuator_trntype[i] in JOINT_TRANSMISSIONS:
             joint = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(model.actuator_trnid[i, 0])) or ""
             joints[names[int(model.actuator_ctrladr[i])]] = joint
     return joints

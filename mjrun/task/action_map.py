@@ -7,14 +7,11 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError, concerning, counted, option, quoted
-from mjrun.model.names import control_names, control_slices, identify, matching, names
+from mjrun.model.names import SCALAR_JOINTS, actuators_of, control_names, control_slices, identify, matching, names
 from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
 from mjrun.task.batch_columns import as_slice
 from mjrun.task.task import Action
-
-SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 
 
 @dataclass(frozen=True)
@@ -185,18 +182,12 @@ def _driven(action: Action, model: mujoco.MjModel) -> list[DrivenActuator]:
     return list(dict.fromkeys(driven))
 
 
-def actuators_of(model: mujoco.MjModel, joint: int) -> list[int]:
-    """Returns the actuators of a joint."""
-    is_of_joint = np.isin(model.actuator_trntype, TRANSMISSIONS) & (model.actuator_trnid[:, 0] == joint)
-    return np.flatnonzero(is_of_joint).tolist()
-
-
 def _driven_joint(model: mujoco.MjModel, joint: int, actuators: Sequence[int], target: str) -> DrivenActuator:
     name = names(model, "joint")[joint]
     if len(actuators) != 1:
         raise UsageError(f"joint {quoted(name)} has {counted(len(actuators), 'actuator')}, not one")
     (actuator,) = actuators
-    if int(model.jnt_type[joint]) not in SCALAR:
+    if int(model.jnt_type[joint]) not in SCALAR_JOINTS:
         raise UsageError(f"joint {quoted(name)} is neither a hinge nor a slide")
     return DrivenActuator(name, target, int(model.actuator_ctrladr[actuator]), joint)
 

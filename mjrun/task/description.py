@@ -11,6 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.model.names import names
 from mjrun.model.sources.gym import GymSource
+from mjrun.model.units import force_unit
 from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, LAGGED, POSITION, TORQUE, VELOCITY, WORLD
 from mjrun.probe.fields import field_probe
@@ -22,7 +23,6 @@ from mjrun.timeline import rational
 
 SECTIONS = ("task", "observations", "actions", "commands", "rewards", "terminations", "reset")
 BY_ENVIRONMENT = "as the environment says"
-FORCES = {"rad": "N·m", "m": "N"}  # the unit of the force on a joint, by the unit of its position
 
 
 @dataclass(frozen=True)
@@ -355,7 +355,7 @@ def _unit(driven: DrivenActuator, model: mujoco.MjModel) -> str:
         return field_probe(model, "ctrl").columns[driven.control].unit
     field = "qvel" if driven.target == VELOCITY else "qpos"
     unit = next(column.unit for column in field_probe(model, field).columns if column.id == driven.joint)
-    return FORCES.get(unit, "") if driven.target == TORQUE else unit
+    return force_unit(unit) if driven.target == TORQUE else unit
 
 
 def _limit(value: float) -> float | None:

@@ -9,9 +9,9 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import GENERATED, SAFE, UNSAFE, Fix, Violation, rule, words_fix
-from mjrun.check.rules.limits import SCALAR, beyond_range, beyond_span, joints_beyond_range
+from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
-from mjrun.model.names import BALL, FREE, actuator_parts
+from mjrun.model.names import BALL, FREE, SCALAR_JOINTS, actuator_parts
 from mjrun.model.text_edits import number_word
 
 # The fields of a keyframe, and the values with which MuJoCo completes them.
@@ -58,7 +58,7 @@ def _joints_within(context: LintContext, key: int, joints: Sequence[int]) -> Fix
     """Returns the fix that moves hinges and slides to the nearest bound."""
     model, words = context.model, dict[int, str]()
     for joint in joints:
-        if model.jnt_type[joint] in SCALAR:
+        if model.jnt_type[joint] in SCALAR_JOINTS:
             address = int(model.jnt_qposadr[joint])
             words[address] = number_word(np.clip(model.key_qpos[key, address], *model.jnt_range[joint]))
     return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")

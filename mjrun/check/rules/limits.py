@@ -10,18 +10,17 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.errors import option
 from mjrun.model.class_defaults import holder
+from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS
 from mjrun.model.text_edits import number_word
 
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
 # MuJoCo's enums equal integers, but numpy does not find them among integers.
-JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
 FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
 FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
 ENDINGS = ("range", "limited")
 INHERITED = tuple(f"actuator_{kind}{ending}" for kind in ("ctrl", "act") for ending in ENDINGS)  # with inheritrange
-SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 @rule("MJ301", "note", "actuator without limits")
@@ -34,7 +33,7 @@ def actuators_without_limits(context: LintContext) -> Iterator[Violation]:
         limited = model.actuator_ctrllimited[start : start + count].all() or model.actuator_forcelimited[i]
         # An activation limits its actuator; a muscle clamps its control to [0, 1] itself.
         limited = limited or model.actuator_actlimited[i] or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_MUSCLE
-        if model.actuator_trntype[i] in JOINT_DRIVEN:
+        if model.actuator_trntype[i] in JOINT_TRANSMISSIONS:
             limited = limited or model.jnt_actfrclimited[target]
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_TENDON:
             limited = limited or model.tendon_actfrclimited[target]
@@ -179,7 +178,7 @@ def improbable_turns(context: LintContext) -> Iterator[Violation]:
 def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
     """Returns the position of a limited joint if it is beyond its range; else an empty text."""
     kind, start = int(model.jnt_type[joint]), int(model.jnt_qposadr[joint])
-    if kind in SCALAR:
+    if kind in SCALAR_JOINTS:
         value, unit = float(qpos[start]), "rad" if kind == mujoco.mjtJoint.mjJNT_HINGE else "m"
     elif kind == mujoco.mjtJoint.mjJNT_BALL:
         turn = np.zeros(3)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
-from mjrun.check.rules.limits import JOINT_DRIVEN, SCALAR
+from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS
 
 FIXED, AFFINE = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_AFFINE)
 DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
@@ -155,7 +155,7 @@ def _servos(model: mujoco.MjModel) -> Iterator[Servo]:
     """Yields the servos of hinges and slides."""
     for i in range(model.nactuator):
         joint = int(model.actuator_trnid[i, 0])
-        if model.actuator_trntype[i] not in JOINT_DRIVEN or model.jnt_type[joint] not in SCALAR:
+        if model.actuator_trntype[i] not in JOINT_TRANSMISSIONS or model.jnt_type[joint] not in SCALAR_JOINTS:
             continue
         if model.actuator_gaintype[i] != FIXED or model.actuator_biastype[i] != AFFINE:
             continue

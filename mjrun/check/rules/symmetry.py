@@ -9,11 +9,11 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 from mjrun.errors import clean
+from mjrun.model.names import actuators_of
 
 # The words for sides: left and right anywhere, L and R alone or beside front, rear, hind, back and middle.
 SIDES = re.compile(r"left|right|(?<![a-z])(?:[frhbm][lr]|[lr][fhbm]|[lr])(?![a-z])", re.IGNORECASE)
 ALIGNED = 0.9  # cosine between an axis and the line between both sides
-JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 MILLIMETRE = 0.001  # [m]
 OTHER_SIDE = str.maketrans("lrLR", "rlRL")
 
@@ -112,7 +112,7 @@ def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[
 def _actuator_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
     """Yields the differences of the actuators of two joints, if both joints have as many."""
     model, limits = context.model, context.thresholds
-    drives = [_actuators(model, joint) for joint in (left, right)]
+    drives = [actuators_of(model, joint) for joint in (left, right)]
     for one, other in zip(*drives, strict=False) if len(drives[0]) == len(drives[1]) else ():
         name = clean(context.name("actuator", one))
         gears = model.actuator_gear[[one, other], 0]
@@ -126,10 +126,6 @@ def _actuator_differences(context: LintContext, left: int, right: int) -> Iterat
         gains = [abs(model.actuator_gainprm[i, 0]) for i in (one, other)]
         if _difference(*gains) > limits.side_force:
             yield f"gains of {name}, {gains[0]:.4g} and {gains[1]:.4g}"
-
-
-def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
-    return [int(i) for i in np.flatnonzero(model.actuator_trnid[:, 0] == joint) if model.actuator_trntype[i] in JOINT]
 
 
 def _counts_alike(model: mujoco.MjModel, left: int, right: int) -> bool:

@@ -15,12 +15,11 @@ from mjrun.model.description.declaration import (
     without_trailing_zeros,
 )
 from mjrun.model.fields import floats
-from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, enum_members, enum_name, object_names
+from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, SCALAR_JOINTS, enum_members, enum_name, object_names
 from mjrun.model.units import ORTHOGRAPHIC, joint_unit
 
 # The number of sizes that a type of geom has, if not three.
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
-AXES = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 def _depth(model: mujoco.MjModel, body: int) -> int:
@@ -101,11 +100,11 @@ def _dof_size(model: mujoco.MjModel, joint: int) -> int:
 
 
 def _axis(model: mujoco.MjModel, joint: int) -> tuple[float, ...] | None:
-    return floats(model.jnt_axis[joint]) if int(model.jnt_type[joint]) in AXES else None
+    return floats(model.jnt_axis[joint]) if int(model.jnt_type[joint]) in SCALAR_JOINTS else None
 
 
 def _spring_reference(model: mujoco.MjModel, joint: int) -> float | None:
-    return float(model.qpos_spring[model.jnt_qposadr[joint]]) if int(model.jnt_type[joint]) in AXES else None
+    return float(model.qpos_spring[model.jnt_qposadr[joint]]) if int(model.jnt_type[joint]) in SCALAR_JOINTS else None
 
 
 @dataclass(frozen=True)
