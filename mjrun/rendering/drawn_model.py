@@ -117,8 +117,9 @@ def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
         restore(model, data, widened(model, state))
         mujoco.mj_kinematics(model, data)
         others = np.flatnonzero(~np.isin(model.geom_type, GROUNDS))
-        lowest = min((mujoco.mj_geomDistance(model, data, floor, geom, FAR, None) for geom in others), default=0.0)
-        model.body_pos[model.geom_bodyid[floor], 2] += lowest
+        above = [mujoco.mj_geomDistance(model, data, floor, geom, FAR, None) for geom in others]
+        above += [height - data.geom_xpos[floor, 2] for height in _flex_heights(model, data)]
+        model.body_pos[model.geom_bodyid[floor], 2] += min(above, default=0.0)
 
 
 def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:
@@ -152,13 +153,21 @@ def ground_remark(model: mujoco.MjModel, state: np.ndarray) -> str:
 
 
 def _lowest(model: mujoco.MjModel, state: np.ndarray) -> float:
-    """Returns the height of the lowest point of the geoms that collide in a state [m]."""
+    """Returns the height of the lowest point of the flexes and of the geoms that collide in a state [m]."""
     data = mujoco.MjData(model)
     restore(model, data, widened(model, state))
     mujoco.mj_kinematics(model, data)
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     geoms = np.flatnonzero(collides) if collides.any() else np.arange(model.ngeom)
-    return min((data.geom_xpos[geom, 2] - _reach_down(model, data, geom) for geom in geoms.tolist()), default=0.0)
+    heights = [data.geom_xpos[geom, 2] - _reach_down(model, data, geom) for geom in geoms.tolist()]
+    return min(heights + _flex_heights(model, data), default=0.0)
+
+
+def _flex_heights(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+    """Returns the height of the lowest point around each vertex of flexes [m]; the poses of bodies are computed."""
+    mujoco.mj_flex(model, data)
+    heights: list[float] = (data.flexvert_xpos[:, 2] - np.repeat(model.flex_radius, model.flex_vertnum)).tolist()
+    return heights
 
 
 def _reach_down(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:

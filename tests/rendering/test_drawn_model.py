@@ -81,6 +81,17 @@ def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[st
     assert [*stage_parts(replace(ViewOptions(), **options), model)] == parts
 
 
+def test_a_floor_is_below_flexes(tmp_path: Path) -> None:
+    cloth = """<flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing=".1 .1 .1" pos="0 0 -2" radius=".01"
+      mass="1"><edge equality="true"/></flexcomp>"""
+    text = f"<mujoco><worldbody><body><freejoint/><geom size='.1'/></body>{cloth}</worldbody></mujoco>"
+    model, staged, _ = drawn(model_file(tmp_path, text), stage=("floor",))
+    start = save(model, mujoco.MjData(model))
+    place_stage(staged, start)
+    assert staged.body("stage floor").pos[2] == pytest.approx(-2.01)
+    assert " -2.01 adds a floor" in ground_remark(model, start)
+
+
 def test_measured_images_get_no_floor_unless_requested(tmp_path: Path) -> None:
     simulation = mjrun.Simulation(model_file(tmp_path, ARM))
     colours = mjrun.Image(simulation, output="i.png")
