@@ -109,11 +109,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             own = self.episodes * count
             verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
 
-        facts: dict[str, object] = {
-            "command": self.command,
-            "mjrun": __version__,
-            "mujoco": mujoco.mj_versionString(),
-        }
+        facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}  # the same in all runs
         with ExitStack() as stack:
             writers: list[OutputWriter] = [*table.open(stack, folder, facts, FILES)]
             if outcome.points:
@@ -141,7 +137,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
                 steps=sum(episode.steps for group in played.groups for episode in group.episodes),
                 wall=time.perf_counter() - start,
             )
-            facts |= dataclasses.asdict(result)
+            facts = {"command": self.command, **facts, **dataclasses.asdict(result)}
             writers.append(stack.enter_context(manifest_writer(folder / MANIFEST, facts)))
             _publish(writers, folder, paths)
 

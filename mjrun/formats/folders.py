@@ -98,8 +98,15 @@ class LocalFolder:
 
     def create_file(self, name: str, content: bytes) -> None:
         """Creates a small file, which must not exist."""
-        with file_errors(self.path(name), "written"), (self._path / name).open("xb") as stream:
-            stream.write(content)
+        with file_errors(self.path(name), "written"):
+            try:
+                with (self._path / name).open("xb") as stream:
+                    stream.write(content)
+            except FileExistsError:
+                raise
+            except OSError:  # of a full disk, which leaves an empty file
+                self.remove(name)
+                raise
 
     def rewrite(self, name: str, content: bytes) -> None:
         """Replaces the content of a small file, which must exist."""

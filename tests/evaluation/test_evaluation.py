@@ -43,7 +43,7 @@ def evaluation(folder: Path, out: str = "out", name: str = "act", **options: obj
 def test_the_table_is_the_same_bytes_whatever_the_number_of_processes(tmp_path: Path) -> None:
     varied = {"vary": {"geom/box.mass": "1,2"}, "compare": "random"}
     evaluation(tmp_path, "a", **varied).run()
-    evaluation(tmp_path, "b", **varied, jobs=2).run()
+    evaluation(tmp_path, "b", **varied, jobs=2, command="mjrun eval --jobs 2").run()
     for name in (*FILES, "results.parquet", "results.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 

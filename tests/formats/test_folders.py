@@ -106,6 +106,21 @@ def test_every_folder_does_the_same(folder: Folder) -> None:
     assert parts.names("") == ["b.lease"]
 
 
+def test_a_small_file_for_which_the_disk_has_no_room_is_not_left_empty(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    folder = folder_at(tmp_path)
+    folder.create_file("a.lease", b"content")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        for name in ("a.lease", "b.lease"):
+            with pytest.raises(FileError, match="cannot be written: File"):
+                folder.create_file(name, b"content")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert folder.names(".lease") == ["a.lease"]
+
+
 def test_errors_that_pass_are_tried_again(unsteady: Folder) -> None:
     busy = OSError(errno.EBUSY, "Please reduce your request rate")
     Unsteady.faults = [busy, None]
