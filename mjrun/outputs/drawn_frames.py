@@ -13,7 +13,7 @@ from mjrun.errors import BadValueError, UsageError, clean, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
-from mjrun.options.rendering import ViewOptions
+from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import (
     CalibrationOutput,
     VideoOrImageFile,
@@ -22,7 +22,7 @@ from mjrun.outputs.camera_panels import (
     panels_of,
     unused_options,
 )
-from mjrun.outputs.output import BackendsAndWorkers, Context, EventSteps, OutputResult, RendererRequest
+from mjrun.outputs.output import BackendsAndWorkers, Context, EventSteps, OutputResult
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.recorded_scene import (
     R_co,
@@ -67,9 +67,8 @@ class VideoOrImageJob(ViewOptions, SceneJob[R_co]):
         check_view(self)
 
     @property
-    def renderer_request(self) -> RendererRequest:
-        """The renderer that the output needs."""
-        return RendererRequest.of(self)
+    def renderer_options(self) -> RendererOptions:
+        return self
 
     @property
     def is_measured(self) -> bool:
@@ -156,7 +155,7 @@ class DrawnFrames(RecordedFrames):
         self.processes = DrawingProcesses(job, jobs, renderers, self._reporter)
         if schedule and lacks_gpu():
             self.processes.start(len(schedule.steps), software=True)  # while the backend is being detected
-        self.backend = renderers.backend(job.renderer_request)
+        self.backend = renderers.backend(job)
         if schedule:
             self.processes.start(len(schedule.steps), software=self.backend.software)
         for text in self._warnings():

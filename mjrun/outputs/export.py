@@ -1,6 +1,6 @@
 """Export output: the scene of a simulation, with its motion, in a format of other programs."""
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property, partial
@@ -21,7 +21,7 @@ from mjrun.model.state import restore, widened
 from mjrun.model.table_column import Column
 from mjrun.options.export import ExportOptions
 from mjrun.options.option import options, values_of
-from mjrun.options.rendering import SceneOptions
+from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
@@ -44,9 +44,10 @@ DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by qu
 BLOCK = 64  # frames whose contacts are converted at once
 
 if TYPE_CHECKING:
-    from mjrun.outputs.drawn_frames import FramePlan
-    from mjrun.outputs.memory_frames import VideoInMemory
     from mjrun.outputs.timeline_marks import Mark, MarkDetector
+
+# Opens what records the states of the frames, which can then be drawn if the file holds images.
+OpenFrames = Callable[[ExitStack, output.BackendsAndWorkers], RecordedFrames]
 
 
 @options
@@ -118,20 +119,19 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
 
     def plan(self, context: output.Context) -> "output.Plan[ExportResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
-        images = self._images(context) if self.renderer_request else None
-        scene = images.plan.scene if images else plan_scene(self, context, self.schedule, self.cameras)
+        scene, open_frames = self._scene(context)
         table, steps = self._table(context)
         count = None if scene.schedule is None else len(scene.schedule.steps)
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
         preview = output.Preview("export", self.output, count, "frames", (), about)
         detector = self._detector(context)
-        open_export = partial(ExportOutput, self, scene, images, table, steps, detector)
+        open_export = partial(ExportOutput, self, scene, open_frames, table, steps, detector)
         flags = (table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0)
         return output.Plan(preview, context.timeline.steps, open_export, flags, scene.conditions)
 
     @property
-    def renderer_request(self) -> output.RendererRequest | None:
-        return output.RendererRequest.of(self) if self.file_format.draws and self.camera else None
+    def renderer_options(self) -> RendererOptions | None:
+        return self if self.file_format.draws and self.camera else None
 
     @property
     def probes(self) -> Sequence[str]:
@@ -139,16 +139,20 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         columns = self.file_format.columns
         return {"plot": self.plot, "probe": self.probe}.get(columns, ()) or self.file_format.probes
 
-    def _images(self, context: output.Context) -> "PlannedExportImages":
-        """Plans the images of the cameras, whose frames are those of the export."""
-        from mjrun.outputs.drawn_frames import plan_frames  # which imports the renderers
+    def _scene(self, context: output.Context) -> tuple[ScenePlan, OpenFrames]:
+        """Plans the scene, and images of its frames if the file holds any."""
+        if self.renderer_options is None:
+            scene = plan_scene(self, context, self.schedule, self.cameras)
+            return scene, lambda stack, _: RecordedFrames(scene, stack)
+        from mjrun.outputs.drawn_frames import DrawnFrames, plan_frames  # which imports the renderers
         from mjrun.outputs.memory_frames import VideoInMemory
 
         values = values_of(self, SceneOptions)
         job = VideoInMemory(
             self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
         )
-        return PlannedExportImages(job, plan_frames(job, context, self.schedule))
+        plan = plan_frames(job, context, self.schedule)
+        return plan.scene, lambda stack, renderers: DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
 
     def _detector(self, context: output.Context) -> "MarkDetector | None":
         """Parses the events and the assertions; without any, their parsers are not imported."""
@@ -170,20 +174,6 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
             context.reporter.warn(text)
         table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
         return table, None if self.rate is None else context.timeline.rows(rate=self.rate)
-
-
-@dataclass(frozen=True)
-class PlannedExportImages:
-    """Images of an export, drawn like those of a video."""
-
-    job: "VideoInMemory"
-    plan: "FramePlan"
-
-    def frames(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> RecordedFrames:
-        """Returns the frames, whose states are recorded and which can then be drawn."""
-        from mjrun.outputs.drawn_frames import DrawnFrames
-
-        return DrawnFrames(self.plan, self.job.encoded_files, stack, renderers, self.job.jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,7 +379,7 @@ class ExportedScene:
     def _unused(self) -> list[str]:
         """Returns a warning about flags that only change images, which no export shows."""
         names = [name for name in (*self.job.show, *self.job.hide) if name in enum_members(mujoco.mjtRndFlag)]
-        if not names or self.job.renderer_request is not None:
+        if not names or self.job.renderer_options is not None:
             return []
         return [f"{listing(names)}: ignored, since they only affect images"]
 
@@ -423,7 +413,7 @@ class ExportOutput(output.Output[ExportResult]):
         self,
         job: Export,
         plan: ScenePlan,
-        images: PlannedExportImages | None,
+        open_frames: OpenFrames,
         table: ProbeSampler | None,
         rows: Sequence[int] | None,
         detector: "MarkDetector | None",
@@ -432,7 +422,7 @@ class ExportOutput(output.Output[ExportResult]):
     ) -> None:
         self._job, self._plan, self._context = job, plan, plan.context
         self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
-        self._frames = images.frames(stack, renderers) if images else RecordedFrames(plan, stack)
+        self._frames = open_frames(stack, renderers)
         self._table, self._steps = table, rows
         self._rows = stack.enter_context(closing(RowFile(len(table.columns) if table else 0)))
         self._detector = detector

@@ -111,51 +111,38 @@ class Preview:
     about: str = ""
 
 
-@dataclass(frozen=True)
-class RendererRequest:
-    """A requested renderer: `classic` with an OpenGL backend, or `filament` with Vulkan."""
-
-    renderer: str
-    gl: str | None
-    require_gpu: bool
-
-    @classmethod
-    def of(cls, options: "RendererOptions") -> "RendererRequest":
-        """Returns the request in options of a renderer."""
-        return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
-
-    def detection(self) -> "BackendDetection":
-        """Starts the detection of a working backend."""
-        from mjrun.rendering.backend import BackendDetection, VulkanDetection
-
-        return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
-
-
 class BackendsAndWorkers:
     """The backends and rendering processes of a pass: each is detected or started only once. To be closed."""
 
     def __init__(self) -> None:
-        self._detections: dict[RendererRequest, BackendDetection] = {}
+        self._detections: dict[tuple[str, str | None], BackendDetection] = {}
         self._workers: CompositorProcesses | None = None
 
-    def detect(self, choice: RendererRequest) -> None:
-        """Starts the detection in a child process, so that it runs while the model loads.
+    def detect(self, options: "RendererOptions") -> None:
+        """Starts the detection of a backend in a child process, so that it runs while the model loads.
 
         Raises:
           UnknownNameError: the backend is unknown.
           NoRendererError: MUJOCO_GL switches rendering off.
         """
-        if choice not in self._detections:
-            self._detections[choice] = choice.detection()
+        self._detection(options)
 
-    def backend(self, choice: RendererRequest) -> "Backend":
+    def backend(self, options: "RendererOptions") -> "Backend":
         """Returns the detected backend.
 
         Raises:
           RendererError: no backend works.
         """
-        self.detect(choice)
-        return self._detections[choice].result(choice.require_gpu)
+        return self._detection(options).result(options.require_gpu)
+
+    def _detection(self, options: "RendererOptions") -> "BackendDetection":
+        from mjrun.rendering.backend import BackendDetection, VulkanDetection
+
+        is_filament = options.renderer == "filament"  # which draws with Vulkan
+        choice = options.renderer, None if is_filament else options.gl
+        if choice not in self._detections:
+            self._detections[choice] = VulkanDetection() if is_filament else BackendDetection(options.gl)
+        return self._detections[choice]
 
     def workers(self, count: int) -> "CompositorProcesses":
         """Returns at least `count` rendering processes, started without waiting for them.
@@ -287,8 +274,8 @@ class Job(OutputOptions, ABC, Generic[R_co]):
         return ()
 
     @property
-    def renderer_request(self) -> RendererRequest | None:
-        """The renderer that the output needs, if any; detected while the model loads."""
+    def renderer_options(self) -> "RendererOptions | None":
+        """The options of the renderer that the output needs, if any; its backend is detected while the model loads."""
         return None
 
     @property

@@ -131,8 +131,8 @@ def _context(simulation: Simulation, reporter: Reporter) -> Context:
 
 def _check(job: Job[OutputResult], renderers: BackendsAndWorkers) -> None:
     job.check()
-    if job.renderer_request is not None:
-        renderers.detect(job.renderer_request)
+    if job.renderer_options is not None:
+        renderers.detect(job.renderer_options)
 
 
 class _UsageErrors:

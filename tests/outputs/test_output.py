@@ -17,7 +17,7 @@ from mjrun.formats.atomic_output import publish_together
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
-from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, RendererRequest, metadata_tags
+from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, metadata_tags
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
@@ -180,13 +180,13 @@ def test_videos_of_one_pass_share_one_group_of_workers(
 
 def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
     with closing(BackendsAndWorkers()) as renderers:
-        choice = RendererRequest.of(ViewOptions(gl=backend.name))
+        choice = ViewOptions(gl=backend.name)
         renderers.detect(choice)
-        renderers.detect(RendererRequest.of(ViewOptions(gl=backend.name, camera="side")))
+        renderers.detect(ViewOptions(gl=backend.name, camera="side"))
         assert started["detections"] == 1
         assert renderers.backend(choice) is renderers.backend(choice)
         assert renderers.backend(choice).renderer == backend.renderer
-        assert renderers.backend(RendererRequest.of(ViewOptions())).max_size > 0
+        assert renderers.backend(ViewOptions()).max_size > 0
     assert started["detections"] == 2
 
 
@@ -198,6 +198,20 @@ def test_workers_are_added_and_never_started_again(started: dict[str, int]) -> N
         assert started["workers"] == 2
 
 
-def test_the_physically_based_renderer_does_not_ask_for_a_backend_of_opengl() -> None:
-    options = ViewOptions(renderer="filament", gl="egl", require_gpu=True)
-    assert RendererRequest.of(options) == RendererRequest("filament", None, True)
+def test_the_physically_based_renderer_detects_vulkan_once_and_no_backend_of_opengl(
+    monkeypatch: pytest.MonkeyPatch, started: dict[str, int]
+) -> None:
+    vulkan: list[object] = []
+
+    class Detection:
+        def __init__(self) -> None:
+            vulkan.append(self)
+
+        def cancel(self) -> None:
+            pass
+
+    monkeypatch.setattr(backend_module, "VulkanDetection", Detection)
+    with closing(BackendsAndWorkers()) as renderers:
+        for gl in ("egl", "osmesa"):
+            renderers.detect(ViewOptions(renderer="filament", gl=gl))
+    assert (len(vulkan), started["detections"]) == (1, 0)
