@@ -12,12 +12,12 @@ from mjrun.model.soft_bodies import flex_owners, skin_owners
 from mjrun.rendering.drawn_model import VISIBLE_GROUPS
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)
-PLANE = mujoco.mjtGeom.mjGEOM_PLANE
 
 
 class GeomType(IntEnum):
     """The types of geoms, which patterns can name."""
 
+    PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
     SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value
     CAPSULE = mujoco.mjtGeom.mjGEOM_CAPSULE.value
     ELLIPSOID = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
@@ -59,7 +59,8 @@ class ObjectBoxes:
 
     def __init__(self, model: mujoco.MjModel, roots: Sequence[int], owners: np.ndarray, visible: np.ndarray) -> None:
         self._parts: dict[int, list[tuple[int, np.ndarray]]] = {}  # by object: bodies, and corners in their frames
-        for geom in np.flatnonzero(visible & (model.geom_type != PLANE)):
+        bounded = (model.geom_type != GeomType.PLANE) | (model.geom_size[:, :2] > 0).all(axis=1)
+        for geom in np.flatnonzero(visible & bounded):
             body = int(model.geom_bodyid[geom])
             if (owner := int(owners[body])) >= 0:
                 corners = (_exact_corners if body == roots[owner] else _own_corners)(model, int(geom))
@@ -98,6 +99,8 @@ def _vertex_owners(owners: np.ndarray, bodies: np.ndarray, groups: np.ndarray, c
 def _own_corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Returns the corners of the box around a geom along its own axes, in the frame of its body `(8, 3)` [m]."""
     center, half = model.geom_aabb[geom].reshape(2, 3)
+    if model.geom_type[geom] == GeomType.PLANE:  # whose box is infinite
+        center, half = np.zeros(3), model.geom_size[geom] * [1, 1, 0]
     corners: np.ndarray = model.geom_pos[geom] + (center + CORNERS * half) @ _turn(model, geom).T
     return corners
 
@@ -123,7 +126,7 @@ def _exact_corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
             half = np.sqrt(((turn * size) ** 2).sum(axis=1))
         case GeomType.BOX:
             half = np.abs(turn) @ size
-        case _:  # a height field
+        case _:  # a height field or a plane
             return _own_corners(model, geom)
     return place + CORNERS * half
 

@@ -37,6 +37,19 @@ def surface(model: mujoco.MjModel, kind: str) -> np.ndarray:
     return ball * (size if kind == "ellipsoid" else size[0])
 
 
+def test_the_box_around_a_finite_plane_is_flat() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body pos="1 2 3" euler="10 -40 60"><geom type="plane" size=".3 .2 1" pos=".1 .2 .3"/>
+        <geom type="plane" size="0 0 1"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = data.xmat[1].reshape(3, 3), data.xpos[1]
+    box = ObjectBoxes(model, [1], np.array([-1, 0]), np.ones(model.ngeom, bool)).box(0, pose, data)
+    np.testing.assert_allclose([box.center, box.size], [[0.1, 0.2, 0.3], [0.6, 0.4, 0]], atol=1e-12)
+
+
 @pytest.mark.parametrize("kind", GEOMS)
 @pytest.mark.parametrize("child", [False, True], ids=["own", "child"])
 def test_a_box_encloses_a_geom_and_is_tight_for_the_body_of_the_object(kind: str, child: bool) -> None:
