@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from mjrun.cli.colors import shown_help
+from mjrun.cli.colors import HelpContext, shown_help
 from mjrun.cli.console import Console, flag
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
@@ -157,6 +157,7 @@ class Declaration:
 class SectionedCommand(click.Command):
     """A command whose help shows its options by section."""
 
+    context_class = HelpContext
     declaration = Declaration()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -183,7 +184,9 @@ class SectionedCommand(click.Command):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         for param in self.params:
-            if isinstance(param, DeclaredOption):
+            if isinstance(param, DeclaredOption) and any(
+                name.startswith(incomplete) for name in (*param.opts, *param.secondary_opts)
+            ):
                 param.write_help()
         return super().shell_complete(ctx, incomplete)
 
@@ -364,14 +367,17 @@ def flags(declared: Option) -> list[str]:
 
 
 def _help(declared: Option) -> str:
-    from mjrun.outputs.format_lists import with_formats
+    text = declared.help
+    if "{" in text:
+        from mjrun.outputs.format_lists import with_formats
 
+        text = with_formats(text)
     default = shown_default(declared)
     note = f"[default: {default}]" if default else ""
     if len(default) <= SHORT_DEFAULT:
         note = note.replace(" ", "\N{NO-BREAK SPACE}")
     repeatable = " Repeatable." if is_repeatable(declared) else ""
-    return f"{with_formats(declared.help)}{repeatable}  {note}".rstrip(" ")
+    return f"{text}{repeatable}  {note}".rstrip(" ")
 
 
 def is_repeatable(declared: Option) -> bool:

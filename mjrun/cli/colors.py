@@ -1,21 +1,23 @@
-"""Colours of help and of messages, on terminals that want them."""
+"""Colours of help and of messages on terminals that want them, and the width of help."""
 
 import os
 import re
 import sys
+from contextlib import suppress
 from typing import TextIO
 
 import click
 
-HEADING = re.compile(r"^(Usage:|\S.*:$)", re.MULTILINE)
-OPTION = re.compile(r"^(  )((?:-\w, )?--?[\w-]+(?:, ?--?[\w-]+|/--?[\w-]+)*)", re.MULTILINE)
-COMMAND = re.compile(r"^(  )([a-z]+)(?=  )", re.MULTILINE)
+HELP_COLUMNS = 100  # most columns of help
+HEADING = r"(?m)^(Usage:|\S.*:$)"  # patterns are compiled when they are used
+OPTION = r"(?m)^(  )((?:-\w, )?--?[\w-]+(?:, ?--?[\w-]+|/--?[\w-]+)*)"
+COMMAND = r"(?m)^(  )([a-z]+)(?=  )"
 # Variables and values by which terminals make themselves known that show hyperlinks (OSC 8).
 LINKING_PROGRAMS = ("iTerm.app", "WezTerm", "vscode", "Hyper", "ghostty", "Tabby", "rio")
 LINKING_TERMS = ("xterm-kitty", "xterm-ghostty", "alacritty", "foot", "foot-extra", "wezterm")
 LINKING_VARIABLES = ("WT_SESSION", "KONSOLE_VERSION", "KITTY_WINDOW_ID", "DOMTERM")
 LINKING_VTE = 5000  # the first version of the library of GNOME's and other terminals
-PREFIX = re.compile(r"^(mjrun: )(error|warning)(:)")
+PREFIX = r"^(mjrun: )(error|warning)(:)"
 LEVELS = {"error": "red", "warning": "yellow"}
 
 
@@ -45,6 +47,23 @@ def linked(text: str, address: str) -> str:
     return f"\x1b]8;;{address}\x1b\\{text}\x1b]8;;\x1b\\"
 
 
+class HelpContext(click.Context):
+    """A context whose help is as wide as the terminal; click asks `shutil` for that, which is slow to import."""
+
+    def make_formatter(self) -> click.HelpFormatter:
+        return click.HelpFormatter(width=max(min(_columns(), HELP_COLUMNS) - 2, 50))
+
+
+def _columns() -> int:
+    """Returns the width of the terminal as `shutil.get_terminal_size` does."""
+    with suppress(ValueError):
+        if (columns := int(os.environ.get("COLUMNS", "0"))) > 0:
+            return columns
+    with suppress(AttributeError, ValueError, OSError):  # standard output is no terminal
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or 80  # type: ignore[union-attr]
+    return 80
+
+
 def shown_help(text: str) -> str:
     """Returns help as standard output shows it."""
     return coloured_help(text) if is_coloured(sys.stdout) else text
@@ -52,12 +71,12 @@ def shown_help(text: str) -> str:
 
 def coloured_help(text: str) -> str:
     """Returns help with bold headings, and coloured options and commands."""
-    text = HEADING.sub(lambda match: click.style(match[0], bold=True), text)
+    text = re.sub(HEADING, lambda match: click.style(match[0], bold=True), text)
     for pattern in (OPTION, COMMAND):
-        text = pattern.sub(lambda match: match[1] + click.style(match[2], fg="cyan"), text)
+        text = re.sub(pattern, lambda match: match[1] + click.style(match[2], fg="cyan"), text)
     return text
 
 
 def coloured_message(text: str) -> str:
     """Returns an error or a warning with its first words coloured."""
-    return PREFIX.sub(lambda match: click.style(match[0], fg=LEVELS[match[2]], bold=True), text)
+    return re.sub(PREFIX, lambda match: click.style(match[0], fg=LEVELS[match[2]], bold=True), text)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.colors import shown_help
+from mjrun.cli.colors import HelpContext, shown_help
 from mjrun.cli.console import Console, document_form
 from mjrun.errors import (
     ClosedPipeError,
@@ -77,6 +77,8 @@ def load_command(name: str) -> "SectionedCommand":
 class LazyGroup(click.Group):
     """A group that lists its commands without importing them."""
 
+    context_class = HelpContext
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args[:1] == ["help"]:
             args = [*args[1:2], "--help"]
@@ -112,7 +114,7 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"]},
     invoke_without_command=True,
 )
 @click.version_option(__version__, "-V", "--version", prog_name="mjrun", message="%(prog)s %(version)s")

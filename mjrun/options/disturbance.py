@@ -24,7 +24,7 @@ EXPECTED = (
 )
 # Exponents may have a sign, and exact times may be fractions: 1e-3, 1/3.
 _TIME = r"[0-9.]+(?:[eE][-+]?[0-9]+|/[0-9]+)?"
-_PUSH = re.compile(rf"(?P<target>.+)=(?P<force>[^=@]+)@(?P<at>{_TIME})\+(?P<duration>{_TIME})", re.DOTALL)
+_PUSH = rf"(?s)(?P<target>.+)=(?P<force>[^=@]+)@(?P<at>{_TIME})\+(?P<duration>{_TIME})"  # compiled when it is used
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
                 raise InvalidValueError(EXPECTED)
 
     def parse(self, text: str) -> Push:
-        match = _PUSH.fullmatch(text.strip())
+        match = re.fullmatch(_PUSH, text.strip())
         if not match:
             raise InvalidValueError(EXPECTED)
         return _push(match["target"], match["force"].split("/"), match["at"], match["duration"])

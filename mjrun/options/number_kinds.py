@@ -233,19 +233,19 @@ class FigureSize(Size):
     """Width and height of a figure in pixels, or in millimetres as `85mmx60mm`, of which 25.4 are 96 pixels."""
 
     metavar = "WxH"
-    _MILLIMETRES = re.compile(r"([0-9.]+)(?:mm)?x([0-9.]+)mm")
+    _MILLIMETRES = r"([0-9.]+)(?:mm)?x([0-9.]+)mm"
 
     @property
     def form(self) -> Schema:
         form = dict(super().form)
-        pattern = f"^([0-9]+[xX][0-9]+|{self._MILLIMETRES.pattern})$"
+        pattern = f"^([0-9]+[xX][0-9]+|{self._MILLIMETRES})$"
         sides = cast("Sequence[Schema]", form["anyOf"])[1]
         form["anyOf"] = [{"type": "string", "pattern": pattern}, sides]
         form["expected"] = "width and height in pixels or millimetres, as in 1280x720, [1280, 720] or 85mmx60mm"
         return form
 
     def parse(self, text: str) -> tuple[int, int]:
-        match = self._MILLIMETRES.fullmatch(text)
+        match = re.fullmatch(self._MILLIMETRES, text)
         if match is None:
             return super().parse(text)
         try:

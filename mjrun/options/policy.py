@@ -11,7 +11,7 @@ from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfit, Mis
 RANDOM, ZERO = BUILT_IN = ("random", "zero")
 NONE = "none"
 POLICIES = "{policy formats}"  # replaced in help texts by `mjrun.outputs.format_lists`
-_CODE = re.compile(r"(.+\.py|[^\W\d]\w*(\.[^\W\d]\w*)*):[^\W\d]\w*(\.[^\W\d]\w*)*")
+_CODE = r"(.+\.py|[^\W\d]\w*(\.[^\W\d]\w*)*):[^\W\d]\w*(\.[^\W\d]\w*)*"  # compiled when it is used
 
 
 class PolicyKind(Kind[object, object]):
@@ -89,7 +89,7 @@ class PolicyOptions(TrustOptions):
 
 def is_code(text: str) -> bool:
     """Returns whether a policy is Python code that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`."""
-    return bool(_CODE.fullmatch(text))
+    return bool(re.fullmatch(_CODE, text))
 
 
 def is_policy_file(text: str) -> bool:

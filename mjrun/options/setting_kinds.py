@@ -56,7 +56,7 @@ UNITS: Mapping[str, tuple[type[Angle | Length], float]] = {
     "cm": (Length, 0.01),
     "m": (Length, 1.0),
 }
-QUANTITY = re.compile(rf"\s*([-+.\deE]+)\s*({'|'.join(UNITS)})(/s)?\s*")
+QUANTITY = rf"\s*([-+.\deE]+)\s*({'|'.join(UNITS)})(/s)?\s*"  # compiled when it is used
 
 
 class JointNumbers(NamedNumbers):
@@ -105,7 +105,7 @@ class JointNumbers(NamedNumbers):
         """Converts a number, or a text that may have a unit, to SI units."""
         if not isinstance(value, str):
             return value if isinstance(value, Angle | Length) else float(value)
-        match = QUANTITY.fullmatch(value)
+        match = re.fullmatch(QUANTITY, value)
         if match is None and math.isfinite(number := to_float(value)):
             return number
         if match and bool(match[3]) == self._rate:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 
-from mjrun.formats import codecs, image_format, tables
 from mjrun.options.output import (
     CODECS,
     DEPTH_IMAGES,
@@ -15,8 +14,6 @@ from mjrun.options.output import (
     VIDEOS,
 )
 from mjrun.options.policy import POLICIES
-from mjrun.outputs.exports import export_formats
-from mjrun.policy.loaders import formats as policy_formats
 
 
 def with_formats(text: str) -> str:
@@ -27,23 +24,55 @@ def with_formats(text: str) -> str:
     return text
 
 
+# Each list imports its formats: a command lists a few.
+
+
 def _tables() -> Iterable[str]:
+    from mjrun.formats import tables
+
     return (_name(known.suffixes) for known in tables.FORMATS.values())
 
 
 def _videos() -> Iterable[str]:
     """Returns the containers, except separate image files and raw pixels, which help describes separately."""
+    from mjrun.formats import codecs
+
     return [name for name, known in codecs.CONTAINERS.items() if known.muxer not in ("image2", "rawvideo")]
 
 
 def _codecs() -> Iterable[str]:
     """Returns the codecs of containers that offer several."""
+    from mjrun.formats import codecs
+
     held = [codecs.CONTAINERS[name].codecs for name in _videos()]
     return dict.fromkeys(codec for choice in held if len(choice) > 1 for codec in choice)
 
 
 def _images(view: str) -> Iterable[str]:
+    from mjrun.formats import image_format
+
     return dict.fromkeys(_name(known.suffixes) for known in image_format.FORMATS[view].values())
+
+
+def _plots() -> Iterable[str]:
+    from mjrun.formats.image_format import DRAWINGS
+
+    return [*_images("rgb"), *DRAWINGS]
+
+
+def _exports(*, folders: bool) -> Iterable[str]:
+    """Returns the names of formats that write files, or folders, with their descriptions."""
+    from mjrun.outputs.exports import export_formats
+
+    for name, known in export_formats().items():
+        if bool(known.suffixes) != folders:
+            yield f"{known.suffixes[0] if known.suffixes else name} ({known.description})"
+
+
+def _policies() -> Iterable[str]:
+    from mjrun.policy.loaders import formats
+
+    return formats()
 
 
 def _name(suffixes: Iterable[str]) -> str:
@@ -58,12 +87,8 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     RGB_IMAGES: lambda: _images("rgb"),
     DEPTH_IMAGES: lambda: _images("depth"),
     SEGMENTATION_IMAGES: lambda: _images("seg"),
-    EXPORTS: lambda: [
-        f"{known.suffixes[0]} ({known.description})" for known in export_formats().values() if known.suffixes
-    ],
-    EXPORT_FOLDERS: lambda: [
-        f"{name} ({known.description})" for name, known in export_formats().items() if not known.suffixes
-    ],
-    POLICIES: policy_formats,
-    PLOTS: lambda: [*_images("rgb"), *image_format.DRAWINGS],
+    EXPORTS: lambda: _exports(folders=False),
+    EXPORT_FOLDERS: lambda: _exports(folders=True),
+    POLICIES: _policies,
+    PLOTS: _plots,
 }

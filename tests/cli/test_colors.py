@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
-from mjrun.cli.colors import coloured_help, coloured_message, shows_links
+from mjrun.cli.colors import HELP_COLUMNS, HelpContext, coloured_help, coloured_message, shows_links
 from tests.cases import cases
 
 if TYPE_CHECKING:
@@ -85,3 +85,14 @@ def test_links_are_shown_only_by_terminals_that_are_known_to(
     monkeypatch.setattr(os, "environ", variables)
     assert shows_links(Terminal()) == shown
     assert not shows_links(io.StringIO())
+
+
+@pytest.mark.parametrize("columns", [None, "0", "30", "80", "97", "300", "wide"])
+def test_help_is_as_wide_as_click_makes_it(columns: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    if columns is None:
+        monkeypatch.delenv("COLUMNS", raising=False)
+    else:
+        monkeypatch.setenv("COLUMNS", columns)
+    command = click.Command("model")
+    expected = click.Context(command, max_content_width=HELP_COLUMNS).make_formatter().width
+    assert HelpContext(command).make_formatter().width == expected
