@@ -92,6 +92,7 @@ def test_a_backend_that_does_not_exist_is_explained(monkeypatch: pytest.MonkeyPa
     assert used.value == "nothing: no backend 'eg1' (did you mean 'egl'?)"
 
 
+@pytest.mark.usefixtures("codecs_are_tried_once")
 def test_options_in_remedies_are_spelled_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     class Failing:
         def __init__(self, name: str, **_: object) -> None:

@@ -108,9 +108,7 @@ INSTALLATION = "pip uninstall -y mujoco mujoco-core mujoco-studio && pip install
 REMEDY = f"to use only the models of some_lab: {INSTALLATION}, although pip warns"
 
 
-@pytest.mark.parametrize(
-    "line", ["info scene:swing", "trace scene:swing", "schema run", "plot a.csv -o a.png", "check ."]
-)
+@pytest.mark.parametrize("line", ["info scene:swing", "schema run", "plot a.csv -o a.png"])
 def test_an_older_mujoco_ends_every_command_with_one_sentence_that_names_who_asks_for_it(
     old_mujoco: Path, line: str
 ) -> None:
@@ -122,10 +120,7 @@ def test_an_older_mujoco_ends_every_command_with_one_sentence_that_names_who_ask
     assert third.strip() == REMEDY
 
 
-@pytest.mark.parametrize(
-    "code",
-    ["import mjrun; mjrun.Video", "from mjrun import load", "import mujoco, mjrun; mjrun.render", "import mjrun.gym"],
-)
+@pytest.mark.parametrize("code", ["import mujoco, mjrun; mjrun.render", "import mjrun.gym"])
 def test_python_raises_the_same_sentence(old_mujoco: Path, code: str) -> None:
     done = run_with(old_mujoco, "-c", code)
     assert done.returncode == 1

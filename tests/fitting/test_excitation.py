@@ -88,7 +88,7 @@ def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_another(pendulum: Fit) -> None:
-    short = replace(pendulum.simulation, duration=0.5)
+    short = replace(pendulum.simulation, duration=0.3)
     path = Path(excite(replace(pendulum, simulation=short)).files[0])
     first = path.read_bytes()
     excite(replace(pendulum, simulation=short))

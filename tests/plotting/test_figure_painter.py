@@ -75,7 +75,7 @@ def require_room(made: Figure) -> None:
             assert min(overlap) < 2.5, (text, other)
 
 
-@pytest.mark.parametrize(("size", "count"), [((320, 200), 1), ((1280, 720), 1), ((320, 200), 6), ((640, 480), 6)])
+@pytest.mark.parametrize(("size", "count"), [((1280, 720), 1), ((320, 200), 6)])
 def test_no_text_lies_on_another_or_leaves_the_figure(size: tuple[int, int], count: int) -> None:
     size = size[0], max(size[1], 80 * count)
     require_room(figure(*[panel("left_knee", "right_knee", "left_hip")] * count, size=size, title="A long title " * 4))

@@ -21,7 +21,7 @@ def cluster() -> ModuleType:
 
 
 def test_a_task_of_many_opens_as_many_files_as_one_of_few(cluster: ModuleType) -> None:
-    few, many = (cluster.simulated(100 * nodes, nodes, failures=0.0, sizes=(400, 100)) for nodes in (8, 24))
+    few, many = (cluster.simulated(100 * nodes, nodes, failures=0.0, sizes=(400, 100)) for nodes in (6, 18))
     assert few.is_complete
     assert many.is_complete
     for kind in ("opens", "lists", "folders"):
