@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from mjrun.fitting.gauss_newton import GaussNewton, solve_normal
 from mjrun.fitting.prediction import ChunkInitialStates, ChunkSimulation
@@ -15,6 +14,8 @@ from tests.fitting.problems import THREE, predictor_of, segments, shooting
 
 @pytest.mark.parametrize("loss", ["linear", "huber"])
 def test_it_ends_where_scipy_does(loss: str) -> None:
+    from scipy.optimize import least_squares
+
     shoot, parameters = shooting(THREE[:2])
     predictor = predictor_of(shoot)
     (part,) = shoot.cut(segments(1.0))

@@ -4,7 +4,6 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 
@@ -31,6 +30,8 @@ def made(path: Path, count: int, codec: str = "h264", keyframe_every: int | None
 
 def decoded(path: Path) -> tuple[list[Fraction], list[bytes]]:
     """Returns the time [s] and the pixels of each frame."""
+    import av
+
     with av.open(str(path)) as container:
         frames = list(container.decode(video=0))
         times = [(frame.pts or 0) * (frame.time_base or Fraction(0)) for frame in frames]
@@ -61,6 +62,8 @@ def test_parts_of_a_joined_video_are_joined_again_to_the_same_bytes(tmp_path: Pa
 
 
 def test_keyframes_are_as_far_apart_as_requested_and_frames_are_stored_in_their_order(tmp_path: Path) -> None:
+    import av
+
     keyframes = read_samples(made(tmp_path / "a.mp4", 9, "av1", 4)).keyframes
     assert np.flatnonzero(keyframes).tolist() == [0, 4, 8]
     with av.open(str(made(tmp_path / "b.mp4", 30))) as container:

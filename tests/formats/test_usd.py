@@ -9,7 +9,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade, UsdValidation
 
 from mjrun.formats.usd import write_usd
 from mjrun.scene_graph import shapes
@@ -49,6 +48,8 @@ def stage_of(
     folder: Path, graph: SceneGraph, motion: SceneMotion = MOTION, suffix: str = ".usdc"
 ) -> tuple[Any, list[str]]:
     """Writes a scene; returns the stage that OpenUSD reads, and the remarks."""
+    from pxr import Usd
+
     file = io.BytesIO()
     remarks = write_usd(file, suffix, graph, motion, 30000 / 1001, {"model": "m.xml"})
     (folder / f"a{suffix}").write_bytes(file.getvalue())
@@ -57,12 +58,16 @@ def stage_of(
 
 def place(stage: Any, path: str, frame: float) -> np.ndarray:
     """Returns the transformation from an object to the world `(4, 4)` at a frame."""
+    from pxr import Usd, UsdGeom
+
     prim = UsdGeom.Xformable(stage.GetPrimAtPath(path))
     return np.array(prim.ComputeLocalToWorldTransform(Usd.TimeCode(frame))).T
 
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 def test_time_codes_are_frames_at_any_rate(tmp_path: Path, suffix: str) -> None:
+    from pxr import Gf, UsdGeom
+
     stage, _ = stage_of(tmp_path, SceneGraph(NODES), suffix=suffix)
     assert stage.GetTimeCodesPerSecond() == 30000 / 1001
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, 3)
@@ -76,6 +81,8 @@ def test_time_codes_are_frames_at_any_rate(tmp_path: Path, suffix: str) -> None:
 
 
 def test_nothing_in_it_is_invalid(tmp_path: Path) -> None:
+    from pxr import UsdValidation
+
     stage, _ = stage_of(tmp_path, SceneGraph(NODES), suffix=".usdz")
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
@@ -83,6 +90,8 @@ def test_nothing_in_it_is_invalid(tmp_path: Path) -> None:
 
 
 def test_geoms_share_vertices_and_keep_their_names(tmp_path: Path) -> None:
+    from pxr import UsdGeom
+
     stage, _ = stage_of(tmp_path, SceneGraph(NODES))
     first, second = (stage.GetPrimAtPath(path) for path in ("/World/body_1/ball", "/World/ball"))
     assert first.GetDisplayName() == second.GetDisplayName() == "ball"
@@ -97,6 +106,8 @@ def test_geoms_share_vertices_and_keep_their_names(tmp_path: Path) -> None:
 
 
 def test_materials_cameras_and_lights_are_read_back(tmp_path: Path) -> None:
+    from pxr import Gf, UsdGeom, UsdLux, UsdShade
+
     stage, _ = stage_of(tmp_path, SceneGraph(NODES))
     material = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath("/World/ball")).ComputeBoundMaterial()[0]
     inputs = {each.GetBaseName(): each.Get() for each in material.ComputeSurfaceSource()[0].GetInputs()}
@@ -111,6 +122,8 @@ def test_materials_cameras_and_lights_are_read_back(tmp_path: Path) -> None:
 
 
 def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> None:
+    from pxr import UsdGeom, UsdShade
+
     pixels = np.zeros((4, 4, 3), np.uint8)
     pixels[:2] = 255
     material = Material("checker", (1.0, 1.0, 1.0, 1.0), 0.0, 0.5, texture=Texture("checker", pixels))
@@ -130,6 +143,8 @@ def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> No
 
 
 def test_what_comes_and_goes_is_invisible_meanwhile_and_does_not_glide(tmp_path: Path) -> None:
+    from pxr import UsdGeom
+
     blinking = Track(
         3, np.array([0, 1, 3]), np.eye(3), np.eye(4)[[0, 0, 0]], np.array([[0] * 3, [2] * 3, [0] * 3]), False
     )
@@ -145,6 +160,8 @@ def test_what_comes_and_goes_is_invisible_meanwhile_and_does_not_glide(tmp_path:
 
 
 def test_vertices_that_move_have_samples_and_skins_are_left_out(tmp_path: Path) -> None:
+    from pxr import UsdGeom
+
     grown = np.stack([BALL.positions, 2 * BALL.positions])
     normals = np.stack([np.asarray(BALL.normals)] * 2)
     motion = replace(MOTION, deformations=[Deformation(3, np.array([0, 3]), grown, normals)])
@@ -166,6 +183,8 @@ def test_any_name_is_a_name(tmp_path: Path, name: str) -> None:
 
 
 def test_a_camera_with_intrinsics_sees_points_where_mujocos_camera_does(tmp_path: Path) -> None:
+    from pxr import Gf, Usd, UsdGeom
+
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><geom size=".1"/><camera name="eye" pos="0 -2 1" xyaxes="1 0 0 0 .4 .9"
         resolution="320 240" focalpixel="250 300" principalpixel="20 -10" sensorsize=".032 .024"/></worldbody>

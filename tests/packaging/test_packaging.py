@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import check_jsonschema
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -35,6 +34,8 @@ STEPS = {step.get("name", step.get("uses")): step for step in ACTION["runs"]["st
 
 @pytest.mark.parametrize("schema", sorted({name for name, _ in SCHEMAS}))
 def test_files_fit_their_schemas(schema: str) -> None:
+    import check_jsonschema
+
     files = [str(path) for name, path in SCHEMAS if name == schema]
     done = CliRunner().invoke(check_jsonschema.main, ["--builtin-schema", schema, *files])
     assert done.exit_code == 0, done.output

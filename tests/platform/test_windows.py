@@ -14,20 +14,24 @@ import pytest
 import mjrun
 from mjrun.platform import posix, windows
 
-USED = {  # of `system`, anywhere in mjrun
-    node.attr
-    for path in Path(mjrun.__file__).parent.rglob("*.py")
-    if "mjrun.platform import system" in (text := path.read_text("utf-8"))
-    for node in ast.walk(ast.parse(text))
-    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "system"
-}
+
+def used() -> set[str]:
+    """Returns the names of `system` that mjrun uses anywhere."""
+    return {
+        node.attr
+        for path in Path(mjrun.__file__).parent.rglob("*.py")
+        if "mjrun.platform import system" in (text := path.read_text("utf-8"))
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "system"
+    }
 
 
-@pytest.mark.parametrize("name", sorted(USED))
-def test_both_systems_have_what_is_used(name: str) -> None:
-    one, other = getattr(posix, name), getattr(windows, name)
-    if inspect.isfunction(one):
-        assert [*inspect.signature(one).parameters.values()] == [*inspect.signature(other).parameters.values()]
+def test_both_systems_have_what_is_used() -> None:
+    for name in used():
+        one, other = getattr(posix, name), getattr(windows, name)
+        if inspect.isfunction(one):
+            parameters = [[*inspect.signature(each).parameters.values()] for each in (one, other)]
+            assert parameters[0] == parameters[1], name
 
 
 def test_nothing_is_locked_so_that_files_can_be_renamed(tmp_path: Path) -> None:

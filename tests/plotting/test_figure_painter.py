@@ -1,14 +1,13 @@
 """Figures, by the artists that matplotlib has of them and by their pixels."""
 
+from __future__ import annotations
+
 import warnings
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
 
 from mjrun.options.plot import STYLES
 from mjrun.plotting.curve_syntax import ReferenceLine
@@ -17,6 +16,10 @@ from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, FigureCo
 from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
 from mjrun.plotting.matplotlib_figure import FigureLayout, settings
 from mjrun.plotting.theme import THEMES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 TIME = np.linspace(0, 2, 50)
 
@@ -49,6 +52,8 @@ def figure(
 
 
 def texts(made: Figure) -> list[Text]:
+    from matplotlib.text import Text
+
     return [each for each in made.findobj(Text) if isinstance(each, Text) and each.get_text() and each.get_visible()]
 
 
@@ -234,6 +239,8 @@ def test_one_sample_of_a_million_is_seen(width: int) -> None:
 def test_a_figure_without_any_value_is_empty_and_not_an_error() -> None:
     gap = np.full(3, np.nan)
     made = figure(DrawnPanel("a", [DrawnCurve("a", Points(np.arange(3.0), gap), 0)], True, ()))
+    from matplotlib.axes import Axes
+
     assert isinstance(made.axes[0], Axes)
 
 
@@ -241,6 +248,8 @@ LINE = 10.0
 
 
 def entries(heights: list[float]) -> list[CurveName]:
+    from matplotlib.lines import Line2D
+
     return [CurveName(str(i), Line2D([], []), y) for i, y in enumerate(heights)]
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import cache
 
 import matplotlib
 import pytest
@@ -14,30 +15,34 @@ from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 
 LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
-CANVAS = FigureLayout(GRID, LIGHT)
+
+
+@cache
+def canvas() -> FigureLayout:
+    return FigureLayout(GRID, LIGHT)
 
 
 @pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 100, "一" * 40])
 @pytest.mark.parametrize("room", [30, 100, 250])
 def test_a_fitted_text_has_no_more_than_its_room(text: str, room: float) -> None:
-    shown = CANVAS.fitted(text, room, 12)
-    assert CANVAS.measure(shown, 12) <= room
+    shown = canvas().fitted(text, room, 12)
+    assert canvas().measure(shown, 12) <= room
     if "…" in shown:
         head, tail = shown.split("…")
-        whole = CANVAS.shown(text)
+        whole = canvas().shown(text)
         assert whole.startswith(head)
         assert whole.endswith(tail)
     else:
-        assert shown in (CANVAS.shown(text), text[:1])
+        assert shown in (canvas().shown(text), text[:1])
 
 
 def test_bold_text_is_wider_and_larger_text_too() -> None:
-    assert CANVAS.measure("text", 12) < CANVAS.measure("text", 12, bold=True)
-    assert CANVAS.measure("text", 24) == pytest.approx(2 * CANVAS.measure("text", 12), rel=0.1)
+    assert canvas().measure("text", 12) < canvas().measure("text", 12, bold=True)
+    assert canvas().measure("text", 24) == pytest.approx(2 * canvas().measure("text", 12), rel=0.1)
 
 
 def test_letters_without_a_shape_are_left_to_who_shows_them_if_asked() -> None:
-    assert CANVAS.shown("位\n") == "\\u4f4d\\n"
+    assert canvas().shown("位\n") == "\\u4f4d\\n"
     assert FigureLayout(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
 
 

@@ -1,6 +1,7 @@
 """Visual flags, groups, frames and labels by MuJoCo's own names."""
 
 import warnings
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -89,20 +90,25 @@ def test_what_cannot_be_is_refused(wrong: dict) -> None:
 
 
 GEOMS = 10_500
-BALLS = "".join(f"<geom size='.1' pos='{k % 100} {k // 100} 0'/>" for k in range(GEOMS))
-MODEL = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{BALLS}</worldbody></mujoco>")
+
+
+@cache
+def crowd() -> mujoco.MjModel:
+    balls = "".join(f"<geom size='.1' pos='{k % 100} {k // 100} 0'/>" for k in range(GEOMS))
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{balls}</worldbody></mujoco>")
 
 
 @pytest.mark.parametrize(("maxgeom", "room"), [(10_000, 0), (1, 0), (20_000, 15_000)])
 def test_a_scene_grows_until_everything_is_in_it_and_nobody_is_reported_to_increase_it(maxgeom: int, room: int) -> None:
-    data = mujoco.MjData(MODEL)
-    mujoco.mj_forward(MODEL, data)
-    pose = CameraMotion(parse_camera("free", MODEL), MODEL, (64, 48)).pose(save(MODEL, data))
-    scene = mujoco.MjvScene(MODEL, maxgeom)
+    model = crowd()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    pose = CameraMotion(parse_camera("free", model), model, (64, 48)).pose(save(model, data))
+    scene = mujoco.MjvScene(model, maxgeom)
     scene.flags[0] = 1 - scene.flags[0]
     with collected_warnings() as texts, warnings.catch_warnings():
         warnings.simplefilter("error")
-        grown = updated_scene(MODEL, data, mujoco.MjvOption(), pose, scene, room)
+        grown = updated_scene(model, data, mujoco.MjvOption(), pose, scene, room)
     assert texts == []
     assert grown.maxgeom > GEOMS + room
     assert np.array_equal(grown.flags, scene.flags)

@@ -4,9 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import av
 import h5py
-import minari
 import mujoco
 import numpy as np
 import pandas
@@ -62,6 +60,8 @@ def test_each_state_is_a_row_with_its_action_and_its_task(file: Path, tmp_path: 
 
 
 def test_offline_reinforcement_learning_gets_rewards_and_ends(file: Path, tmp_path: Path) -> None:
+    import minari
+
     made(file, tmp_path / "set-v0", format="minari", instruction="lift")
     first, second = minari.MinariDataset(tmp_path / "set-v0/data").iterate_episodes()
     np.testing.assert_array_equal(first.observations[:-1], DEMOS["demo_1"][:, 1:])
@@ -72,6 +72,8 @@ def test_offline_reinforcement_learning_gets_rewards_and_ends(file: Path, tmp_pa
 
 @pytest.mark.gl
 def test_images_are_those_of_a_bare_loop_over_the_states(file: Path, tmp_path: Path) -> None:
+    import av
+
     made(file, tmp_path / "set", camera="agentview", size=(64, 64), crf=1)
     with av.open(str(tmp_path / "set/videos/observation.images.agentview/chunk-000/file-000.mp4")) as video:
         frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]

@@ -6,8 +6,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import av
-import minari
 import mujoco
 import numpy as np
 import pandas
@@ -71,6 +69,8 @@ def table(folder: Path, episode: int | None = None) -> dict[str, np.ndarray]:
 
 
 def frames(path: Path) -> np.ndarray:
+    import av
+
     with av.open(str(path)) as container:
         return np.array([frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)])
 
@@ -84,6 +84,8 @@ def test_a_policy_with_a_memory_that_episodes_would_share_is_reported(tmp_path: 
 
 
 def test_episodes_are_those_of_the_environment_and_of_mjrun_eval(tmp_path: Path, task: Task, policy: str) -> None:
+    import minari
+
     result = made(mjrun.Simulation(task, policy=policy, seed=3), tmp_path / "carts", format="minari")
     environment = mjrun.gym.make(task).unwrapped
     actor = load_policy(policy).episode(0, ActionSpace(["push"], np.array([-1.0]), np.array([1.0])))
@@ -302,6 +304,8 @@ def test_images_are_those_of_mjrun_video(tmp_path: Path, simulation: mjrun.Simul
 
 
 def test_environments_of_gymnasium_are_played(tmp_path: Path) -> None:
+    import minari
+
     simulation = mjrun.Simulation("gym:InvertedPendulum-v5", policy="zero")
     result = made(simulation, tmp_path / "pendulum-v0", episodes=2, format="minari")
     dataset = minari.MinariDataset(tmp_path / "pendulum-v0/data")

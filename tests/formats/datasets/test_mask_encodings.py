@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from matplotlib.path import Path as Outline
 
 from mjrun.formats.datasets.coco import mask_of, polygons
 from mjrun.formats.segmentation_labels import regions
@@ -10,6 +9,7 @@ from mjrun.formats.segmentation_labels import regions
 
 @pytest.mark.parametrize("seed", range(5))
 def test_filling_the_outlines_gives_the_mask_without_holes(seed: int) -> None:
+    from matplotlib.path import Path as Outline
     from scipy.ndimage import binary_fill_holes
 
     mask = np.random.default_rng(seed).random((15, 20)) < 0.55

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import yaml
-from matplotlib.path import Path as Outline
 
 from mjrun.errors import UsageError
 from mjrun.formats.datasets import DatasetRecords
@@ -28,6 +27,8 @@ def test_boxes_are_relative_to_the_size_of_the_image() -> None:
 
 
 def test_segments_are_the_largest_part_of_each_mask() -> None:
+    from matplotlib.path import Path as Outline
+
     category, *numbers = lines("segment")[0]
     outline = np.array(numbers).reshape(-1, 2) * [WIDTH, HEIGHT]
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)

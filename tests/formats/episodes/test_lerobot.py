@@ -8,7 +8,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pandas
 import pytest
@@ -69,6 +68,8 @@ def _row_stats(folder: Path, index: int) -> dict[str, Any]:
 
 
 def test_every_frame_is_where_its_time_in_the_video_says(tmp_path: Path) -> None:
+    import av
+
     written("lerobot", tmp_path, LAYOUT, episodes(range(4), tmp_path))
     with av.open(str(tmp_path / "videos/observation.images.front/chunk-000/file-000.mp4")) as container:
         frames = {round(frame.time, 9): frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)}

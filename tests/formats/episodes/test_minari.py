@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import minari
 import numpy as np
 import pytest
 
@@ -13,6 +12,8 @@ from tests.formats.episodes.made_episodes import LAYOUT, NUMBERS, episode, episo
 
 
 def test_minari_loads_every_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import minari
+
     written("minari", tmp_path / "arm-v3", NUMBERS, episodes(range(3)))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     dataset = minari.load_dataset("arm-v3")
@@ -31,6 +32,8 @@ def test_minari_loads_every_number(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_continued_dataset_holds_the_same_episodes(tmp_path: Path) -> None:
+    import minari
+
     folder = tmp_path / "arm"
     written("minari", folder, NUMBERS, episodes(range(2)))
     written("minari", folder, NUMBERS, episodes([2]), 2)

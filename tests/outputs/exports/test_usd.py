@@ -5,7 +5,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
 
 import mjrun
 from mjrun.outputs.export import Export
@@ -15,6 +14,8 @@ from mjrun.outputs.exports.usd import FORMAT
 
 @pytest.mark.parametrize("fps", [25, 50])
 def test_bodies_are_where_mujoco_puts_them_at_every_time_code(swing: Path, tmp_path: Path, fps: int) -> None:
+    from pxr import Usd, UsdGeom
+
     Export(mjrun.Simulation(swing, duration=0.2), str(tmp_path / "a.usdc"), fps=fps).run()
     stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
     assert stage.GetTimeCodesPerSecond() == fps

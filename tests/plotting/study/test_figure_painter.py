@@ -1,14 +1,12 @@
 """Figures of studies, read back from matplotlib's artists and from pixels."""
 
-import warnings
-from typing import Any
+from __future__ import annotations
 
-import matplotlib
+import warnings
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from mjrun.plotting.axis_ticks import WHOLE
 from mjrun.plotting.figure_data import ParameterAxis
@@ -28,6 +26,10 @@ from mjrun.plotting.study.figure_painter import BANDS as BAND_NAMES
 from mjrun.plotting.study.figure_painter import COLOUR_MAP, paint_study
 from mjrun.plotting.theme import THEMES
 from tests.plotting.test_figure_painter import require_room, words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 X, Y = np.array([0.0, 1, 2]), np.array([1.0, 3, 2])
 BANDS = [Band(Y - 1, Y + 1), Band(Y - 0.5, Y + 0.5)]
@@ -135,6 +137,8 @@ def test_the_key_names_lines_bands_and_each_status_with_its_number() -> None:
 
 
 def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
+    import matplotlib
+
     made = figure(StudyDrawing("", [HEAT]))
     axes, bar = made[0].axes
     for (row, column), value in np.ndenumerate(VALUES[:, :2]):
@@ -169,6 +173,8 @@ def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None
 
 
 def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() -> None:
+    from matplotlib.collections import LineCollection
+
     intervals = np.array([[[-0.2, 0.3], [0.6, 1]], [[0.1, 0.4], [np.nan, np.nan]]])
     bars, rings = np.array([0.1, 0.8]), np.array([0.2, 0.9])
     panel = SensitivityPanel("z", ["a", "b"], bars, rings, ("first", "total"), "share", (-0.6, 1.1), intervals)
@@ -189,6 +195,8 @@ def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_pane
 
 
 def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metric() -> None:
+    from matplotlib.collections import LineCollection
+
     made, _ = figure(StudyDrawing("", [RANK], 1, ABOVE))
     failed, good = (c for c in made.axes[0].collections if isinstance(c, LineCollection))
     (line,) = failed.get_segments()
