@@ -162,21 +162,14 @@ class RowStream:
         self._last = keys[-1]
 
 
-def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | SkippedRows]:
-    """Yields the rows with the same number; unmatched rows are counted."""
-    while True:
-        yield from _equal_rows(a, b, skip)
-        if not _fill(a, b):
-            return
-        count = min(len(a), len(b))
-        if count:
-            yield _first_pairs(a, b, count)
-        else:
-            _pass_over(a, b)
+def pairs_in_order(
+    a: RowStream, b: RowStream, tolerance: Tolerance | None, skip: Skip
+) -> Iterator[Pairs | SkippedRows]:
+    """Yields the rows whose keys agree, several with one key in their order; unmatched rows are counted.
 
-
-def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -> Iterator[Pairs | SkippedRows]:
-    """Yields the rows whose keys agree, several with one key in their order; unmatched rows are counted."""
+    Args:
+      tolerance: that of the keys; None matches rows by number.
+    """
     while True:
         yield from _equal_rows(a, b, skip)
         if not _fill(a, b):
@@ -184,7 +177,7 @@ def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -
         count = min(len(a), len(b))
         if not count:
             _pass_over(a, b)
-        elif _near(a.keys[:count], b.keys[:count], tolerance).all():
+        elif tolerance is None or _near(a.keys[:count], b.keys[:count], tolerance).all():
             yield _first_pairs(a, b, count)
         else:
             yield from _merged(a, b, tolerance)

@@ -132,10 +132,8 @@ def compare_rows(
     """
     if key is None or isinstance(key, str):
         stream_a, stream_b = row_alignment.RowStream(a, columns, key), row_alignment.RowStream(b, columns, key)
-        if key is None:
-            all_pairs = row_alignment.pairs_by_row(stream_a, stream_b, skip)
-        else:
-            all_pairs = row_alignment.pairs_by_key(stream_a, stream_b, tolerances.of_key(key), skip)
+        tolerance = None if key is None else tolerances.of_key(key)
+        all_pairs = row_alignment.pairs_in_order(stream_a, stream_b, tolerance, skip)
     else:
         stream_a, stream_b = row_alignment.KeyedRows(a, columns, key), row_alignment.KeyedRows(b, columns, key)
         all_pairs = row_alignment.pairs_by_columns(stream_a, stream_b)

@@ -9,9 +9,11 @@ import numpy as np
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.prediction import Chunk, ChunkSimulation, Predictor
 from mjrun.model import state
+from mjrun.model.names import BALL, FREE
 from mjrun.probe.fields import field_probe
 
 JOINTPOS, JOINTVEL = int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL)
+QUATERNION_PLACES = {FREE: 3, BALL: 0}  # of quaternions and angular velocities within the numbers of a joint
 WINDOW = 9  # rows to which a parabola is fitted
 LONGER = (72, 36, 18)  # numbers of rows that are preferred if a parabola fits them
 FITTING = 1.35  # largest residuals of such a parabola, in standard deviations of the noise
@@ -72,9 +74,7 @@ class StateGuesses:
         model, rates = self._model, dict[int, int]()
         for joint in range(model.njnt):
             first, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-            count = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}.get(
-                int(model.jnt_type[joint]), 1
-            )
+            count = QUATERNION_PLACES.get(int(model.jnt_type[joint]), 1)
             rates |= {speed + k: self._qpos[first + k] for k in range(count) if first + k in self._qpos}
         return rates
 
@@ -83,9 +83,7 @@ class StateGuesses:
         model, speeds = self._model, dict[int, int]()
         for joint in range(model.njnt):
             first, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-            offset = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}.get(
-                int(model.jnt_type[joint])
-            )
+            offset = QUATERNION_PLACES.get(int(model.jnt_type[joint]))
             if offset is not None and first + offset in self._qpos:
                 speeds[first + offset] = speed + offset
         return speeds

@@ -1,6 +1,8 @@
 """Files on disk and in archives, addressed by one kind of path: `robot.mjz/meshes/arm.obj` is in `robot.mjz`."""
 
+import os
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from mjrun.confinement.confinement import is_readable
@@ -27,6 +29,12 @@ def file_size(path: str) -> int | None:
             return opened.getinfo(_member(path, archive)).file_size
     except (OSError, KeyError, ValueError, zipfile.BadZipFile):
         return None
+
+
+def first_existing(places: Iterable[str]) -> str | None:
+    """Returns the first of some paths that exists, without `..`; None if none does."""
+    normal = (os.path.normpath(place) for place in places)
+    return next((place for place in normal if file_size(place) is not None), None)
 
 
 def file_content(path: str) -> bytes | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.archive_paths import file_content, file_size, main_mjcf
+from mjrun.model.archive_paths import file_content, first_existing, main_mjcf
 from mjrun.model.xml_source import scan, with_slashes
 from mjrun.suffixes import ARCHIVES
 
@@ -166,7 +166,7 @@ def _tags(path: str, content: bytes) -> list[_Tag]:
 def _attached_file(tag: _Tag, model: str) -> str | None:
     """Returns the file of a `<model>` element, and the main member of an archive; None if it does not exist."""
     name = with_slashes(tag.attributes["file"])
-    place = _existing(os.path.join(os.path.dirname(model), name), name)  # noqa: PTH118, PTH120
+    place = first_existing([os.path.join(os.path.dirname(model), name), name])  # noqa: PTH118, PTH120
     if place and place.endswith(ARCHIVES):
         return main_mjcf(Path(place))
     return place
@@ -175,12 +175,7 @@ def _attached_file(tag: _Tag, model: str) -> str | None:
 def _included_file(tag: _Tag, main: str) -> str | None:
     """Returns the file of an `<include>` element, which MuJoCo looks for next to the model first."""
     name = with_slashes(tag.attributes["file"])
-    return _existing(*(os.path.join(os.path.dirname(base), name) for base in (main, tag.file)))  # noqa: PTH118, PTH120
-
-
-def _existing(*places: str) -> str | None:
-    normal = (os.path.normpath(place) for place in places)
-    return next((place for place in normal if file_size(place) is not None), None)
+    return first_existing(os.path.join(os.path.dirname(base), name) for base in (main, tag.file))  # noqa: PTH118, PTH120
 
 
 def _broken(tag: _Tag, message: str, hint: str) -> BrokenModelError:

@@ -14,7 +14,6 @@ from dataclasses import replace
 from operator import is_
 
 import mujoco
-import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
@@ -30,6 +29,7 @@ from mjrun.model.compiler_copied_fields import (
 )
 from mjrun.model.compiler_derived_fields import DerivedNumbers
 from mjrun.model.copied_element_values import CopiedElementNumbers
+from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.recompilation import Recompiler, may_be_recompiled
 from mjrun.model.source import Source
@@ -128,13 +128,13 @@ class VariantLoader:
             compilation = self._compilation(bare)
         except MjrunError:  # overrides may make it valid
             return None
-        reference: bytes | None = None
+        reference: str | None = None
         for make in (SharedCompilation.with_parts, SharedCompilation.recompiled):
             proof = compilation.proofs.setdefault((make.__name__, _paths(rest)), _Proof())
             variant = make(compilation, options, rest) if proof.can_succeed else None
             if variant and not proof.is_complete:
-                reference = reference or _content(self._compile(source).model)
-                proof.add(_content(variant.model) == reference)
+                reference = reference or model_fingerprint(self._compile(source).model)
+                proof.add(model_fingerprint(variant.model) == reference)
             if variant and proof.can_succeed:
                 return variant
         return None
@@ -326,12 +326,6 @@ def _parted(
 
 def _paths(overrides: Sequence[Override]) -> frozenset[str]:
     return frozenset(override.path for override in overrides)
-
-
-def _content(model: mujoco.MjModel) -> bytes:
-    content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, content)
-    return content.tobytes()
 
 
 def _is_copied_option(override: Override) -> bool:

@@ -8,7 +8,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import concerning, option
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, SampledRows
 from mjrun.physics.simulation_loop import AnyTap, Tap
-from mjrun.probe.assertion import parse
+from mjrun.probe.assertion import parse_all
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.verdict import Verdict
@@ -65,13 +65,12 @@ class MarkDetector:
                 parsed = parse_condition(condition, available, option("mark_event"))
                 self._events.append((label, parsed, RisingEdgeDetector()))
                 read += parsed.columns
-        for index, text in enumerate(assertions):
-            with concerning("assert", index):
-                read += parse(text, available).columns
+        for assertion in parse_all(assertions, available):
+            read += assertion.columns
         names = [name for name in dict.fromkeys(read) if name != "time"]
         self._table, self._timeline = ProbeSampler(model, names, timeline, episode), timeline
         columns = TraceVocabulary(self._table.names, model, others)
-        self._checkers = [parse(text, columns).checker() for text in assertions]
+        self._checkers = [assertion.checker() for assertion in parse_all(assertions, columns)]
         self.enable_flags: int = self._table.model.opt.enableflags
         self._rows = 0
 

@@ -272,17 +272,13 @@ def _assertions(texts: Sequence[str], table: ProbeSampler, episode: EpisodeColum
     """Parses the assertions about a table; without any, their parser is not imported."""
     if not texts:
         return []
-    from mjrun.probe.assertion import parse
+    from mjrun.probe.assertion import parse_all
     from mjrun.probe.vocabularies import TraceVocabulary
 
     available = TraceVocabulary(
         [column.name for column in table.columns], table.model, episode.names if episode else ()
     )
-    assertions: list[Assertion] = []
-    for index, text in enumerate(texts):
-        with concerning("assert", index):
-            assertions.append(parse(text, available))
-    return assertions
+    return parse_all(texts, available)
 
 
 def row_steps(timeline: Timeline, every: int, rate: Fraction | None) -> Sequence[int]:

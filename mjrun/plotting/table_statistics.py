@@ -5,8 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import concerning
-from mjrun.probe.assertion import Assertion, parse
+from mjrun.probe.assertion import parse_all
 from mjrun.probe.verdict import Verdict
 
 
@@ -85,12 +84,12 @@ class TableSummary:
     def __init__(
         self, path: str, units: Mapping[str, str], columns: Collection[str] | None, assertions: Sequence[str]
     ) -> None:
-        read = {name for assertion in _parsed(assertions, list(units)) for name in assertion.columns}
+        read = {name for assertion in parse_all(assertions, list(units)) for name in assertion.columns}
         self.path = path
         self.names = [name for name in units if columns is None or name in columns or name in read]
         self._units = [units[name] for name in self.names]
         self._counter = ColumnCounter(self.names)
-        self._checkers = [assertion.checker() for assertion in _parsed(assertions, self.names)]
+        self._checkers = [assertion.checker() for assertion in parse_all(assertions, self.names)]
 
     def feed(self, columns: Mapping[str, np.ndarray]) -> None:
         """Adds rows: `(n,)` of each column by name; extra columns are ignored."""
@@ -111,11 +110,3 @@ class TableSummary:
     def verdicts(self) -> list[Verdict]:
         """Returns the outcome of every assertion; to be called once, after the last row."""
         return [checker.verdict() for checker in self._checkers]
-
-
-def _parsed(texts: Sequence[str], names: Sequence[str]) -> list[Assertion]:
-    assertions: list[Assertion] = []
-    for index, text in enumerate(texts):
-        with concerning("assert", index):
-            assertions.append(parse(text, names))
-    return assertions

@@ -58,7 +58,7 @@ from dataclasses import field
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import clean, option
+from mjrun.errors import clean, concerning, option
 from mjrun.probe import expression as tree
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_rows, shown
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
@@ -147,6 +147,15 @@ def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") 
     truth, table = parser.assertion(), parser.vocabulary.names
     read = {*tree.columns_read(truth)}
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
+
+
+def parse_all(texts: Sequence[str], columns: Sequence[str] | Vocabulary) -> list[Assertion]:
+    """Parses the assertions of the option `assert`; errors state which."""
+    assertions: list[Assertion] = []
+    for index, text in enumerate(texts):
+        with concerning("assert", index):
+            assertions.append(parse(text, columns))
+    return assertions
 
 
 class AssertionChecker:

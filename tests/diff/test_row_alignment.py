@@ -42,14 +42,8 @@ def stream(times: list[float], sizes: list[int], key: str | None = "time") -> Ro
     return RowStream(ListedRows(times, sizes), ["x"], key)
 
 
-def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
-    for pairs in row_alignment.pairs_by_key(a, b, tolerance, lambda: 0):
-        assert isinstance(pairs, Pairs)
-        yield pairs
-
-
-def pairs_by_row(a: RowStream, b: RowStream) -> Iterator[Pairs]:
-    for pairs in row_alignment.pairs_by_row(a, b, lambda: 0):
+def pairs_in_order(a: RowStream, b: RowStream, tolerance: Tolerance | None) -> Iterator[Pairs]:
+    for pairs in row_alignment.pairs_in_order(a, b, tolerance, lambda: 0):
         assert isinstance(pairs, Pairs)
         yield pairs
 
@@ -87,7 +81,7 @@ def test_rows_are_merged_by_time_wherever_blocks_end(
 ) -> None:
     one, other = stream(a, sizes_a), stream(b, sizes_b)
     pairs, only_a, only_b = merged(a, b)
-    found = list(pairs_by_key(one, other, Tolerance()))
+    found = list(pairs_in_order(one, other, Tolerance()))
     assert numbers(found) == pairs
     assert [key for pair in found if pair.keys is not None for key in pair.keys] == [a[i] for i, _ in pairs]
     for side, rows, keys in ((one, only_a, a), (other, only_b, b)):
@@ -99,7 +93,7 @@ def test_rows_are_merged_by_time_wherever_blocks_end(
 @given(st.integers(0, 9), st.integers(0, 9), sizes, sizes)
 def test_rows_without_a_key_go_by_their_number(a: int, b: int, sizes_a: list[int], sizes_b: list[int]) -> None:
     one, other = stream([0.0] * a, sizes_a, None), stream([0.0] * b, sizes_b, None)
-    assert numbers(list(pairs_by_row(one, other))) == [(i, i) for i in range(min(a, b))]
+    assert numbers(list(pairs_in_order(one, other, None))) == [(i, i) for i in range(min(a, b))]
     for side, own, others in ((one, a, b), (other, b, a)):
         assert side.unmatched.count == max(0, own - others)
         assert side.unmatched.first == (others if own > others else None)
@@ -113,7 +107,7 @@ def test_times_that_differ_within_a_tolerance_belong_together(
     in_a = [float(i) for i, (here, _, _) in enumerate(rows) if here]
     in_b = [i + jitter for i, (_, there, jitter) in enumerate(rows) if there]
     both = [i for i, (here, there, _) in enumerate(rows) if here and there]
-    found = numbers(list(pairs_by_key(stream(in_a, sizes_a), stream(in_b, sizes_b), Tolerance(0.41))))
+    found = numbers(list(pairs_in_order(stream(in_a, sizes_a), stream(in_b, sizes_b), Tolerance(0.41))))
     assert [in_a[i] for i, _ in found] == both
     assert [round(in_b[j]) for _, j in found] == both
 
@@ -128,18 +122,18 @@ def test_times_that_differ_within_a_tolerance_belong_together(
 def test_a_time_that_falls_is_reported_with_its_row(keys: list[float], message: str) -> None:
     for sizes in ([], [1, 1, 1], [2]):
         with pytest.raises(FileError, match=f"rows.csv: {message}"):
-            list(pairs_by_key(stream(keys, sizes), stream([0.0, 1.0, 2.0], [1]), Tolerance()))
+            list(pairs_in_order(stream(keys, sizes), stream([0.0, 1.0, 2.0], [1]), Tolerance()))
 
 
 def test_memory_holds_a_few_blocks_even_where_one_side_is_far_ahead() -> None:
     many = [float(i) for i in range(1000)]
     one, other = stream(many, [10] * 99), stream([5000.0 + t for t in many], [10] * 99)
     most = 0
-    for _ in pairs_by_key(one, other, Tolerance()):
+    for _ in pairs_in_order(one, other, Tolerance()):
         raise AssertionError
     assert one.unmatched.count == other.unmatched.count == 1000
     one, other = stream(many, [10] * 99), stream(many[::2], [10] * 49)
-    for _ in pairs_by_key(one, other, Tolerance()):
+    for _ in pairs_in_order(one, other, Tolerance()):
         most = max(most, len(one), len(other))
     assert most <= 20
 
@@ -148,7 +142,7 @@ def test_equal_rows_are_passed_over_where_none_wait() -> None:
     times = [1.0, 2.0, 3.0, 4.0]
     counts = iter([7, 0, 5, 0])
     one, other = stream(times, [2, 2]), stream(times, [2, 2])
-    found = list(row_alignment.pairs_by_key(one, other, Tolerance(), lambda: next(counts)))
+    found = list(row_alignment.pairs_in_order(one, other, Tolerance(), lambda: next(counts)))
     shown = [pair.count if isinstance(pair, SkippedRows) else pair.rows_a.tolist() for pair in found]
     assert shown == [7, [7, 8], [9, 10], 5]
     assert (one.row, other.row) == (16, 16)

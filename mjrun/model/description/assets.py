@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.model.archive_paths import file_content, file_size, main_mjcf
+from mjrun.model.archive_paths import file_content, file_size, first_existing, main_mjcf
 from mjrun.model.names import PREFIXES, names
 from mjrun.model.xml_source import scan
 
@@ -137,5 +137,4 @@ def _resolve(file: str, path: str, root: str, folders: dict[str, str]) -> str | 
     places = [os.path.join(base, folder, file) for folder in ("", *folders.values()) for base in bases]  # noqa: PTH118
     # MuJoCo may strip the folders from a file name; both forms are tried.
     places += [os.path.join(base, folder, Path(file).name) for folder in folders.values() for base in bases]  # noqa: PTH118
-    normal = (os.path.normpath(place) for place in places)
-    return next((place for place in normal if file_size(place) is not None), None)
+    return first_existing(places)

@@ -1,7 +1,8 @@
 """The parameters of a study, and statistics of its points: medians with bands, ranks and their correlations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -143,13 +144,20 @@ def dependences(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndar
 
     Points at which either is not finite are omitted. The result is NaN for constant values or fewer than three points.
     """
-    shares = np.full(len(parameters), np.nan)
+    return _of_each(parameters, metric, lambda a, b: np.sqrt(1 - np.exp(-2 * _mutual_information(a, b))))
+
+
+def _of_each(
+    parameters: Sequence[np.ndarray], metric: np.ndarray, compute: Callable[[np.ndarray, np.ndarray], Any]
+) -> np.ndarray:
+    """Returns a number for each parameter and the metric: of the points at which both are finite."""
+    made = np.full(len(parameters), np.nan)
     for index, values in enumerate(parameters):
         usable = np.isfinite(values) & np.isfinite(metric)
         a, b = values[usable], metric[usable]
         if len(a) >= 3 and np.ptp(a) > 0 and np.ptp(b) > 0:
-            shares[index] = np.sqrt(1 - np.exp(-2 * _mutual_information(a, b)))
-    return shares
+            made[index] = compute(a, b)
+    return made
 
 
 def _mutual_information(a: np.ndarray, b: np.ndarray) -> float:
@@ -185,10 +193,4 @@ def rank_correlations(parameters: Sequence[np.ndarray], metric: np.ndarray) -> n
     require("rank correlations", "sweep", "scipy")
     from scipy.stats import spearmanr
 
-    ranked = np.full(len(parameters), np.nan)
-    for index, values in enumerate(parameters):
-        usable = np.isfinite(values) & np.isfinite(metric)
-        a, b = values[usable], metric[usable]
-        if len(a) >= 3 and np.ptp(a) > 0 and np.ptp(b) > 0:
-            ranked[index], _ = spearmanr(a, b)
-    return ranked
+    return _of_each(parameters, metric, lambda a, b: spearmanr(a, b)[0])
