@@ -70,7 +70,8 @@ def try_backend_early(command_line: CommandLine) -> None:
     from mjrun.child_process import may_fork
     from mjrun.rendering.backend import start_early
 
-    if may_fork() and command_line.value("renderer") != "filament" and not command_line.value("if_changed"):
+    can_copy = "mujoco" not in sys.modules and may_fork()
+    if can_copy and command_line.value("renderer") != "filament" and not command_line.value("if_changed"):
         with suppress(MjrunError):  # which the detection raises again
             start_early(cast("str | None", command_line.value("gl")))
 
