@@ -15,7 +15,9 @@ ANSWERS: dict[object, dict[str, Any]] = {}  # of backends, by all that decides t
 class RememberedTrial(BackendTrialProcess):
     """A trial whose process is started only if the same was never tried in this environment."""
 
-    def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
+    def __init__(
+        self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = (), is_fork: bool = False
+    ) -> None:
         self.name = name
         environment = {
             variable: value
@@ -27,7 +29,7 @@ class RememberedTrial(BackendTrialProcess):
         self._key = (name, draw, device, *unset, *sorted(environment.items()))
         self._is_new = self._key not in ANSWERS
         if self._is_new:
-            super().__init__(name, draw, device, unset)
+            super().__init__(name, draw, device, unset, is_fork)
 
     def answer(self) -> dict[str, Any]:
         if self._is_new:
