@@ -627,9 +627,9 @@ class EpisodeDataset(_EpisodeDataset):
       trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
         is higher.
       trail_span: Duration of the motion that a trail shows [s]. [default: all]
-      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
-        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
-        trace=FILE, with map=FILE or map.
+      ghost: Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows
+        the pose of a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table
+        of positions, trace=FILE, with map=FILE or map.
       quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
         model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
       renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
@@ -914,9 +914,9 @@ class Export(_Export):
       trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
         is higher.
       trail_span: Duration of the motion that a trail shows [s]. [default: all]
-      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
-        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
-        trace=FILE, with map=FILE or map.
+      ghost: Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows
+        the pose of a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table
+        of positions, trace=FILE, with map=FILE or map.
       quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
         model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
       renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
@@ -1086,9 +1086,9 @@ class Image(_Image):
       trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
         is higher.
       trail_span: Duration of the motion that a trail shows [s]. [default: all]
-      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
-        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
-        trace=FILE, with map=FILE or map.
+      ghost: Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows
+        the pose of a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table
+        of positions, trace=FILE, with map=FILE or map.
       quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
         model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
       renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
@@ -1898,9 +1898,9 @@ class Video(_Video):
       trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
         is higher.
       trail_span: Duration of the motion that a trail shows [s]. [default: all]
-      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
-        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
-        trace=FILE, with map=FILE or map.
+      ghost: Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows
+        the pose of a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table
+        of positions, trace=FILE, with map=FILE or map.
       quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
         model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
       renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
@@ -2534,9 +2534,9 @@ def frames(
       trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
         is higher.
       trail_span: Duration of the motion that a trail shows [s]. [default: all]
-      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
-        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
-        trace=FILE, with map=FILE or map.
+      ghost: Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows
+        the pose of a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table
+        of positions, trace=FILE, with map=FILE or map.
       quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
         model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
       renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,

@@ -150,9 +150,9 @@ class SceneOptions(RendererOptions):
     ghost: tuple[str, ...] = option(
         converter=Several(GhostKind()),
         default=(),
-        help="Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe, key=NAME; "
-        "the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, with "
-        "map=FILE or --map.",
+        help="Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows the pose of "
+        "a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, "
+        "with map=FILE or --map.",
     )
 
 
