@@ -179,6 +179,7 @@ class _DataColumns:
         self.measured: list[tuple[slice, InstantProbe]] = []
         self._computations: list[Callable[[mujoco.MjModel, mujoco.MjData], None]] = []
         self._computed: list[tuple[slice, str, slice | np.ndarray]] = []
+        self._views: dict[int, list[tuple[slice, np.ndarray, slice | np.ndarray]]] = {}  # of each MjData, by its id
         self._lock = Lock()  # probes may share memory
 
     @property
@@ -193,15 +194,21 @@ class _DataColumns:
         self._computed.append((place, piece.field, as_slice(piece.places)))
 
     def read(self, model: mujoco.MjModel, data: mujoco.MjData, row: np.ndarray) -> None:
-        """Writes the columns into a row; changes fields that a step computes from the state."""
+        """Writes the columns into a row; changes fields that a step computes from the state.
+
+        The MjData is one of a few that last as long as this object.
+        """
         if self.measured:
             with self._lock:
                 for place, probe in self.measured:
                     row[place] = probe.measure(model, data)
         for computation in self._computations:
             computation(model, data)
-        for place, field, places in self._computed:
-            row[place] = getattr(data, field).reshape(-1)[places]
+        if (views := self._views.get(id(data))) is None:
+            views = [(place, getattr(data, field).reshape(-1), places) for place, field, places in self._computed]
+            self._views[id(data)] = views
+        for place, values, places in views:
+            row[place] = values[places]
 
 
 class BatchColumns:
@@ -239,7 +246,8 @@ class BatchColumns:
         self._examined = None
         if isinstance(batch, MjDataBatch):
             values = np.zeros((batch.nsim, plan.count))
-            batch.examine = lambda world, model, data: examined.read(model, data, values[world])
+            rows = [*values]
+            batch.examine = lambda world, model, data: examined.read(model, data, rows[world])
             self._copied += [(place, values[:, place]) for place in examined.places]
         elif examined.places:
             self._examined, self._scratch = examined, mujoco.MjData(batch.model)
