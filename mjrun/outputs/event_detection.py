@@ -1,29 +1,72 @@
-"""Detection of the instants at which events happen, with a recording to replay the simulation afterwards."""
+"""Detection of the instants at which events happen: for outputs that wait for them, and as marks on a time line."""
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import mujoco
-import numpy as np
 
-from mjrun.errors import OptionPath, UsageError, concerning, quoted
-from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.dataclass import dataclass
+from mjrun.errors import OptionPath, UsageError, concerning, option, quoted
+from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, SampledRows
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import AnyTap, Tap
-from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
-from mjrun.probe.row_expression import RisingEdgeDetector, parse_condition
-from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
+from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
 from mjrun.task.episode import ControlInstants
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
     from mjrun.camera.script import Event
+    from mjrun.probe.verdict import Verdict
+
+MOST = 200  # marks of one condition
 
 
-class EventDetector:
-    """A detector that evaluates conditions at every step and records the state of every step. To be closed.
+class ConditionDetector:
+    """A detector of the steps at which conditions begin to hold, which evaluates them at every step.
+
+    Args:
+      read: columns that are measured in addition to those of the conditions.
+
+    Attributes:
+      table: measures the columns.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        timeline: Timeline,
+        conditions: Sequence[Condition],
+        episode: EpisodeColumns | None = None,
+        read: Sequence[str] = (),
+    ) -> None:
+        self._conditions = [(condition, RisingEdgeDetector()) for condition in conditions]
+        columns = [name for condition in conditions for name in condition.columns]
+        names = [name for name in dict.fromkeys([*columns, *read]) if name != "time"]
+        self.table = ProbeSampler(model, names, timeline, episode)
+
+    def tap(self, until: int) -> AnyTap:
+        """Returns the tap that evaluates every step up to `until`."""
+        steps = range(until + 1)
+        self._buffer = RowBuffer(self.table, steps, self.evaluate)
+        return Tap(steps, self.table.read, self._buffer.add)
+
+    def onsets(self) -> list[Sequence[int]]:
+        """Returns the steps at which each condition begins to hold."""
+        self._buffer.flush()
+        return [onsets.indices for _, onsets in self._conditions]
+
+    def evaluate(self, rows: SampledRows) -> None:
+        """Evaluates the next steps."""
+        values: Mapping[str, object] = dict(zip(self.table.names, rows.values.T, strict=True))
+        for condition, onsets in self._conditions:
+            onsets.feed(condition.holds(values))
+
+
+class EventDetector(ConditionDetector):
+    """A detector that also records the state of every step. To be closed.
 
     Args:
       texts: conditions such as `speed(box) > 0.02`.
@@ -33,10 +76,8 @@ class EventDetector:
         self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str], episode: EpisodeColumns | None = None
     ) -> None:
         available = _vocabulary(model, episode)
-        watched = [parse_condition(text, available, "when") for text in sorted(texts)]
-        self._conditions = [(each, RisingEdgeDetector()) for each in watched]
-        self._tables = [ProbeSampler(model, each.columns, timeline, episode) for each in watched]
-        self._timeline = timeline
+        self._watched = [parse_condition(text, available, "when") for text in sorted(texts)]
+        super().__init__(model, timeline, self._watched, episode)
         self._states, self._instants = StateBuffer(model), ControlInstants()
 
     def taps(self, until: int) -> list[AnyTap]:
@@ -44,14 +85,14 @@ class EventDetector:
         every = range(until + 1)
         return [
             Tap(every, lambda stepper: stepper.state(), self._states.append),
-            Tap(every, self._rows, self._evaluate),
+            self.tap(until),
             Tap(every, self._instants.take, lambda _: None),
         ]
 
     @property
     def event_steps(self) -> Mapping[str, Sequence[int]]:
         """The steps at which each condition begins to hold."""
-        return {watched.text: onsets.indices for watched, onsets in self._conditions}
+        return {watched.text: steps for watched, steps in zip(self._watched, self.onsets(), strict=True)}
 
     def replay(self, model: mujoco.MjModel) -> ReplayStepper:
         """Returns a stepper that replays the recorded steps."""
@@ -60,19 +101,6 @@ class EventDetector:
     def close(self) -> None:
         """Frees the recording."""
         self._states.close()
-
-    def _rows(self, stepper: Stepper) -> list[dict[str, np.ndarray]]:
-        """Returns the columns of each condition by name, `(1,)` each."""
-        time = float(self._timeline.time(stepper.step))
-        rows: list[dict[str, np.ndarray]] = []
-        for table in self._tables:
-            values = np.array([time, *table.values(stepper)])[:, None]
-            rows.append({column.name: value for column, value in zip(table.columns, values, strict=True)})
-        return rows
-
-    def _evaluate(self, rows: Sequence[Mapping[str, np.ndarray]]) -> None:
-        for (watched, onsets), row in zip(self._conditions, rows, strict=True):
-            onsets.feed(watched.holds(row))
 
 
 def conditions(
@@ -125,3 +153,74 @@ def time_of(
         f"{where}: {quoted(event.when)} {often} in the {float(timeline.duration):g} s of the simulation{since}\n"
         "add `else: end` or a time to cover this case"
     )
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mark on the time line of a simulation.
+
+    Attributes:
+      time: simulated time [s]; None for an assertion that holds, or that no instant decides alone.
+      kind: `event`, or `pass` or `fail` for an assertion.
+      text: the condition by its label, or the assertion.
+    """
+
+    time: float | None
+    kind: str
+    text: str
+
+
+class MarkDetector(ConditionDetector):
+    """A detector that also evaluates assertions at every step.
+
+    Args:
+      events: conditions, `contact/ncon > 0` or `landed=contact/ncon > 0`.
+      assertions: conditions that must hold at every step.
+
+    Attributes:
+      enable_flags: MuJoCo enable flags that the measured values require.
+
+    Raises:
+      UnknownNameError, UsageError: a condition reads a value that cannot be measured, or is malformed.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        timeline: Timeline,
+        events: Sequence[str],
+        assertions: Sequence[str],
+        episode: EpisodeColumns | None = None,
+    ) -> None:
+        from mjrun.probe.assertion import parse_all  # which few events need
+
+        available = _vocabulary(model, episode)
+        self._labels, conditions, read = list[str](), list[Condition](), list[str]()
+        for index, text in enumerate(events):
+            with concerning("mark_event", index):
+                label, condition = named_condition(text)
+                self._labels.append(label)
+                conditions.append(parse_condition(condition, available, option("mark_event")))
+        for assertion in parse_all(assertions, available):
+            read += assertion.columns
+        super().__init__(model, timeline, conditions, episode, read)
+        columns = TraceVocabulary(self.table.names, model, episode.names if episode else ())
+        self._checkers = [assertion.checker() for assertion in parse_all(assertions, columns)]
+        self.enable_flags: int = self.table.model.opt.enableflags
+        self._timeline, self._rows = timeline, 0
+
+    def finish(self) -> "tuple[list[Mark], list[Verdict]]":
+        """Returns the marks in the order of time, and the verdicts of the assertions."""
+        marks: list[Mark] = []
+        for label, steps in zip(self._labels, self.onsets(), strict=True):
+            marks += [Mark(float(self._timeline.time(step)), "event", label) for step in steps[:MOST]]
+        verdicts = [checker.verdict() for checker in self._checkers]
+        for checker, verdict in zip(self._checkers, verdicts, strict=True):
+            marks.append(Mark(checker.first_failure, "pass" if verdict.passed else "fail", verdict.text))
+        return sorted(marks, key=lambda mark: float("inf") if mark.time is None else mark.time), verdicts
+
+    def evaluate(self, rows: SampledRows) -> None:
+        super().evaluate(rows)
+        for checker in self._checkers:
+            checker.feed(rows.values, self._rows)
+        self._rows += len(rows.values)

@@ -5,7 +5,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import mujoco
 import numpy as np
@@ -23,6 +23,7 @@ from mjrun.options.export import ExportOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
+from mjrun.outputs.event_detection import Mark, MarkDetector
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
@@ -42,9 +43,6 @@ from mjrun.timeline import Timeline
 NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
 BLOCK = 64  # frames whose contacts are converted at once
-
-if TYPE_CHECKING:
-    from mjrun.outputs.timeline_marks import Mark, MarkDetector
 
 # Opens what records the states of the frames, which can then be drawn if the file holds images.
 OpenFrames = Callable[[ExitStack, output.BackendsAndWorkers], RecordedFrames]
@@ -154,12 +152,10 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         plan = plan_frames(job, context, self.schedule)
         return plan.scene, lambda stack, renderers: DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
 
-    def _detector(self, context: output.Context) -> "MarkDetector | None":
-        """Parses the events and the assertions; without any, their parsers are not imported."""
+    def _detector(self, context: output.Context) -> MarkDetector | None:
+        """Parses the events and the assertions, if any."""
         if not (self.mark_event or self.assert_):
             return None
-        from mjrun.outputs.timeline_marks import MarkDetector
-
         return MarkDetector(context.model, context.timeline, self.mark_event, self.assert_, context.episode)
 
     def _table(self, context: output.Context) -> tuple[ProbeSampler | None, Sequence[int] | None]:
@@ -296,7 +292,7 @@ class ExportedScene:
         plan: ScenePlan,
         frames: RecordedFrames,
         values: MeasuredValues | None,
-        marks: "Sequence[Mark]",
+        marks: Sequence[Mark],
         contacts: FrameContacts | None,
         facts: Mapping[str, object],
     ) -> None:
@@ -416,7 +412,7 @@ class ExportOutput(output.Output[ExportResult]):
         open_frames: OpenFrames,
         table: ProbeSampler | None,
         rows: Sequence[int] | None,
-        detector: "MarkDetector | None",
+        detector: MarkDetector | None,
         stack: ExitStack,
         renderers: output.BackendsAndWorkers,
     ) -> None:

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.outputs.timeline_marks import MarkDetector
+from mjrun.outputs.event_detection import MarkDetector
 from mjrun.physics.simulation_loop import observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
