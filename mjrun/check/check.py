@@ -336,7 +336,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
     def _task(self, path: str) -> WorkerTask:
         limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
-        limits = replace(limits, model=path, unsafe=self.unsafe_fixes, thresholds=self._thresholds)
+        limits = replace(limits, model=path, unsafe=self.unsafe_fixes, cache=self.cache, thresholds=self._thresholds)
         if not self.task_reader or not is_yaml(path):
             return limits
         policy = "" if self.policy is None else str(self.policy)

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjrun.check.rule import MakeFix, Place, Violation
 from mjrun.check.thresholds import Thresholds
+from mjrun.formats.user_cache import UserCache
 from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
@@ -53,6 +54,7 @@ class LintContext:
       editor: the editor of its elements.
       unsafe: true if rules may propose fixes that need a look.
       announce_slow_fix: called before a fix that computes for minutes, with its description.
+      cache: the store of what takes minutes to compute; None without one.
       thresholds: the numbers beyond which rules report something.
     """
 
@@ -68,6 +70,7 @@ class LintContext:
         self.home = path.absolute().parent
         self.editor, self.unsafe = ElementEditor(source.mjcf_texts), False
         self.announce_slow_fix: Callable[[str], None] = lambda stage: None
+        self.cache: UserCache | None = None
         self.thresholds = thresholds
         self._names: dict[str, list[str]] = {}
         self._lines_by_id: dict[str, dict[int, int]] = {}

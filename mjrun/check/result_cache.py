@@ -18,7 +18,7 @@ from mjrun.check.worker_pool import WorkerTask
 from mjrun.confinement.confinement import confinement
 from mjrun.formats.user_cache import FileDigests, UserCache, file_version, is_settled, program_facts
 
-LIMITS = {"timeout", "memory"}  # of a task, which do not affect a result that is complete
+LIMITS = {"timeout", "memory", "cache"}  # of a task, which do not affect a result that is complete
 DISTURBED = {rule.code for rule in (CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT)}  # may differ the next time
 OF_FOLDERS = {MISSING_MODEL.code, "MJ107"}  # whose remedies name other files, which may come and go
 

@@ -31,6 +31,7 @@ from mjrun.check.thresholds import Thresholds
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
 from mjrun.child_process import limit_this_process, resident_memory
 from mjrun.errors import ModelError
+from mjrun.formats.user_cache import UserCache
 from mjrun.model.compilation import checked_arrays
 from mjrun.model.mujoco_globals import collected_warnings, keep_assets, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
@@ -175,6 +176,7 @@ class ModelChecker(Checker):
             return
         self.write(loaded=True)
         context.unsafe = self.task.unsafe
+        context.cache = UserCache("parts") if self.task.cache else None
         context.announce_slow_fix = lambda stage: self.write(stage=stage, is_slow=True)
         if self.task.root:
             from mjrun.check.fixing import changed_fields

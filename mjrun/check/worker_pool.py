@@ -57,6 +57,7 @@ class WorkerTask:
       root: the folder with the copy, which mirrors absolute paths; empty if it is the model itself.
       original: the path of the model to compare a copy with.
       unsafe: whether to propose fixes that need a look.
+      cache: whether to store what takes minutes to compute.
       thresholds: the fields of `Thresholds` that differ from their defaults.
     """
 
@@ -73,6 +74,7 @@ class WorkerTask:
     root: str = ""
     original: str = ""
     unsafe: bool = False
+    cache: bool = False
     thresholds: Mapping[str, float] = field(default_factory=dict[str, float])
 
 

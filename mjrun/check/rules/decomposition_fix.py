@@ -3,6 +3,7 @@
 Mass and inertia stay: the parts have no mass, and the geom itself stays if it has some, or if it is visible.
 """
 
+import hashlib
 import itertools
 import math
 import os
@@ -28,7 +29,7 @@ from mjrun.model.class_defaults import default_holder
 from mjrun.model.text_edits import TextEdit, escaped
 from mjrun.model.xml_source import Element
 from mjrun.options.check import EXTRAS
-from mjrun.packages import require_all
+from mjrun.packages import installed_version, require_all
 from mjrun.platform import system
 
 FINENESS = (0.05, 0.02, 0.01)  # of the parts, tried in turn: their largest concavity relative to half the mesh's size
@@ -110,9 +111,22 @@ def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
 
     surface = Surface.of(context.model, mesh)
     faces = surface.faces if surface.volume > 0 else surface.faces[:, ::-1]
-    coacd.set_log_level("error")
-    whole = coacd.Mesh(surface.vertices, faces)
-    return [Surface(*part) for part in _limited(lambda: coacd.run_coacd(whole, threshold=fineness))]
+    facts = surface.vertices.tobytes() + faces.tobytes() + f"{fineness} {installed_version('coacd')}".encode()
+    key = hashlib.sha256(facts).hexdigest()
+    parts = context.cache.read(key) if context.cache else None
+    if not parts:
+        coacd.set_log_level("error")
+        whole = coacd.Mesh(surface.vertices, faces)
+        parts = [
+            (np.asarray(vertices).tolist(), np.asarray(triangles).tolist())
+            for vertices, triangles in _limited(lambda: coacd.run_coacd(whole, threshold=fineness))
+        ]
+        if context.cache and parts:
+            limit_this_process(file_size=math.inf)
+            context.cache.write(key, parts)
+            context.cache.trim()
+            limit_this_process(file_size=0)
+    return [Surface(np.array(vertices), np.array(triangles)) for vertices, triangles in parts]
 
 
 def _limited(decompose: Callable[[], Sequence[Any]]) -> Sequence[Any]:

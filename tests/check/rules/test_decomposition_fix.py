@@ -11,9 +11,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.check.context import LintContext
 from mjrun.check.fixing import changed_fields
 from mjrun.check.rules import decomposition_fix
 from mjrun.check.rules.decomposition_fix import FINENESS
+from mjrun.formats.user_cache import VARIABLE, UserCache
+from mjrun.model.xml_source import read_xml
 from mjrun.platform import system
 from tests.check import fixes
 from tests.check.fixes import fix, fixing
@@ -86,6 +89,26 @@ def test_a_mesh_whose_parts_take_too_long_is_left_alone_and_the_reason_is_stated
     made: Any = fixing(model, unsafe=True)
     assert made.files == []
     assert all("take more than 1 s of computing" in finding.unfixed for finding in made.results[0].findings)
+
+
+@pytest.mark.usefixtures("coacd")
+def test_parts_of_a_mesh_are_computed_once_and_stored_exactly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    model, found = (
+        Path(write("model.xml", mjcf(TRAY_GEOM + IN_TRAY, before=ASSET))),
+        list[list[decomposition_fix.Surface]](),
+    )
+    for _ in range(2):
+        context = LintContext.load(model, read_xml(model))
+        context.cache = UserCache("parts")
+        with monkeypatch.context() as patch:
+            patch.setattr(decomposition_fix, "limit_this_process", dict)  # this process is not one of those that check
+            found.append(decomposition_fix._parts(context, 0, 0.05))
+        monkeypatch.setattr(sys.modules["coacd"], "run_coacd", None)
+    for first, second in zip(*found, strict=True):
+        np.testing.assert_array_equal(first.vertices, second.vertices)
+        np.testing.assert_array_equal(first.faces, second.faces)
+    assert len(found[0]) == len(PARTS)
 
 
 @pytest.mark.usefixtures("coacd")
