@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import MjrunError
+from mjrun.errors import MjrunError, option
 from mjrun.evaluation.episode import FAILURE, GroupSpec, PlayedEpisodes
 from mjrun.evaluation.prepared import PreparedEvaluation
-from mjrun.options.evaluation import EpisodeVideoOptions
+from mjrun.options.evaluation import FAILURES, EpisodeVideoOptions
 from mjrun.options.option import values_of
 from mjrun.options.video import SelectedVideoOptions
 from mjrun.outputs.perform import perform, preview
@@ -110,6 +110,8 @@ class VideoMaker:
         warnings = _DistinctWarnings(reporter)
         varies = bool(self._prepared.points.names)
         choices = chosen_videos(groups, self._options.videos) if self._options.videos else []
+        if self._options.videos == FAILURES and not choices:
+            reporter.note(f"{option('videos')} {FAILURES}: no episode ended in a failure")
         for done, choice in enumerate(choices, 1):
             group, path = groups[choice.group], str(folder / choice.name(groups, varies=varies))
             episode = group.episodes[choice.episode]

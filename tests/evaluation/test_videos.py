@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, spelled
 from mjrun.evaluation.episode import PlayedEpisodes
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.videos import NAMES, chosen_videos, remove_old_videos
@@ -15,6 +15,7 @@ from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.evaluation.episodes import episodes, played, totals
 from tests.evaluation.tasks import cart_task, write_policies
+from tests.reporters import RecordingReporter
 from tests.study.in_process import simulate_here
 
 
@@ -112,6 +113,17 @@ def test_a_camera_that_is_not_there_is_told_before_anything_is_played(tmp_path: 
     with pytest.raises(UsageError, match="front"):
         some.run()
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.gl
+def test_an_evaluation_without_failures_reports_that_none_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulate_here(monkeypatch)
+    task, reporter = cart_task(tmp_path, duration=0.1), RecordingReporter()
+    some = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=1, videos="failures", jobs=1, **SMALL)  # type: ignore[arg-type]
+    assert not some.run(reporter).videos
+    assert [spelled(text) for text in reporter.texts] == ["videos failures: no episode ended in a failure"]
 
 
 def test_videos_of_an_earlier_evaluation_go_and_other_files_stay(tmp_path: Path) -> None:
