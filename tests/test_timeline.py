@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.timeline import Timeline, nanoseconds, nearest, rational, seconds
-from tests.cases import cases
 
 MILLI2 = Fraction(1, 500)  # [s], the usual timestep
 
@@ -146,7 +145,17 @@ def test_neighbouring_frames_are_equally_far_apart_up_to_one_step(
     assert all(abs(gap - apart) < 1 for gap in gaps)
 
 
-@cases("steps, every, rows")
+@pytest.mark.parametrize(
+    ("steps", "every", "rows"),
+    [
+        (10, 1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
+        (10, 5, [0, 5, 10]),
+        (10, 4, [0, 4, 8, 10]),
+        (10, 10, [0, 10]),
+        (10, 99, [0, 10]),
+        (0, 1, [0]),
+    ],
+)
 def test_rows_of_every_nth_step_start_at_zero_and_end_at_the_last_step(steps: int, every: int, rows: list[int]) -> None:
     assert list(Timeline.of_steps(MILLI2, steps).rows(every)) == rows
 

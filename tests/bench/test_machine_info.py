@@ -2,11 +2,19 @@
 
 from collections.abc import Sequence
 
+import pytest
+
 from mjrun.bench.results import MachineInfo, machine_info
-from tests.cases import cases
 
 
-@cases("load, governor, expected")
+@pytest.mark.parametrize(
+    ("load", "governor", "expected"),
+    [
+        (0.4, None, []),
+        (None, "performance", []),
+        (3.0, "powersave", ["load average 3.00 on 4 cores", "governor is powersave"]),
+    ],
+)
 def test_what_spoils_figures_is_reported(load: float | None, governor: str | None, expected: Sequence[str]) -> None:
     causes = MachineInfo("Linux", "a CPU", 4, 4, governor, load).disturbances
     assert len(causes) == len(expected)

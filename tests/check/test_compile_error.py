@@ -10,7 +10,6 @@ from mjrun.check.rule import Rule
 from mjrun.errors import BrokenModelError, option
 from mjrun.model.sources import load
 from mjrun.model.xml_source import XmlSource, read_xml
-from tests.cases import cases
 from tests.check.models import PARENT, attached_arm, mjcf, write
 
 PLAIN = Rule("MJ999", "error", "a title")
@@ -33,7 +32,14 @@ def test_the_message_is_that_of_mujoco_on_one_line() -> None:
     assert error.text in str(raised.value)
 
 
-@cases("body, line")
+@pytest.mark.parametrize(
+    ("body", "line"),
+    [
+        ('<geom size="1"/>\n<geom name="g" size="-1"/>', 5),
+        ('<geom size="1"/><geom name="g" type="box" size="1 -1 1"/>', 4),
+        ('<geom size="1"/>\n<geom size="1" material="m"/>', 5),
+    ],
+)
 def test_the_element_is_the_one_on_its_line(body: str, line: int) -> None:
     element = failing(mjcf(body)).element()
     assert element is not None

@@ -6,7 +6,6 @@ import pytest
 
 from mjrun.cli.check_config import configured
 from mjrun.errors import FileError
-from tests.cases import cases
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +32,16 @@ def test_paths_and_patterns_are_relative_to_the_file(monkeypatch: pytest.MonkeyP
     assert configured(None) == {"baseline": "../known.json", "ignore_in": (("../parts/*", "MJ2,MJ301"),)}
 
 
-@cases("text, message")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[check]\nselct = []", "no option 'selct' \\(did you mean 'select'"),
+        ('[check]\nselect = ["MJ9"]', "no code 'MJ9'"),
+        ('[check]\nfail-on = "never"', "'never' is not one of"),
+        ('[check.severity]\nMJ302 = "bad"', "'MJ302=bad' is not one of"),
+        ("[check", "is not valid TOML"),
+    ],
+)
 def test_a_mistake_is_reported_with_its_file(text: str, message: str) -> None:
     Path("mjrun.toml").write_text(text)
     with pytest.raises(FileError, match=rf"mjrun\.toml: .*{message}"):

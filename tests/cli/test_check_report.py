@@ -15,7 +15,6 @@ from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
 from mjrun.cli.report_formats import github, junit, markdown
-from tests.cases import cases
 
 NASTY = "a\x1b[31m%\n::error::b,:"
 
@@ -98,7 +97,21 @@ def test_the_summary_counts_in_plain_english(checked: CheckResult, text: str) ->
     assert check_report.summary(checked) == text
 
 
-@cases("written, total, each")
+@pytest.mark.parametrize(
+    ("written", "total", "each"),
+    [
+        (
+            True,
+            "1 fixed in 2 files; 1 file created",
+            ["a.xml: fixed 1 MJ506", "c.xml: changed with it", "b.obj: created"],
+        ),
+        (
+            False,
+            "1 would be fixed in 2 files; 1 file would be created",
+            ["a.xml: would fix 1 MJ506", "c.xml: would be changed with it", "b.obj: would be created"],
+        ),
+    ],
+)
 def test_files_that_fixes_create_are_listed_and_counted(written: bool, total: str, each: list[str]) -> None:
     others = (FixedFile("c.xml", {}, ""), FixedFile("b.obj", {}, "", is_new=True))
     files = (FixedFile("a.xml", {"MJ506": 1}, ""), *others)

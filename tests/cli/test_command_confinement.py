@@ -13,7 +13,6 @@ from mjrun.cli.command_confinement import confinement_of
 from mjrun.cli.commands.diff import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
-from tests.cases import cases
 from tests.conftest import Command
 from tests.demonstration_files import recorded_states, write_demonstrations
 from tests.processes import PATIENCE
@@ -204,7 +203,14 @@ def test_a_model_that_names_a_file_outside_is_refused_without_a_look_at_it(place
 
 
 @pytest.mark.usefixtures("place", "own_signals")
-@cases("line, message")
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("info model/m.xml --untrusted", "--untrusted works only for mjrun as a command"),
+        ("info model/m.xml --root .", "--root requires --untrusted"),
+        ("info model/m.xml --limit time=3", "--limit requires --untrusted"),
+    ],
+)
 def test_what_cannot_be_meant_is_refused(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(line.split()) == 2
     assert message in capsys.readouterr().err

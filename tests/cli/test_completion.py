@@ -11,7 +11,6 @@ from mjrun.cli import completion
 from mjrun.model.sources.bundled_scene import BundledScene
 from mjrun.options.rendering import RIG_EXAMPLES
 from tests import prepared_interpreters
-from tests.cases import cases
 from tests.demonstration_files import write_demonstrations
 from tests.documentation import ROOT
 
@@ -91,7 +90,15 @@ def test_values_are_names_in_the_model(name: str, kind: mujoco.mjtObj, suffix: s
     assert rigs <= set(values[len(expected) :]) <= {*rigs, "joint:0="}
 
 
-@cases("typed, expected")
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("qpos,xp", ["qpos,xpos"]),
+        ("xpos", ["xpos", "xpos["]),
+        ("xpos[left", ["xpos[left_wheel]"]),
+        ("qpos,xpos[car,left", ["qpos,xpos[car,left_wheel]"]),
+    ],
+)
 def test_columns_complete_group_by_group(typed: str, expected: list[str]) -> None:
     assert [item.value for item in completion.option_values("probe", "NAME,…", CAR, typed)] == expected
 

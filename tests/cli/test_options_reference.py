@@ -14,7 +14,6 @@ from mjrun.document.json_schema import json_schema
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.task import PARTS
 from mjrun.probe.expression import FUNCTIONS, SUCCESSIVE
-from tests.cases import cases
 
 ROOT = Path(__file__).parents[2]
 SECTIONS = reference_sections()
@@ -91,7 +90,16 @@ def test_every_row_has_three_cells_and_no_placeholder_is_left() -> None:
     assert "formats}" not in text
 
 
-@cases("name, end")
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [
+        ("`--trail-span`", "[s]. Default: all."),
+        ("`--gl`", "Not in documents."),
+        ("`--assert`", "Repeatable. `assert_` in Python."),
+        ("`--verify`", "Only on the command line."),
+        ("`as`", "`as_` in Python."),
+    ],
+)
 def test_a_row_states_the_default_and_where_its_option_is_missing_or_spelled_otherwise(name: str, end: str) -> None:
     row = next(line for line in options_reference().splitlines() if line.startswith(f"| {name} |"))
     assert row.removesuffix(" |").endswith(end)

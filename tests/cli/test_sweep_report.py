@@ -3,6 +3,7 @@
 import shlex
 
 import mujoco
+import pytest
 
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.commands.trace import trace
@@ -11,10 +12,16 @@ from mjrun.cli.simulation_command import simulation
 from mjrun.cli.sweep_report import point_command
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import simulation_at
-from tests.cases import cases
 
 
-@cases("values")
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"seed": "3", "opt.timestep": "0.01", "qpos/hip": "0.5"},
+        {"model": "other file.xml", "scale:geom/*.size": "1.1", "ctrl/motor": "2"},
+        {},
+    ],
+)
 def test_the_command_of_a_point_describes_its_simulation(values: dict[str, str]) -> None:
     base = Simulation("a.xml", duration="0.1", qvel={"hip": (1, 2)}, set={"opt.gravity": "0,0,-1"}, perturb=0.1)
     words = shlex.split(point_command(base, values))

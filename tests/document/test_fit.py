@@ -9,7 +9,6 @@ from mjrun.document.fit import read_fit
 from mjrun.errors import DocumentError, UsageError
 from mjrun.fitting.fit import Fit
 from mjrun.simulation.simulation import Simulation
-from tests.cases import cases
 from tests.fitting.logs import write_log, write_model
 
 HEAD = "model: pendulum.xml\ndata: [log.csv]\n"
@@ -60,7 +59,15 @@ def test_values_of_the_command_line_count_instead() -> None:
     assert (fit.free, fit.starts) == ((("joint/hinge.damping", "0..2"),), 5)
 
 
-@cases("text, message")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("holdout: 2", "d.yaml:3:10: holdout: expected a number of at most 0.9"),
+        ("fre: {}", "d.yaml:3:1: .*did you mean 'free'"),
+        ("loss: l2", "d.yaml:3:7: loss: expected 'linear', 'soft_l1', 'huber' or 'cauchy'"),
+        ("controller: a.py:act", "d.yaml:3:1: "),
+    ],
+)
 def test_mistakes_are_reported_at_their_lines(text: str, message: str) -> None:
     with pytest.raises(DocumentError, match=message):
         read(text)

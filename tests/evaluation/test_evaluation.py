@@ -20,7 +20,6 @@ from mjrun.options.sweep import PARTS
 from mjrun.study import executors
 from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.task.task import Reward
-from tests.cases import cases
 from tests.document.schema_oracle import fits
 from tests.evaluation.tasks import XML, cart_task, write_policies
 from tests.policy.networks import linear
@@ -166,7 +165,14 @@ def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> Non
     assert (tmp_path / "out" / FILES[0]).is_file()
 
 
-@cases("out, match")
+@pytest.mark.parametrize(
+    ("out", "match"),
+    [
+        (".", "contains other files, but no evaluation"),
+        ("cart.xml", "is not a folder"),
+        ("cart.xml/a", "is not a folder"),
+    ],
+)
 def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: str, match: str) -> None:
     some = evaluation(tmp_path, out)
     before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}

@@ -17,7 +17,6 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import ResultsTable
 from mjrun.experiment.statistics import mean_interval, wilson_interval
 from mjrun.options.evaluation import EvaluationOptions
-from tests.cases import cases
 from tests.evaluation.episodes import ENDINGS, episodes, played
 
 ALONE = Design((), [()])
@@ -155,7 +154,15 @@ def test_a_lone_episode_has_no_interval_to_be_above_anything() -> None:
     assert "too few episodes" in verdict.message
 
 
-@cases("options, match")
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"require": ["share(flown) > 0"]}, "flown"),
+        ({"require": ["return >"]}, "return >"),
+        ({"fail_below": {"fallen": 1}}, "fallen"),
+        ({"fail_below": {"success": 0.5}, "can_succeed": False}, "no termination of the task is a success"),
+    ],
+)
 def test_what_names_nothing_is_reported_before_anything_is_played(options: dict[str, object], match: str) -> None:
     with pytest.raises(UsageError, match=match):
         criteria(**options)  # type: ignore[arg-type]

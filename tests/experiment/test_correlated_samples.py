@@ -9,7 +9,6 @@ import scipy
 from mjrun.errors import UsageError
 from mjrun.experiment.design import Design, design
 from mjrun.options.sweep import VariationOptions
-from tests.cases import cases
 from tests.experiment.test_design import MODEL
 
 VARY = {"a.mass": "uniform(1,3)", "b.x": "loguniform(1,100)", "c.y": "normal(2,0.5)", "d.n": "integers(0,99)"}
@@ -50,7 +49,19 @@ def test_several_parameters_may_share_a_correlation() -> None:
     np.testing.assert_allclose(found[:3, :3][np.triu_indices(3, 1)], 0.6, atol=0.01)
 
 
-@cases("options, expected")
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"correlate": {"mass,z": 0.5}}, "no parameter 'z'"),
+        ({"correlate": {"mass,x": 1}}, "'1' is not a number above -1 and below 1"),
+        ({"correlate": {"mass,a.mass": 0.5}}, "two parameters or more, each once"),
+        ({"correlate": {"mass,x": 0.9, "x,y": 0.9, "mass,y": -0.9}}, "no samples have all of these correlations"),
+        ({"correlate": {"mass,x": 0.5}, "sampler": "saltelli"}, "excludes --sampler saltelli: sensitivities"),
+        ({"correlate": {"mass,x": 0.5}, "sampler": "morris"}, "excludes --sampler morris"),
+        ({"correlate": {"mass,x": 0.5}, "vary": {"a.mass": "1,2", "b.x": "uniform(0,1)"}}, "mass has a list of values"),
+        ({"correlate": {"mass,x": 0.5}, "vary": {"a.mass": "choice(1,2)", "b.x": "uniform(0,1)"}}, "mass is a choice"),
+    ],
+)
 def test_correlations_that_no_samples_have_are_refused(options: dict[str, Any], expected: str) -> None:
     with pytest.raises(UsageError) as raised:
         points(**options)

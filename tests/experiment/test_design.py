@@ -14,7 +14,6 @@ from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
 from mjrun.physics.random_distribution import Distribution
-from tests.cases import cases
 from tests.study.models import BALL
 
 MODEL = mujoco.MjModel.from_xml_string(BALL)
@@ -85,7 +84,16 @@ def test_the_seed_decides_the_samples(sampler: str) -> None:
     assert one == same != other
 
 
-@cases("options, match")
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"vary": {"seed": "1,2"}}, "morris requires a distribution"),
+        ({"vary": {"seed": "1,2", "a.x": "uniform(0,1)"}}, "without the list of vary seed"),
+        ({"vary": {"a.x": "uniform(0,1)"}, "repeats": 2}, "without repeats"),
+        ({"vary": {"a.x": "uniform(0,1)"}, "where": ["x > 0"]}, "without where"),
+        ({"vary": {"a.x": "uniform(0,1)"}, "samples": 9_000_000}, "18,000,000 points"),
+    ],
+)
 def test_designs_for_sensitivities_have_complete_samples_of_distributions(options: dict[str, Any], match: str) -> None:
     with pytest.raises(UsageError, match=match):
         points(sampler="morris", **options)

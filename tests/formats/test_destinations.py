@@ -11,7 +11,6 @@ import pytest
 from mjrun.errors import FileError
 from mjrun.formats import crash_safe_replacement
 from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput
-from tests.cases import cases
 from tests.formats.file_faults import MOST, fault, killed_at
 from tests.formats.outputs import both_ways, fill, names, no_exchange
 
@@ -256,7 +255,14 @@ def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None
     assert names(tmp_path) == ["thesis.tex"]
 
 
-@cases("pattern, expected")
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [
+        ("f_%04d.png", ["f_0000.png", "f_0001.png"]),
+        ("%d.png", ["0.png", "1.png"]),
+        ("a%02db.png", ["a00b.png", "a01b.png"]),
+    ],
+)
 def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
     tmp_path: Path, pattern: str, expected: list[str]
 ) -> None:

@@ -27,7 +27,6 @@ from mjrun.errors import FileError, UsageError
 from mjrun.formats import recording
 from mjrun.formats.recording import PIECE, RecordingReader, RecordingWriter
 from mjrun.interruption import interrupt
-from tests.cases import cases
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 STATES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(
@@ -151,7 +150,14 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     assert many - few < 2 * 2**20 < (3000 - 300) * 500 * 8 / 4
 
 
-@cases("path, message")
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("run.csv", "recording run.csv: a recording is a .npz file, not '.csv'"),
+        ("run", "recording run: a recording is a .npz file, and this has no suffix"),
+        ("run.npz.\x1b", "recording run.npz.\\x1b: a recording is a .npz file, not '.\\x1b'"),
+    ],
+)
 def test_what_cannot_be_a_recording_is_refused(path: str, message: str) -> None:
     with pytest.raises(UsageError) as caught:
         RecordingWriter(path, 1, {})

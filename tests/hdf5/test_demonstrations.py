@@ -12,7 +12,6 @@ from mjrun.errors import FileError
 from mjrun.hdf5 import datasets
 from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationSummary
 from mjrun.hdf5.demonstrations import DemonstrationFile
-from tests.cases import cases
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 LIBERO = {
@@ -77,7 +76,14 @@ def test_an_episode_is_described_with_its_images_and_rewards(tmp_path: Path) -> 
         assert file.origin("demo_1").instruction == "lift it"
 
 
-@cases("name, message")
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("", r"d\.hdf5: has 12 demonstrations; select one\n.*d\.hdf5:demo_0, .*demo_7, … \(`mjrun info .*` lists all"),
+        ("demo_99", r"has no demonstration 'demo_99' \(did you mean"),
+        ("\x1b[31m", r"has no demonstration '\\x1b\[31m'\n"),
+    ],
+)
 def test_another_episode_is_refused_with_those_there_are(tmp_path: Path, name: str, message: str) -> None:
     demos = {f"demo_{index}": recorded_states(2) for index in range(12)}
     path = write_demonstrations(tmp_path / "d.hdf5", demos)

@@ -8,7 +8,6 @@ import pytest
 
 from mjrun.model import archive_paths
 from mjrun.model.archive_paths import file_content, file_size, main_mjcf, unpacked_size
-from tests.cases import cases
 
 
 def archive(path: Path, *names: str) -> Path:
@@ -39,7 +38,17 @@ def test_a_file_beyond_what_anybody_writes_by_hand_is_not_read(tmp_path: Path, m
     assert file_content(str(tmp_path / "a.xml")) is None
 
 
-@cases("names, main")
+@pytest.mark.parametrize(
+    ("names", "main"),
+    [
+        (("robot.xml", "model.xml"), "robot.xml"),
+        (("model.xml", "part.xml"), "model.xml"),
+        (("robot/robot.xml", "part.xml"), "robot/robot.xml"),
+        (("anything.xml", "arm.obj"), "anything.xml"),
+        (("one.xml", "two.xml"), None),
+        ((), None),
+    ],
+)
 def test_the_main_mjcf_of_an_archive_is_the_one_that_mujoco_reads(
     tmp_path: Path, names: tuple[str, ...], main: str | None
 ) -> None:

@@ -14,7 +14,6 @@ from mjrun.model.copied_element_values import CopiedElementNumbers
 from mjrun.model.override import Override, apply
 from mjrun.model.recompilation import Recompiler
 from mjrun.model.sources import parse_source
-from tests.cases import cases
 from tests.model.model_files import content
 from tests.model.test_variants import ARM
 
@@ -127,7 +126,17 @@ def test_numbers_of_elements_are_copied(path: str, value: str, arrays: set[str] 
 
 
 @pytest.mark.parametrize("weight", ['mass="0.7"', 'density="333"'])
-@cases("shape, size")
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ("sphere", 'size=".13"'),
+        ("capsule", 'size=".1 .23"'),
+        ("capsule", 'fromto="0 .1 .2 .3 .5 .1" size=".07"'),
+        ("cylinder", 'size=".11 .31"'),
+        ("ellipsoid", 'size=".1 .2 .3"'),
+        ("box", 'size=".12 .2 .07"'),
+    ],
+)
 def test_the_size_of_the_only_geom_of_a_body_determines_its_inertia(shape: str, size: str, weight: str) -> None:
     geom = f'<geom name="solid" type="{shape}" {size} {weight}/>'
     spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody><body><joint/>{geom}</body></worldbody></mujoco>")

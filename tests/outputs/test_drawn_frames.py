@@ -26,7 +26,6 @@ from mjrun.rendering.segment_ids import check_segmentation_name, groupings
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
-from tests.cases import cases
 
 SIZE = (64, 48)
 
@@ -139,7 +138,18 @@ def test_flags_frames_and_labels_reach_the_visualizer() -> None:
     assert (options.frame, options.label) == (mujoco.mjtFrame.mjFRAME_BODY, mujoco.mjtLabel.mjLABEL_GEOM)
 
 
-@cases("values, message")
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"show": "nonsense"}, "no visual flag 'nonsense'"),
+        ({"show": "joint", "hide": "joint"}, "joint"),
+        ({"seg_by": "colour"}, "no segmentation 'colour'"),
+        ({"depth_range": (-1, 2)}, "depth_range: .*two depths in metres"),
+        ({"camera": ["a", "b", "a"]}, "camera: give at least one, and each only once"),
+        ({"view": ()}, "view: give at least one, and each only once"),
+        ({"label": "nobody"}, "nobody"),
+    ],
+)
 def test_a_view_that_cannot_be_is_refused_without_a_model(values: dict[str, object], message: str) -> None:
     with pytest.raises(MjrunError, match=message):
         check_view(ViewOptions(**values))  # type: ignore[arg-type]

@@ -15,7 +15,6 @@ from mjrun.errors import MjrunError, SimulationError, clean
 from mjrun.outputs.export import Export
 from mjrun.outputs.exports import export_format, export_formats
 from mjrun.outputs.exports.glb import FORMAT
-from tests.cases import cases
 from tests.gltf_files import animated, read_gltf
 
 
@@ -87,7 +86,17 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
     assert names == {"world", clean(name), "free"}
 
 
-@cases("output, options, message")
+@pytest.mark.parametrize(
+    ("output", "options", "message"),
+    [
+        ("a.xyz", {}, r"unknown suffix \.xyz"),
+        ("folder", {}, "follows from its suffix"),
+        ("a.glb", {"format": "gbl"}, "did you mean 'glb'"),
+        ("a.glb", {"camera": ["side", "side"]}, "only once"),
+        ("a.glb", {"camera": "sid"}, "did you mean 'side'"),
+        ("a.glb", {"show": "nothing"}, "visual flag"),
+    ],
+)
 def test_faulty_requests_fail_before_the_simulation(
     swing: Path, tmp_path: Path, output: str, options: dict[str, object], message: str
 ) -> None:

@@ -15,7 +15,6 @@ from mjrun.outputs.output import Context
 from mjrun.outputs.recorded_scene import RecordedFrames, camera_motions, check_scene, plan_scene
 from mjrun.physics.simulation_loop import observe
 from mjrun.reporter import WarningReporter
-from tests.cases import cases
 
 
 def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> RecordedFrames:
@@ -52,7 +51,14 @@ def test_frames_that_were_not_recorded_are_dropped(swing: Path) -> None:
         assert len(frames.poses) == len(frames.times) == len(frames.schedule.speeds) == 3
 
 
-@cases("values, message")
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"camera": ["a", "a"]}, "only once"),
+        ({"stage": ["auto", "sky"]}, "stage"),
+        ({"show": "nonsense"}, "visual flag"),
+    ],
+)
 def test_impossible_scenes_are_refused_without_a_model(values: dict[str, object], message: str) -> None:
     with pytest.raises(MjrunError, match=message):
         check_scene(SceneOptions(**values))  # type: ignore[arg-type]

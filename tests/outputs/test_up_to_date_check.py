@@ -19,7 +19,6 @@ from mjrun.outputs.trace import Trace
 from mjrun.outputs.up_to_date_check import UpToDateCheck, dependencies
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
-from tests.cases import cases
 from tests.check.models import MESH
 from tests.conftest import Command
 
@@ -193,7 +192,15 @@ def test_cameras_and_ghosts_depend_on_their_files() -> None:
     assert [path for _, path in job.inputs] == ["script.yaml", "a.csv", "b.txt", "c.npz", "d.csv"]
 
 
-@cases("options, output, message")
+@pytest.mark.parametrize(
+    ("options", "output", "message"),
+    [
+        ({"if_changed": True}, "-", "if_changed requires files"),
+        ({"depfile": "a.d"}, "-", "depfile requires files"),
+        ({"depfile": "a.csv"}, "a.csv", "depfile a.csv is another file"),
+        ({"depfile": "meshes/../meshes/a.obj"}, "a.csv", "is another file"),
+    ],
+)
 def test_impossible_requests_are_refused(options: dict, output: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         UpToDateCheck([Trace(Simulation("model.xml"), output, probe=["qpos"])], RerunOptions(**options))

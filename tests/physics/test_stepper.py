@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError
 from mjrun.physics.stepper import CHUNK, PhysicsStepper
-from tests.cases import cases
 
 STEPS = 160
 LIMIT = 1e10  # mjMAXVAL
@@ -351,7 +350,14 @@ def test_the_first_bad_acceleration_is_found_as_a_bare_loop_finds_it(integrator:
 
 
 @pytest.mark.usefixtures("workplace")
-@cases("joint, body, name")
+@pytest.mark.parametrize(
+    ("joint", "body", "name"),
+    [
+        ('name="spring"', 'name="mass"', "joint 'spring'"),
+        ("", 'name="mass"', "joint 'joint:1' of body 'mass'"),
+        ("", "", "joint 'joint:1' of body 'body:2'"),
+    ],
+)
 def test_the_joint_to_blame_is_named_and_an_unnamed_one_by_its_body(joint: str, body: str, name: str) -> None:
     _, error = diverge(spring(1e-6, joint, body))
     assert error.joint == name

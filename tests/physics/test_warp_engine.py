@@ -11,7 +11,6 @@ from mjrun.model import state
 from mjrun.physics.engine import Engine
 from mjrun.physics.warp_device import WarpDevice
 from mjrun.physics.warp_engine import OVERFLOWS, WarpEngine, WarpWorlds, overflow_message
-from tests.cases import cases
 
 MODEL = """
 <mujoco>
@@ -240,7 +239,16 @@ def test_every_overflow_that_the_library_knows_has_a_sentence() -> None:
     assert single - set(OVERFLOWS) == {"NVMAX"}  # whose limit is that of the model here
 
 
-@cases("mark, said")
+@pytest.mark.parametrize(
+    ("mark", "said"),
+    [
+        ("NEFC", "^a world holds at most 64 constraints; .*: raise njmax to 70$"),
+        ("BROADPHASE", "^a world holds at most 16 contacts; .*: raise nconmax to 17$"),
+        ("CCD", "raise nconmax above 16"),
+        ("ITERATIONS", "limit of 100 iterations: raise set opt.iterations"),
+        ("NEW_ONE", "^mujoco_warp reports an overflow: new_one$"),
+    ],
+)
 def test_an_overflow_says_what_is_missing_and_the_remedy(mark: str, said: str) -> None:
     assert re.search(said, spelled(overflow_message(mark, LIMITS)))
 

@@ -10,7 +10,6 @@ import pytest
 
 from mjrun.platform import installation
 from mjrun.platform.installation import as_root, install_command, pip
-from tests.cases import cases
 
 OURS = Path(sys.executable)
 
@@ -39,7 +38,24 @@ def test_the_command_installs_into_the_environment_of_the_process(tmp_path: Path
     assert done.stdout == f"'{program}' -m pip list\n"
 
 
-@cases("prefix, file, extra, library")
+@pytest.mark.parametrize(
+    ("prefix", "file", "extra", "library"),
+    [
+        ("cache/archive-v0/x", "pyvenv.cfg", "uvx --from 'mjrun[plot]' mjrun", "uvx --with torch mjrun"),
+        (
+            "tools/mjrun",
+            "uv-receipt.toml",
+            "uv tool install 'mjrun[plot]'",
+            "uv tool install --with torch mjrun",
+        ),
+        (
+            "pipx/mjrun",
+            "pipx_metadata.json",
+            "pipx install --force 'mjrun[plot]'",
+            "pipx inject mjrun torch",
+        ),
+    ],
+)
 def test_tools_install_into_their_own_environments(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, prefix: str, file: str, extra: str, library: str
 ) -> None:
@@ -56,7 +72,14 @@ def test_an_environment_without_pip_is_that_of_uv(monkeypatch: pytest.MonkeyPatc
     assert pip("install") == f"uv pip install --python {sys.prefix}"
 
 
-@cases("user, sudo, command")
+@pytest.mark.parametrize(
+    ("user", "sudo", "command"),
+    [
+        (0, "/usr/bin/sudo", "apt-get update && apt-get install libegl1"),
+        (1000, "/usr/bin/sudo", "sudo apt-get update && sudo apt-get install libegl1"),
+        (1000, None, "as root: apt-get update && apt-get install libegl1"),
+    ],
+)
 def test_packages_of_the_system_are_installed_by_root(
     monkeypatch: pytest.MonkeyPatch, user: int, sudo: str | None, command: str
 ) -> None:

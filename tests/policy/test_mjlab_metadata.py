@@ -7,7 +7,6 @@ import pytest
 from mjrun.errors import FileError
 from mjrun.policy.mjlab_metadata import is_mjlab, mjlab_facts
 from mjrun.policy.policy import ObservationFacts
-from tests.cases import cases
 
 PATH = Path("walk.onnx")
 INFINITE = (float("-inf"), float("inf"))
@@ -74,7 +73,19 @@ def test_what_is_not_said_is_not_known() -> None:
     assert facts.observations[1] == ObservationFacts("joint_vel")
 
 
-@cases("key, text, message")
+@pytest.mark.parametrize(
+    ("key", "text", "message"),
+    [
+        ("joint_stiffness", "20,x\x1b", r"the metadata joint_stiffness is '20,x\\x1b', not a list of numbers"),
+        ("joint_damping", "1.0", "joint_damping has 1 number, and joint_stiffness 2"),
+        ("default_joint_pos", "1.0", "default_joint_pos has 1 number, and joint_names 3"),
+        ("observation_terms_scale", "1.0,1.0", "observation_terms_scale has 2 entries for 4 observations"),
+        ("observation_terms_scale", "1.0,one,1.0,1.0", "observation_terms_scale is '1.0,one,1.0,1.0', which cannot"),
+        ("observation_terms_clip", "1;2,1,1;2,1;2", "which cannot be read"),
+        ("observation_terms_history_length", "0,0,0,1.5", "which cannot be read"),
+        ("observation_terms_history_length", "0,0,0,inf", "which cannot be read"),
+    ],
+)
 def test_what_is_otherwise_is_refused(key: str, text: str, message: str) -> None:
     with pytest.raises(FileError, match=rf"^walk.onnx: .*{message}"):
         mjlab_facts({**METADATA, key: text}, PATH)

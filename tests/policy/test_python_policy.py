@@ -9,7 +9,6 @@ import pytest
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError
 from mjrun.policy.load import PythonPolicy, load_policy
 from mjrun.policy.policy import Policy
-from tests.cases import cases
 from tests.policy.action_spaces import unbounded
 
 ONE = unbounded(["motor"])
@@ -75,7 +74,17 @@ def acted(policy: Policy, seed: int = 0) -> list[float]:
     return [float(actor(np.array([1.0, 5.0]))[0]) for _ in range(3)]
 
 
-@cases("name, actions")
+@pytest.mark.parametrize(
+    ("name", "actions"),
+    [
+        ("Counter", [1, 2, 3]),
+        ("shared", [1, 2, 3]),
+        ("kept", [1, 2, 3]),
+        ("Seeded", [9, 9, 9]),
+        ("Predictor", [1, 2, 3]),
+        ("double", [2, 2, 2]),
+    ],
+)
 def test_whatever_acts_is_a_policy_and_forgets_between_episodes(
     code: str, name: str, actions: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:

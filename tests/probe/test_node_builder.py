@@ -8,7 +8,6 @@ from mjrun.probe.expression import FIXED, ROW, START, TABLE, ColumnReference, Co
 from mjrun.probe.node_builder import NodeBuilder
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Token, Vocabulary
-from tests.cases import cases
 
 NAMES = ["x", "q/a", "q/b", "r/a", "r/b", "r/c"]
 
@@ -56,7 +55,16 @@ def test_the_kind_of_a_value_is_that_of_its_latest_part(text: str, kind: str) ->
     assert parser.nodes.value(parser._expression(0)).kind == kind
 
 
-@cases("text, message")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("'q/*' + 'r/*'", "a vector of 3 numbers next to one of 2, expected vectors of the same length"),
+        ("where(x > 0, 'q/*', 'r/*')", "a vector of 3 numbers next to one of 2"),
+        ("where(x > max(x), 1, 2)", "an aggregate next to values per row"),
+        ("mean('q/*')", "a vector of 2 numbers, expected one number"),
+        ("rate(x)", "rate, which only tasks have"),
+    ],
+)
 def test_what_does_not_go_together_is_reported(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Parser(text, "y", Vocabulary(NAMES)).row_value()

@@ -15,7 +15,6 @@ from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
 from mjrun.options.rendering import ViewOptions
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, stage_parts
-from tests.cases import cases
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 ARM = """
@@ -75,7 +74,18 @@ def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: 
         assert staged.body("stage floor").pos[2] == pytest.approx(3 - 0.1 - 0.4 * math.cos(angle))
 
 
-@cases("world, options, parts")
+@pytest.mark.parametrize(
+    ("world", "options", "parts"),
+    [
+        ('<geom size=".1"/>', {}, ["floor", "light", "sky", "camera"]),
+        ('<geom size=".1"/>', {"camera": ("free",)}, ["floor", "light", "sky"]),
+        ('<geom size=".1"/>', {"stage": ("none",)}, []),
+        ('<geom size=".1"/><light/>', {}, ["floor", "sky", "camera"]),
+        ('<geom size=".1"/><light/>', {"stage": ("light",)}, ["light"]),
+        ('<body><freejoint/><geom size=".1"/></body>', {}, ["light", "sky", "camera"]),
+        ('<geom type="plane" size="1 1 1"/>', {}, []),
+    ],
+)
 def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[str, ...]], parts: list[str]) -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{world}</worldbody></mujoco>")
     assert [*stage_parts(replace(ViewOptions(), **options), model)] == parts

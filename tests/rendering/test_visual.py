@@ -13,7 +13,6 @@ from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.state import save
 from mjrun.rendering.visual import GROUPS, Visual, flags, updated_scene
-from tests.cases import cases
 
 VISUALIZER = [name for name in mujoco.mjtVisFlag.__members__ if name.startswith("mjVIS_")]
 RENDERING = [name for name in mujoco.mjtRndFlag.__members__ if name.startswith("mjRND_")]
@@ -76,7 +75,17 @@ def test_frames_and_labels_have_mujoco_s_names() -> None:
     assert options.label == mujoco.mjtLabel.mjLABEL_JOINT
 
 
-@cases("wrong, message")
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"show": ["contactpoints"]}, "no visual flag 'contactpoints' (did you mean 'contactpoint'"),
+        ({"hide": ["Shadow"]}, "did you mean 'shadow'?"),
+        ({"frame": "geoms"}, "no frame 'geoms' (did you mean 'geom'?)"),
+        ({"label": "bodies"}, "no label 'bodies' (did you mean 'body'?)"),
+        ({"quality": "best"}, "qualities: draft, model, high"),
+        ({"groups": {"bone": (1,)}}, "kinds: geom, site"),
+    ],
+)
 def test_a_wrong_name_lists_the_right_ones(wrong: dict, message: str) -> None:
     with pytest.raises(UnknownNameError) as caught:
         Visual(**wrong)

@@ -10,7 +10,6 @@ import pytest
 import mjrun
 from mjrun.errors import FileError, UsageError
 from mjrun.simulation.demonstrated_episode import read_demonstration
-from tests.cases import cases
 from tests.demonstration_files import recorded_states, write_demonstrations
 
 
@@ -64,7 +63,14 @@ def test_numbers_that_do_not_fit_the_states_are_refused(
         read_demonstration(f"{file}:demo_1")
 
 
-@cases("times, message")
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([0], "has one state, and therefore no rate"),
+        ([0, 0.05, 0.1, 0.25], "state 3 is 0.15 s after the one before, and others 0.05 s; a dataset has a constant"),
+        ([0, 0, 0], "its times do not ascend; replay_rate replaces them"),
+    ],
+)
 def test_states_that_are_not_evenly_spaced_have_no_rate(tmp_path: Path, times: list[float], message: str) -> None:
     states = recorded_states(len(times))
     states[:, 0] = times

@@ -32,7 +32,6 @@ from mjrun.study.executors import (
 from mjrun.study.isolation import run_chunk
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
-from tests.cases import cases
 from tests.processes import PATIENCE
 from tests.study.slurm_stand_in import install
 
@@ -69,7 +68,15 @@ def test_every_engine_gives_the_same_results(
     np.testing.assert_array_equal([r.metrics for r in results], [r.metrics for r in expected])
 
 
-@cases("engine, expected")
+@pytest.mark.parametrize(
+    ("engine", "expected"),
+    [
+        ("rya", "no engine rya\nengines: local, warp, dask, "),
+        ("nothing:here", "No module named 'nothing'"),
+        ("tests.study.factories:none", "no attribute 'none'"),
+        ("tests.study.factories:nothing", "returns a str, not a concurrent.futures.Executor"),
+    ],
+)
 def test_an_engine_that_is_none_is_refused(tmp_path: Path, engine: str, expected: str) -> None:
     with ExitStack() as stack, pytest.raises(UsageError, match=expected):
         open_executor(engine, 1, tmp_path, stack)

@@ -18,7 +18,6 @@ from mjrun.study import slurm
 from mjrun.study.executors import completed, process_count
 from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
-from tests.cases import cases
 from tests.processes import PATIENCE, wait_until
 from tests.study.slurm_stand_in import install, states
 
@@ -155,7 +154,16 @@ def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, cluster: Path) -> 
             future.result(PATIENCE)
 
 
-@cases("engine, text, expected")
+@pytest.mark.parametrize(
+    ("engine", "text", "expected"),
+    [
+        ("slurm", "array=0", "not a valid setting"),
+        ("local", "time=2h", "slurm requires engine slurm"),
+        ("slurm", "partitoin=a", "not a setting of Slurm; settings: partition, account"),
+        ("slurm", "time=30", "time=90min"),
+        ("slurm", "account=a\n#SBATCH", "not a valid setting"),
+    ],
+)
 def test_settings_of_slurm_are_checked(engine: str, text: str, expected: str) -> None:
     with pytest.raises(UsageError, match=expected):
         ExecutionOptions(engine=engine, slurm=text)  # type: ignore[arg-type]

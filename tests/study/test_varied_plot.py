@@ -12,7 +12,6 @@ from mjrun.errors import UnstableError, UsageError
 from mjrun.plotting.figure_data import Drawing
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.varied_plot import VariedPlot
-from tests.cases import cases
 from tests.study.models import PENDULUM
 
 Drawn = Callable[..., Drawing]
@@ -92,7 +91,17 @@ def test_models_may_vary_and_all_their_files_are_inputs(drawn: Drawn) -> None:
     assert {path for _, path in job.inputs} == {"pendulum.xml", "other.xml"}
 
 
-@cases("options, message")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "nothing varies: give --vary NAME=VALUES"),
+        ({"vary": {"seed": "1..101:101"}}, "101 points; a figure shows 100 at most"),
+        ({"vary": {"seed": "1,x"}}, "seed: 'x' is not a whole number"),
+        ({"vary": {"joint/hing.damping": "1,2"}}, "no joint 'hing'"),
+        ({"vary": {"qvel/hing": "1,2"}}, "no joint 'hing'"),
+        ({"vary": {"seed": "1,2"}, "y": "qpos/hing"}, "no column 'qpos/hing'"),
+    ],
+)
 def test_bad_input_is_found_before_anything_is_made(drawn: Drawn, options: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message.replace("--vary", ".*vary")):
         drawn(**options)

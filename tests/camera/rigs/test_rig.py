@@ -21,7 +21,6 @@ from mjrun.camera.script import RIGS
 from mjrun.camera.targets import Place
 from mjrun.errors import MjrunError
 from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, MODEL, moved, posed
-from tests.cases import cases
 
 SQUARE = tuple(Waypoint(eye=eye) for eye in ((0.0, 0.0, 0.0), (2.0, 0.0, 0.5), (2.0, 3.0, 0.0), (0.0, 3.0, 1.0)))
 
@@ -158,7 +157,17 @@ def test_each_number_goes_from_start_to_end_by_its_own_ease(phase: float) -> Non
     assert pose.rotation == pytest.approx(rotation(azimuth, -30 + 40 * phase))
 
 
-@cases("target, expected")
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        ("box", [4, 5, 6]),
+        ("edge", [4.1, 5, 6]),
+        ("site:tip", [4, 5, 6.5]),
+        ("geom:edge", [4.1, 5, 6]),
+        ((1, 2, 3), [1, 2, 3]),
+        ("subtree:mark", [0, 0, 1]),
+    ],
+)
 def test_an_object_is_followed_where_it_is_now(target: Place, expected: list[float]) -> None:
     assert posed(FreeRig(target)).lookat == pytest.approx(np.array(expected))
     looking = posed(LookRig((0.0, 0.0, 9.0), target))

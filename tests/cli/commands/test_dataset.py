@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cases import cases
-
 if TYPE_CHECKING:
     from tests.conftest import Command
 
@@ -45,7 +43,16 @@ def test_failed_points_are_listed_by_reason(mjrun_here: Command, ball: str) -> N
     assert "set: 1 image (1 train, 0 val), 1 object; " in done.stdout.decode()
 
 
-@cases("options, message")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--objects", "bal"), "no body 'bal' (did you mean 'ball'?)"),
+        (("--format", "cocoa"), "'cocoa' is not one of"),
+        (("--split", "train=2"), "names with shares that sum to 1"),
+        (("--times", "0,9", "--duration", "1"), "--times: 9 s is after the end of the simulation at 1 s"),
+        (("--accept", "pixel/ball > 3"), "no column 'pixel/ball'"),
+    ],
+)
 def test_mistakes_are_explained_before_anything_is_written(
     mjrun_here: Command, ball: str, options: tuple[str, ...], message: str
 ) -> None:

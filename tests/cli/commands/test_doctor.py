@@ -9,7 +9,6 @@ import mujoco
 import pytest
 
 from mjrun.rendering.backend import Backend
-from tests.cases import cases
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +75,15 @@ def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_fiv
     assert ("--renderer filament draws" in found["filament"]["remedy"]) == vulkan_is_there
 
 
-@cases("given, value")
+@pytest.mark.parametrize(
+    ("given", "value"),
+    [
+        ({"MUJOCO_GL": "cgl"}, "nothing draws with MUJOCO_GL=cgl"),
+        ({"MUJOCO_GL": "bogus"}, "nothing: no OpenGL backend 'bogus' in MUJOCO_GL"),
+        ({"MUJOCO_GL": "off"}, "nothing: MUJOCO_GL is 'off', which switches rendering off"),
+        ({"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "99"}, "nothing draws with MUJOCO_GL=egl and MUJOCO_EGL_DEV"),
+    ],
+)
 @pytest.mark.gl
 @pytest.mark.slow
 def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(

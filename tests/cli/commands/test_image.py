@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import imageio.v3 as imageio
 import numpy as np
-
-from tests.cases import cases
+import pytest
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,7 +51,16 @@ def test_views_lie_side_by_side_in_the_layout_asked_for(mjrun_here: Command, swi
     assert width >= 3 * imageio.imread(mjrun_here.folder / "alone.png").shape[1]
 
 
-@cases("arguments, code, message")
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("-o", "-", "--json"), 2, "--json and the output both print to standard output"),
+        (("-t", "1", "--step", "2"), 2, "--step"),
+        (("--camera", "sid"), 2, "did you mean 'side'?"),
+        (("-o", "a.xyz"), 2, ".xyz"),
+        (("-o", "/dev/null/a.png"), 7, "is not a folder"),
+    ],
+)
 def test_a_mistake_is_explained_and_leaves_nothing(
     mjrun_here: Command, swing: Path, arguments: tuple[str, ...], code: int, message: str
 ) -> None:
