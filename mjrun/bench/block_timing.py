@@ -1,6 +1,6 @@
 """Wall time of steps: the same rollout is repeated in C and timed block by block.
 
-This loop is separate from `observe`, and reads nothing while it runs.
+This loop is separate from `run_with_taps`, and reads nothing while it runs.
 """
 
 import copy

@@ -27,7 +27,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
 from mjrun.outputs.output_files import named_files
-from mjrun.physics.simulation_loop import AnyTap, observe
+from mjrun.physics.simulation_loop import AnyTap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.reporter import Reporter
@@ -193,7 +193,7 @@ class Output(ABC, Generic[R_co]):
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Runs the simulation up to step `until` for this output alone; overridden where blocks of steps are read."""
-        observe(stepper, self.taps({}), until)
+        run_with_taps(stepper, self.taps({}), until)
 
     def draw(self) -> None:
         """Draws frames and figures into the files after the simulation, from what the taps recorded.

@@ -18,7 +18,7 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, OutputResult, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
-from mjrun.physics.simulation_loop import AnyTap, Tap, observe
+from mjrun.physics.simulation_loop import AnyTap, Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.shared_status import doing
@@ -327,7 +327,7 @@ class Pass(Generic[R]):
         others = [index for index in range(len(self._plans)) if index not in waiting]
         taps = [tap for index in others for tap in self._guarded(self.outputs[index].taps({}), [index])]
         if not waiting:
-            observe(self._stepper, taps, until)
+            run_with_taps(self._stepper, taps, until)
             return
         from mjrun.outputs.event_detection import EventDetector
 
@@ -335,14 +335,14 @@ class Pass(Generic[R]):
         conditions = {text for index in waiting for text in self._plans[index].conditions}
         detector = EventDetector(context.model, context.timeline, conditions, context.episode)
         self._stack.callback(detector.close)
-        observe(self._stepper, [*taps, *self._guarded(detector.taps(until), waiting)], until)
+        run_with_taps(self._stepper, [*taps, *self._guarded(detector.taps(until), waiting)], until)
 
         taps = list[AnyTap]()
         for index in waiting:
             if index not in self.failures:
                 with self._failing(index):
                     taps += self._guarded(self.outputs[index].taps(detector.event_steps), [index])
-        observe(detector.replay(self._stepper.model), taps, until)
+        run_with_taps(detector.replay(self._stepper.model), taps, until)
 
     def _guarded(self, taps: Sequence[AnyTap], indices: Sequence[int]) -> list[AnyTap]:
         """Returns `taps` whose first error fails the outputs with these indices, and ends them alone."""

@@ -34,7 +34,7 @@ class Tap(Generic[T]):
 AnyTap = Tap[Any]
 
 
-def observe(stepper: Stepper, taps: Sequence[AnyTap], until: int) -> None:
+def run_with_taps(stepper: Stepper, taps: Sequence[AnyTap], until: int) -> None:
     """Moves `stepper` to step `until`, and serves every tap on the way.
 
     Taps of the same step read the same instant; none reads a step beyond `until`. Observation does not change the

@@ -23,7 +23,7 @@ from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.episode_images import EpisodeImageRenderer
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.recorded_states import StateBuffer
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
@@ -226,7 +226,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
             last.append(row)
 
     last = list[np.ndarray]()
-    observe(simulation.stepper(sampler.model), [Tap(steps, lambda stepper: stepper, take)], timeline.steps)
+    run_with_taps(simulation.stepper(sampler.model), [Tap(steps, lambda stepper: stepper, take)], timeline.steps)
     return EpisodeCourse(
         model=model,
         steps=steps,
@@ -264,7 +264,7 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
         observations.append(sampler.values(stepper))
         states.append(stepper.state())
 
-    observe(simulation.stepper(sampler.model), [Tap(rows, lambda stepper: stepper, take)], rows[-1])
+    run_with_taps(simulation.stepper(sampler.model), [Tap(rows, lambda stepper: stepper, take)], rows[-1])
     rewards = demonstration.rewards
     return EpisodeCourse(
         model=model,

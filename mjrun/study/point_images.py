@@ -13,7 +13,7 @@ from mjrun.formats.image_encoding import ImageData, png
 from mjrun.model.variants import VariantLoader
 from mjrun.options.dataset import CAMERA
 from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectView, labelled_objects
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.image_spec import ImageSpec, camera_argument, part_of, record_path
 
@@ -48,7 +48,7 @@ class PointImageMaker:
         steps = sorted({round(time / timeline.timestep) for time in options.times})
         states = list[np.ndarray]()
         stepper = simulation.stepper(model)
-        observe(stepper, [Tap(steps, lambda stepper: stepper.state().copy(), states.append)], steps[-1])
+        run_with_taps(stepper, [Tap(steps, lambda stepper: stepper.state().copy(), states.append)], steps[-1])
         camera = {key.removeprefix(CAMERA): text for key, text in values.items() if key.startswith(CAMERA)}
         cameras = [camera_argument(each, camera) if isinstance(each, str) else each for each in options.camera]
         times = [float(timeline.time(step)) for step in steps]

@@ -18,7 +18,7 @@ from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.output import BackendsAndWorkers, Context
 from mjrun.outputs.recorded_scene import Scheduler
 from mjrun.outputs.video import Video
-from mjrun.physics.simulation_loop import observe
+from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.graph import graph_size
@@ -70,7 +70,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     with ExitStack() as stack:
         plan = plan_frames(job, context, scheduler(job), job.plot, job.plot_side)
         output = DrawnFrames(plan, job.encoded_files, stack, stack.enter_context(closing(BackendsAndWorkers())))
-        observe(PhysicsStepper(model, data), output.taps({}), 50)
+        run_with_taps(PhysicsStepper(model, data), output.taps({}), 50)
         output.place_scene()
         assert list(output.times) == [k / 50 for k in range(5)]
         assert len(output.states) == len(output.poses) == 5

@@ -21,7 +21,7 @@ from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.image import Image, ImageResult
 from mjrun.outputs.perform import perform
 from mjrun.outputs.video import Video, VideoResult
-from mjrun.physics.simulation_loop import observe
+from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -192,7 +192,7 @@ def test_conditions_begin_where_a_bare_loop_first_meets_them_after_it_did_not(sw
 
     detector = EventDetector(model, Timeline.of_steps(Fraction(1, 500), 1000), CONDITIONS)
     with closing(detector):
-        observe(stepper, detector.taps(1000), 1000)
+        run_with_taps(stepper, detector.taps(1000), 1000)
         expected = {text: np.flatnonzero(held[1:, k] & ~held[:-1, k]).tolist() for k, text in enumerate(CONDITIONS)}
         assert detector.event_steps == expected
         assert len(expected[CONDITIONS[0]]) > 1  # it swings

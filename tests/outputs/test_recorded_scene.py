@@ -13,7 +13,7 @@ from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
 from mjrun.outputs.output import Context
 from mjrun.outputs.recorded_scene import RecordedFrames, camera_motions, check_scene, plan_scene
-from mjrun.physics.simulation_loop import observe
+from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.reporter import WarningReporter
 
 
@@ -24,7 +24,7 @@ def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> Re
     loaded = simulation.load()
     context = Context(simulation, loaded, simulation.timeline(loaded), WarningReporter())
     frames = RecordedFrames(plan_scene(job, context, job.schedule, job.cameras), stack)
-    observe(simulation.stepper(loaded), frames.taps({}), until)
+    run_with_taps(simulation.stepper(loaded), frames.taps({}), until)
     frames.place_scene()
     return frames
 

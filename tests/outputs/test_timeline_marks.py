@@ -5,7 +5,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.outputs.event_detection import MarkDetector
-from mjrun.physics.simulation_loop import observe
+from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 
@@ -28,7 +28,7 @@ def model() -> mujoco.MjModel:
 def detected(model: mujoco.MjModel, events: list[str], assertions: list[str]) -> MarkDetector:
     """Returns a detector that has observed the whole simulation."""
     detector = MarkDetector(model, Timeline.of_steps(rational(model.opt.timestep), STEPS), events, assertions)
-    observe(PhysicsStepper(model, mujoco.MjData(model)), [detector.tap(STEPS)], STEPS)
+    run_with_taps(PhysicsStepper(model, mujoco.MjData(model)), [detector.tap(STEPS)], STEPS)
     return detector
 
 

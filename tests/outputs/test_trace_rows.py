@@ -12,7 +12,7 @@ from mjrun.outputs.event_detection import EventDetector
 from mjrun.outputs.overlay_probes import overlay_probes
 from mjrun.outputs.trace_rows import ProbeSampler, blocks
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
-from mjrun.physics.simulation_loop import observe
+from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 
@@ -76,7 +76,7 @@ def test_an_event_sees_the_drift_since_the_start() -> None:
     drift = whole[:, [column.name for column in table.columns].index("energy/drift")]
     limit = float(drift[200])
     detector = EventDetector(table.model, Timeline.of_steps(rational("0.002"), STEPS), [f"energy/drift < {limit!r}"])
-    observe(stepper_of(table), detector.taps(STEPS), STEPS)
+    run_with_taps(stepper_of(table), detector.taps(STEPS), STEPS)
     (steps,) = detector.event_steps.values()
     assert steps[0] == int(np.argmax(drift < limit)) > 0
     detector.close()
@@ -89,7 +89,7 @@ def test_an_event_may_be_about_energy_in_a_model_that_leaves_it_out() -> None:
     limit = float(kinetic[60])
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator="Euler"))
     detector = EventDetector(model, Timeline.of_steps(rational("0.002"), STEPS), [f"energy/kinetic > {limit!r}"])
-    observe(PhysicsStepper(model, mujoco.MjData(model)), detector.taps(STEPS), STEPS)
+    run_with_taps(PhysicsStepper(model, mujoco.MjData(model)), detector.taps(STEPS), STEPS)
     (steps,) = detector.event_steps.values()
     assert steps[0] == int(np.argmax(kinetic > limit)) > 0
     detector.close()

@@ -18,7 +18,7 @@ from mjrun.formats.recording import RecordingReader, RecordingWriter
 from mjrun.model import state
 from mjrun.physics.control import Controller, ControlSources, PeriodicController
 from mjrun.physics.recorded_states import ReplayStepper, require_model, states_at
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import rational
 from tests.physics.tumbler import Kept
@@ -70,7 +70,9 @@ def recorded(stepper: PhysicsStepper, steps: Sequence[int]) -> tuple[Kept, list[
     """The states of a live run at `steps`, and its instants."""
     rows: list[np.ndarray] = []
     instants: list[dict[str, bytes]] = []
-    observe(stepper, [Tap(steps, lambda s: s.state(), rows.append), Tap(steps, fields, instants.append)], steps[-1])
+    run_with_taps(
+        stepper, [Tap(steps, lambda s: s.state(), rows.append), Tap(steps, fields, instants.append)], steps[-1]
+    )
     return Kept(np.array(steps), np.stack(rows)), instants
 
 
@@ -197,7 +199,7 @@ def test_a_recording_on_disk_is_replayed_as_it_ran(tmp_path: Path) -> None:
     seen: list[dict[str, bytes]] = []
     with RecordingReader(tmp_path / "run.npz") as found:
         replay = ReplayStepper(TUMBLER, found, found.facts["sizes"])
-        observe(replay, [Tap(found.steps.tolist(), fields, seen.append)], 99)
+        run_with_taps(replay, [Tap(found.steps.tolist(), fields, seen.append)], 99)
     assert seen == instants
 
 
@@ -213,7 +215,7 @@ def tumbled(stride: int = 1, last: int = 60) -> Kept:
 @settings(max_examples=25, deadline=None)
 def test_observing_a_replay_is_observing_the_run(steps: list[int]) -> None:
     seen: list[bytes] = []
-    observe(ReplayStepper(TUMBLER, tumbled()), [Tap(steps, lambda s: s.state().tobytes(), seen.append)], 60)
+    run_with_taps(ReplayStepper(TUMBLER, tumbled()), [Tap(steps, lambda s: s.state().tobytes(), seen.append)], 60)
     assert seen == [tumbled().rows[step].tobytes() for step in steps]
 
 

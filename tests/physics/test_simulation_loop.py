@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnstableError
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import CHUNK, PhysicsStepper, Stepper
 
 UNTIL = 150
@@ -60,7 +60,7 @@ def instant(stepper: Stepper) -> bytes:
 def test_every_tap_is_served_exactly_at_its_steps_in_order(cadences: list[list[int]]) -> None:
     served: list[list[int]] = [[] for _ in cadences]
     run = stepper()
-    observe(run, [Tap(c, step_of, s.append) for c, s in zip(cadences, served, strict=True)], UNTIL)
+    run_with_taps(run, [Tap(c, step_of, s.append) for c, s in zip(cadences, served, strict=True)], UNTIL)
     assert served == cadences
     assert run.step == UNTIL
 
@@ -72,7 +72,7 @@ def test_watching_changes_nothing_and_sees_what_a_bare_loop_goes_through(
 ) -> None:
     seen: list[list[bytes]] = [[] for _ in taps]
     run = stepper()
-    observe(run, [Tap(c, read, s.append) for (c, read), s in zip(taps, seen, strict=True)], UNTIL)
+    run_with_taps(run, [Tap(c, read, s.append) for (c, read), s in zip(taps, seen, strict=True)], UNTIL)
     path = bare(BOUNCE, UNTIL)
     assert seen == [[path[step] for step in cadence] for cadence, _ in taps]
     assert motion(run) == path[UNTIL]
@@ -81,8 +81,8 @@ def test_watching_changes_nothing_and_sees_what_a_bare_loop_goes_through(
 def test_watching_every_step_in_every_way_is_the_same_run_as_watching_none() -> None:
     watched, alone = stepper(), stepper()
     always = range(UNTIL + 1)
-    observe(watched, [Tap(always, motion, len), Tap(always, instant, len), Tap(always, step_of, abs)], UNTIL)
-    observe(alone, [], UNTIL)
+    run_with_taps(watched, [Tap(always, motion, len), Tap(always, instant, len), Tap(always, step_of, abs)], UNTIL)
+    run_with_taps(alone, [], UNTIL)
     assert watched.state().tobytes() == alone.state().tobytes()
     assert motion(alone) == bare(BOUNCE, UNTIL)[UNTIL]
 
@@ -90,7 +90,7 @@ def test_watching_every_step_in_every_way_is_the_same_run_as_watching_none() -> 
 def test_taps_that_share_a_step_see_the_same_instant_in_the_order_they_were_given() -> None:
     log: list[tuple[str, int, int]] = []
     taps = [Tap(range(0, 31, n), lambda s, n=n: (str(n), s.step, id(s.instant())), log.append) for n in (10, 15, 5)]
-    observe(stepper(), taps, 30)
+    run_with_taps(stepper(), taps, 30)
     assert [(name, step) for name, step, _ in log] == [
         *(("10", 0), ("15", 0), ("5", 0), ("5", 5), ("10", 10), ("5", 10)),
         *(("15", 15), ("5", 15), ("10", 20), ("5", 20), ("5", 25), ("10", 30), ("15", 30), ("5", 30)),
@@ -104,7 +104,7 @@ def test_each_write_follows_its_read_before_the_next_step_is_taken() -> None:
         log.append(("read", stepper.step))
         return stepper.step
 
-    observe(stepper(), [Tap([1, 2], read, lambda step: log.append(("write", step)))], 3)
+    run_with_taps(stepper(), [Tap([1, 2], read, lambda step: log.append(("write", step)))], 3)
     assert log == [("read", 1), ("write", 1), ("read", 2), ("write", 2)]
 
 
@@ -117,7 +117,7 @@ def test_a_cadence_is_read_as_it_is_needed_so_a_long_one_costs_no_memory() -> No
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        observe(stepper(), [Tap(range(0, 10**15, 10), step_of, stop)], 10**15)
+        run_with_taps(stepper(), [Tap(range(0, 10**15, 10), step_of, stop)], 10**15)
     assert served == [0, 10, 20]
 
 
@@ -126,7 +126,7 @@ def test_a_tap_never_sees_a_step_beyond_the_end_of_the_run(steps: list[int]) -> 
     served: list[int] = []
     run = stepper()
     with suppress(ValueError):
-        observe(run, [Tap(steps, step_of, served.append)], 5)
+        run_with_taps(run, [Tap(steps, step_of, served.append)], 5)
     assert 7 not in served
     assert run.step <= 5
 
@@ -156,7 +156,7 @@ def test_what_is_written_before_a_run_becomes_unstable_is_good_and_nothing_is_wr
         Tap(range(500), lambda s: s.instant().qvel[0].item(), instants.append),
     ]
     with pytest.raises(UnstableError) as caught:
-        observe(stepper(model), taps, 500)
+        run_with_taps(stepper(model), taps, 500)
     assert caught.value.step == bad - 1
     assert steps == list(range(0, bad, every))
     assert states == list(bare(model, bad)[:bad:every])

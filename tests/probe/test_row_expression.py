@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.probe.assertion import parse
 from mjrun.probe.parser import LONGEST
@@ -117,7 +117,7 @@ def begins(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float] =
     data.qvel[: len(qvel)] = qvel
     stepper = PhysicsStepper(table.model, data)
     tap = Tap(range(steps + 1), lambda s: [float(timeline.time(s.step)), *table.values(s)], rows.append)
-    observe(stepper, [tap], steps)
+    run_with_taps(stepper, [tap], steps)
     onsets = RisingEdgeDetector()
     onsets.feed(holds(watched, np.array(rows)))
     return onsets.indices

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import ControlInstants, Ending, EpisodeOver, ReplayedEpisode
 from mjrun.task.single_world import SingleWorld
@@ -33,7 +33,7 @@ def test_what_held_at_control_instants_holds_again() -> None:
             Tap(range(31), instants.take, lambda _: None),
             Tap(range(31), lambda _: stepper.now(), seen.append),
         ]
-        observe(stepper, taps, 30)
+        run_with_taps(stepper, taps, 30)
         replay = instants.replay(MODEL, states)
         assert isinstance(replay, ReplayedEpisode)
         assert (replay.periods, replay.names) == (7, stepper.names)
@@ -46,5 +46,5 @@ def test_what_held_at_control_instants_holds_again() -> None:
 def test_other_simulations_are_replayed_as_ever() -> None:
     stepper, instants = PhysicsStepper(MODEL, mujoco.MjData(MODEL)), ControlInstants()
     with closing(StateBuffer(MODEL)) as states:
-        observe(stepper, [Tap(range(3), lambda s: s.state(), states.append), Tap(range(3), instants.take, id)], 2)
+        run_with_taps(stepper, [Tap(range(3), lambda s: s.state(), states.append), Tap(range(3), instants.take, id)], 2)
         assert type(instants.replay(MODEL, states)) is ReplayStepper

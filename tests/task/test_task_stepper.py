@@ -12,7 +12,7 @@ from mjrun.errors import InvalidActionError, UnstableError
 from mjrun.model import state
 from mjrun.options.disturbance import Push
 from mjrun.outputs.trace_rows import blocks
-from mjrun.physics.simulation_loop import Tap, observe
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.task.episode import Ending
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task import TIMED_OUT, Action, Command, Observation, Reset, Task, Termination
@@ -207,7 +207,7 @@ def test_an_unstable_simulation_is_told_with_its_first_bad_step(every: int) -> N
     stepper = TaskStepper(SingleWorld(arm()), Answers([0, 0], *[[1e10, 0]] * 10), 0)
     steps = [Tap(range(0, 41, every), lambda _: None, id)]
     with pytest.raises(UnstableError, match=r"the simulation became unstable at step 4, .*joint 'shoulder'"):
-        observe(stepper, steps, 40)
+        run_with_taps(stepper, steps, 40)
 
 
 FIELDS = ("qpos", "qvel", "ctrl", "qacc", "sensordata", "energy", "xpos", "qfrc_constraint", "ncon", "xfrc_applied")
