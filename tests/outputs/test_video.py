@@ -121,7 +121,7 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     def stepped(*_: object) -> None:
         raise AssertionError("a step was taken")
 
-    monkeypatch.setattr(output, "observe", stepped)
+    monkeypatch.setattr(output, "run_with_taps", stepped)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MjrunError) as caught:
         Video(**{"simulation": Simulation(swing), "output": "video.mp4", "size": SIZE, **wrong}).run()
