@@ -3,6 +3,7 @@
 import itertools
 import os
 import shlex
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
@@ -316,12 +317,12 @@ class ModelCheck(PolicyOptions, CheckOptions):
         """Returns the output of the check of one model, or an earlier one."""
         if cache is None:
             return workers.run(task)
-        key = cache.key(task)
+        key, began = cache.key(task), time.time_ns()
         messages = cache.read(key)
         if messages is not None:
             return WorkerOutput(messages, ExitStatus(0), "")
         output = workers.run(task)
-        cache.write(key, task, output.messages)
+        cache.write(key, task, output.messages, began)
         return output
 
     def _is_ignored(self, finding: Finding) -> bool:

@@ -2,13 +2,15 @@
 
 The name of an entry is a hash of everything that a result depends on: the content of all files that MuJoCo may open
 for the model, and which of them are missing; the settings; the versions of mjrun, MuJoCo and NumPy. Another entry
-stores that name with the versions of these files, so that none is read again while all of them stay untouched.
+stores that name with the versions of these files, so that none is read again while all of them stay untouched. A result
+that names files beside a missing one is stored with the versions of the folders in which they were searched.
 """
 
 import hashlib
 import json
+import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -16,11 +18,14 @@ from typing import Any
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.confinement.confinement import confinement
-from mjrun.formats.user_cache import FileDigests, UserCache, file_version, is_settled, program_facts
+from mjrun.formats.user_cache import FileDigests, UserCache, file_version, folder_version, is_settled, program_facts
 
 LIMITS = {"timeout", "memory", "cache"}  # of a task, which do not affect a result that is complete
-DISTURBED = {rule.code for rule in (CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT)}  # may differ the next time
-OF_FOLDERS = {MISSING_MODEL.code, "MJ107"}  # whose remedies name other files, which may come and go
+DISTURBED = {
+    rule.code for rule in (CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT)
+}  # may change by itself
+MISSING_FILE = "MJ107"  # whose remedy names other files, which may come and go
+SEARCHED = 2000  # most folders in which these may be; with more, the result is not stored
 
 Messages = Sequence[Mapping[str, Any]]
 
@@ -69,16 +74,36 @@ class ResultCache:
 
     def read(self, key: str) -> Messages | None:
         """Returns the messages of an earlier check; None without one."""
-        return self.entries.read(key) if key else None
+        entry = self.entries.read(key) if key else None
+        if not entry or any(folder_version(place) != version for place, version in entry["folders"].items()):
+            return None
+        return entry["messages"]
 
-    def write(self, key: str, task: WorkerTask, messages: Messages) -> None:
-        """Stores the messages of a check that is complete, unless its files have changed since it began."""
+    def write(self, key: str, task: WorkerTask, messages: Messages, began: int) -> None:
+        """Stores the messages of a check that is complete, unless its files have changed since it `began` [ns]."""
         codes = {message["finding"]["code"] for message in messages if "finding" in message}
-        is_complete = any("done" in message for message in messages) and not codes & (DISTURBED | OF_FOLDERS)
+        is_complete = any("done" in message for message in messages) and not codes & DISTURBED
         if not key or not is_complete or self.key(task) != key:
             return
+        folders: dict[str, list[int] | None] = {}
+        if MISSING_FILE in codes:
+            missing = [place for place, digest in self._states(task.path).items() if not digest]
+            folders = {place: folder_version(place) for place in _searched_folders(task.path, missing)}
+            if len(folders) > SEARCHED or not all(each is None or is_settled(each, began) for each in folders.values()):
+                return
         kept = [message for message in messages if message.keys().isdisjoint({"pid", "stage"})]
-        self.entries.write(key, kept)
+        self.entries.write(key, {"messages": kept, "folders": folders})
+
+
+def _searched_folders(model: str, missing: Iterable[str]) -> set[str]:
+    """Returns the folders of missing files, and all below that of the model; not many more than `SEARCHED`."""
+    found = {os.path.dirname(place) or "." for place in missing}  # noqa: PTH120
+    for parent, folders, _ in os.walk(os.path.dirname(model) or "."):  # noqa: PTH120
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found.add(parent)
+        if len(found) > SEARCHED:
+            break
+    return found
 
 
 def _digest(facts: object) -> str:

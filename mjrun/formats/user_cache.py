@@ -8,7 +8,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -98,17 +98,26 @@ class FileDigests:
 
 def file_version(place: str) -> list[int] | None:
     """Returns numbers that differ once a regular file is replaced, or written after it was settled; None without it."""
+    return _version(place, stat.S_ISREG)
+
+
+def folder_version(place: str) -> list[int] | None:
+    """Returns numbers that differ once a file in a settled folder has come, gone or been renamed; None without it."""
+    return _version(place, stat.S_ISDIR)
+
+
+def _version(place: str, is_kind: Callable[[int], bool]) -> list[int] | None:
     try:
         status = os.stat(place)  # noqa: PTH116
     except (OSError, ValueError):
         return None
-    if not stat.S_ISREG(status.st_mode):
+    if not is_kind(status.st_mode):
         return None
     return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns]
 
 
 def is_settled(version: Sequence[int], since: int) -> bool:
-    """Returns whether a file changed so long before the time `since` [ns] that each later change has another time.
+    """Returns whether a file or folder changed so long before `since` [ns] that each later change has another time.
 
     The time of a change cannot be set back; Windows does not record it.
     """

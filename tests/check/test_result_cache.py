@@ -83,13 +83,33 @@ def test_a_file_that_appears_where_mujoco_looks_first_changes_the_key() -> None:
     assert key() not in ("", before)
 
 
-def test_a_finding_about_a_missing_file_is_not_stored_as_it_names_others() -> None:
-    write("a.xml", mjcf(before='<asset><mesh name="b" file="b.obj"/></asset>'))
-    (finding,) = checked("a.xml").models[0].findings
-    write("bb.obj", MESH)
-    (other,) = checked("a.xml").models[0].findings
-    assert (finding.code, other.code) == ("MJ107", "MJ107")
-    assert finding.remedy != other.remedy
+@pytest.mark.parametrize("place", ["bb.obj", "below/bb.obj", "meshes/bb.obj", "new/b.obj"])
+@pytest.mark.parametrize("is_settled", [True, False])
+def test_a_finding_about_a_missing_file_is_stored_until_a_file_comes_or_goes_where_others_are_searched(
+    monkeypatch: pytest.MonkeyPatch, place: str, is_settled: bool
+) -> None:
+    for folder in ("model/below", "meshes"):
+        Path(folder).mkdir(parents=True)
+    file = str(Path(place) if place.startswith("meshes") else "model" / Path(place))
+    assets = '<compiler meshdir="../meshes"/><asset><mesh name="b" file="b.obj"/></asset>'
+    write("model/a.xml", mjcf(before=assets))
+    if is_settled:
+        monkeypatch.setattr(user_cache, "COARSEST_TIME", 0)
+        time.sleep(0.02)  # longer than a tick of the system's clock
+    (finding,) = checked("model/a.xml").models[0].findings
+    assert finding.code == "MJ107"
+    runs = []
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            CheckProcesses, "run", lambda self, task: runs.append(task) or WorkerOutput(DONE[:1], ExitStatus(0), "")
+        )
+        checked("model/a.xml")
+        assert bool(runs) is not is_settled
+        Path(file).parent.mkdir(exist_ok=True)
+        runs.clear()
+        write(file, MESH)
+        checked("model/a.xml")
+        assert runs
 
 
 def test_a_model_whose_plugins_may_read_any_file_is_not_stored() -> None:
@@ -162,13 +182,13 @@ def test_only_complete_results_of_unchanged_files_are_stored() -> None:
     cache, name = ResultCache({}), ResultCache({}).key(TASK)
     timeout = {"finding": {"code": TIMEOUT.code}}
     for messages in ([{"loaded": True}], [timeout, *DONE]):
-        cache.write(name, TASK, messages)
+        cache.write(name, TASK, messages, 0)
         assert cache.read(name) is None
     write("a.xml", mjcf("<geom size='1'/>"))
-    cache.write(name, TASK, DONE)
+    cache.write(name, TASK, DONE, 0)
     assert cache.read(name) is None
     write("a.xml", mjcf())
-    cache.write(name, TASK, [{"pid": 5}, {"stage": "x"}, *DONE])
+    cache.write(name, TASK, [{"pid": 5}, {"stage": "x"}, *DONE], 0)
     assert cache.read(name) == [*DONE]
 
 
