@@ -36,22 +36,23 @@ class UserCache:
         self._has_grown = False
 
     def read(self, key: str) -> Any | None:
-        """Returns the value of an entry; None without one."""
+        """Returns the value of an entry; None without one, or if it is damaged."""
         path = self.folder / key
         try:
-            value = json.loads(path.read_bytes())
+            digest, _, text = path.read_bytes().partition(b"\n")
             if time.time() - path.stat().st_mtime > FRESH:
                 os.utime(path)
-        except (OSError, ValueError):
+        except OSError:
             return None
-        return value
+        return json.loads(text) if digest == _digest(text) else None
 
     def write(self, key: str, value: object) -> None:
         """Stores a value for JSON; nothing on a full disk, or in a folder without permission."""
+        text = json.dumps(value).encode()
         with suppress(OSError):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=self.folder, delete=False) as file:
-                file.write(json.dumps(value).encode())
+                file.write(_digest(text) + b"\n" + text)
             Path(file.name).replace(self.folder / key)
             self._has_grown = True
 
@@ -132,6 +133,10 @@ def program_facts() -> Mapping[str, object]:
         "sources": hashlib.sha256(repr(sorted(_source_files(str(PACKAGE)))).encode()).hexdigest(),
         "machine": [sys.platform, platform.machine(), sys.version],
     }
+
+
+def _digest(text: bytes) -> bytes:
+    return hashlib.sha256(text).hexdigest().encode()
 
 
 def _folder(name: str) -> Path:

@@ -24,8 +24,10 @@ def test_damaged_entries_and_folders_that_cannot_be_written_are_no_hindrance(
     cache.write("a", {"b": [1, "ä"]})
     assert cache.read("a") == {"b": [1, "ä"]}
     assert UserCache("other").read("a") is None
-    (folder / "a").write_text("[{")
-    assert cache.read("a") is None
+    whole = (folder / "a").read_bytes()
+    for damaged in (b"[{", b"[1]", whole[:-1], whole.replace(b"1", b"2")):
+        (folder / "a").write_bytes(damaged)
+        assert cache.read("a") is None
     monkeypatch.setenv(VARIABLE, os.devnull)
     blocked = UserCache("test")
     blocked.write("a", 1)
@@ -50,7 +52,7 @@ def test_the_entries_used_least_recently_are_removed(folder: Path, monkeypatch: 
     cache = UserCache("test")
     cache.trim()
     assert len([*folder.iterdir()]) == 4  # it has added nothing
-    cache.write("a", "b" * 98)
+    cache.write("a", "b" * 33)  # and 67 bytes of the digest and the quotes
     cache.trim()
     assert {path.name for path in folder.iterdir()} == {"a", "0", "1"}
 
