@@ -37,7 +37,7 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code", "hdf5"),
     ("reporter", "confinement", "decompression_limits", "packages"),
-    ("timeline", "errors", "palette", "interruption", "shared_status", "version", "suffixes"),
+    ("timeline", "errors", "palette", "interruption", "shared_status", "version", "file_version", "suffixes"),
     ("platform", "dataclass"),
 )
 

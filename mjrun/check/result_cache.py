@@ -18,14 +18,14 @@ from typing import Any
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.confinement.confinement import confinement
-from mjrun.formats.user_cache import FileDigests, UserCache, file_version, folder_version, is_settled, program_facts
+from mjrun.file_version import file_version, folder_version, is_settled
+from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
 
 LIMITS = {"timeout", "memory", "cache"}  # of a task, which do not affect a result that is complete
-DISTURBED = {
-    rule.code for rule in (CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT)
-}  # may change by itself
-MISSING_FILE = "MJ107"  # whose remedy names other files, which may come and go
-SEARCHED = 2000  # most folders in which these may be; with more, the result is not stored
+# Findings that may be others the next time, although no file of the model has changed.
+DISTURBED = {rule.code for rule in (CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT)}
+MISSING_FILE = "MJ107"  # its remedy names other files, which may come and go; the rule itself is slow to import
+SEARCHED = 2000  # most folders in which these files may be; with more, the result is not stored
 
 Messages = Sequence[Mapping[str, Any]]
 

@@ -4,23 +4,22 @@ import hashlib
 import json
 import os
 import platform
-import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mjrun.file_version import file_version, is_settled
 from mjrun.platform import system
 from mjrun.version import __version__
 
 VARIABLE = "MJRUN_CACHE"  # the environment variable with the folder, in place of the user's cache folder
 LARGEST = 2**26  # bytes of all entries; the oldest are removed
 FRESH = 86400  # [s] for which the use of an entry is not recorded again
-COARSEST_TIME = 2 * 10**9  # [ns] between the times that a file system distinguishes, as FAT
 PACKAGE = Path(__file__).parents[1]
 
 
@@ -95,34 +94,6 @@ class FileDigests:
             if is_settled(version, since):
                 self._digests[place, *version] = digest
         return digest
-
-
-def file_version(place: str) -> list[int] | None:
-    """Returns numbers that differ once a regular file is replaced, or written after it was settled; None without it."""
-    return _version(place, stat.S_ISREG)
-
-
-def folder_version(place: str) -> list[int] | None:
-    """Returns numbers that differ once a file in a settled folder has come, gone or been renamed; None without it."""
-    return _version(place, stat.S_ISDIR)
-
-
-def _version(place: str, is_kind: Callable[[int], bool]) -> list[int] | None:
-    try:
-        status = os.stat(place)  # noqa: PTH116
-    except (OSError, ValueError):
-        return None
-    if not is_kind(status.st_mode):
-        return None
-    return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns]
-
-
-def is_settled(version: Sequence[int], since: int) -> bool:
-    """Returns whether a file or folder changed so long before `since` [ns] that each later change has another time.
-
-    The time of a change cannot be set back; Windows does not record it.
-    """
-    return os.name == "posix" and max(version[-2:]) < since - COARSEST_TIME
 
 
 @cache

@@ -13,6 +13,7 @@ from pathlib import Path
 import mujoco
 
 from mjrun.errors import MjrunWarning
+from mjrun.file_version import is_settled, version_of
 from mjrun.reporter import Reporter, pass_on
 
 
@@ -55,9 +56,8 @@ def _clock() -> ctypes.c_void_p | None:
     return None
 
 
-COARSEST = 2.0  # [s] resolution of the coarsest file times
-# The identities of the files whose contents the asset cache may hold; None where a file may change unnoticed.
-_compiled_files: dict[str, tuple[int, ...] | None] = {}
+# The versions of the files whose contents the asset cache may hold; None where a file may change unnoticed.
+_compiled_files: dict[str, list[int] | None] = {}
 _compiles_alone = False
 
 
@@ -79,12 +79,12 @@ def drop_outdated_assets(files: Mapping[str, os.stat_result]) -> None:
     Args:
       files: the status of each file of the model that is compiled next.
     """
-    settled, is_outdated = time.time() - COARSEST, False
+    now, is_outdated = time.time_ns(), False
     for path, status in files.items():
-        identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+        version = version_of(status)
         path = os.path.abspath(path)  # noqa: PTH100 – of thousands; pathlib takes longer
-        is_outdated |= _compiled_files.get(path, identity if _compiles_alone else None) != identity
-        _compiled_files[path] = identity if status.st_ctime < settled else None
+        is_outdated |= _compiled_files.get(path, version if _compiles_alone else None) != version
+        _compiled_files[path] = version if is_settled(version, now) else None
     if is_outdated:
         mujoco.mj_clearCache(mujoco.mj_getCache())
 

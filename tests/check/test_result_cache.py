@@ -8,12 +8,12 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from mjrun import file_version
 from mjrun.check import check
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.process_failures import TIMEOUT
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
-from mjrun.formats import user_cache
 from mjrun.formats.user_cache import VARIABLE, FileDigests
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
 
@@ -94,7 +94,7 @@ def test_a_finding_about_a_missing_file_is_stored_until_a_file_comes_or_goes_whe
     assets = '<compiler meshdir="../meshes"/><asset><mesh name="b" file="b.obj"/></asset>'
     write("model/a.xml", mjcf(before=assets))
     if is_settled:
-        monkeypatch.setattr(user_cache, "COARSEST_TIME", 0)
+        monkeypatch.setattr(file_version, "COARSEST_TIME", 0)
         time.sleep(0.02)  # longer than a tick of the system's clock
     (finding,) = checked("model/a.xml").models[0].findings
     assert finding.code == "MJ107"
@@ -159,7 +159,7 @@ def test_untouched_files_are_not_read_again_and_no_change_is_missed(
     assets = '<mesh name="b" file="b.obj"/><mesh name="c" file="link/c.obj"/>'
     write("a.xml", mjcf(before=f'<compiler meshdir="meshes"/><asset>{assets}</asset>'))
     if is_settled:
-        monkeypatch.setattr(user_cache, "COARSEST_TIME", 0)
+        monkeypatch.setattr(file_version, "COARSEST_TIME", 0)
         time.sleep(0.02)  # longer than a tick of the system's clock
     before = key()
     with monkeypatch.context() as patch:

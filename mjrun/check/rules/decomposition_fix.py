@@ -5,9 +5,9 @@ Mass and inertia stay: the parts have no mass, and the geom itself stays if it h
 
 import hashlib
 import itertools
+import json
 import math
 import os
-import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
@@ -117,10 +117,7 @@ def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
     if not parts:
         coacd.set_log_level("error")
         whole = coacd.Mesh(surface.vertices, faces)
-        parts = [
-            (np.asarray(vertices).tolist(), np.asarray(triangles).tolist())
-            for vertices, triangles in _limited(lambda: coacd.run_coacd(whole, threshold=fineness))
-        ]
+        parts = _limited(lambda: coacd.run_coacd(whole, threshold=fineness))
         if context.cache and parts:
             limit_this_process(file_size=math.inf)
             context.cache.write(key, parts)
@@ -129,24 +126,28 @@ def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
     return [Surface(np.array(vertices), np.array(triangles)) for vertices, triangles in parts]
 
 
-def _limited(decompose: Callable[[], Sequence[Any]]) -> Sequence[Any]:
-    """Returns the result of a function that a fork of this process calls; nothing if it computes for too long.
+def _limited(decompose: Callable[[], Sequence[Any]]) -> list[list[Any]]:
+    """Returns the vertices and triangles that a fork of this process computes; nothing if that takes too long.
 
     Where the system cannot fork, only the limits of the whole check apply.
     """
+
+    def lists() -> list[list[Any]]:
+        return [[np.asarray(each).tolist() for each in part] for part in decompose()]
+
     if not system.CAN_FORK_LATE:
-        return decompose()
+        return lists()
     reading, writing = os.pipe()
     if pid := os.fork():
         os.close(writing)
         with os.fdopen(reading, "rb") as pipe:
             content = pipe.read()
-        os.waitpid(pid, 0)
-        return pickle.loads(content) if content else []
+        _, status = os.waitpid(pid, 0)
+        return json.loads(content) if content and not status else []
     try:
         signal.signal(signal.SIGXCPU, signal.SIG_DFL)
         limit_this_process(cpu=TIME_LIMIT)
-        content = pickle.dumps(decompose())
+        content = json.dumps(lists()).encode()
         with os.fdopen(writing, "wb") as pipe:
             pipe.write(content)
     finally:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun import file_version
 from mjrun.errors import (
     BrokenModelError,
     CompiledOverrideError,
@@ -115,7 +116,7 @@ def test_meshes_of_earlier_models_are_kept_only_where_nothing_else_compiles_file
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiles_alone: bool
 ) -> None:
     monkeypatch.setattr(mujoco_globals, "_compiles_alone", compiles_alone)
-    monkeypatch.setattr(mujoco_globals, "COARSEST", 0)
+    monkeypatch.setattr(file_version, "COARSEST_TIME", 0)
     cache, sizes = mujoco.mj_getCache(), list[int]()
     mujoco.mj_clearCache(cache)
     models = [tmp_path / name / "m.xml" for name in "ab"]
