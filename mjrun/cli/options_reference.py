@@ -1,4 +1,7 @@
-"""The reference of all options in Markdown, as spelled on the command line, in run documents and in Python."""
+"""The reference of all options and table formats in Markdown.
+
+Options are spelled as on the command line, in run documents and in Python.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
@@ -8,6 +11,7 @@ from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.dataclass import dataclass
 from mjrun.document.run import OUTPUTS
+from mjrun.formats import tables
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.report import PageOptions
@@ -89,7 +93,19 @@ class Section:
 def options_reference() -> str:
     """Returns the reference: a section for each group of options, with a table of them."""
     sections = ["\n".join(_section_lines(section)) for section in reference_sections()]
-    return "\n\n".join([INTRODUCTION, *sections, "\n".join(_expression_lines())])
+    appendices = ["\n".join(_table_format_lines()), "\n".join(_expression_lines())]
+    return "\n\n".join([INTRODUCTION, *sections, *appendices])
+
+
+def _table_format_lines() -> Iterator[str]:
+    yield "## Table formats\n"
+    yield "The suffix of a table selects its format. All of them store floating-point numbers and integers exactly."
+    yield "\n| format | suffixes | units and manifest | standard output | needs |\n|---|---|---|---|---|"
+    for known in tables.FORMATS.values():
+        suffixes = " ".join(f"`{suffix}`" for suffix in known.suffixes)
+        metadata = "units, if asked" if known.commented else "no" if known.is_text else "yes"
+        needs = f"`pip install 'mjrun[{known.extra}]'`" if known.extra else ""
+        yield f"| {known.name} | {suffixes} | {metadata} | {'yes' if known.is_text else 'no'} | {needs} |"
 
 
 def _expression_lines() -> Iterator[str]:

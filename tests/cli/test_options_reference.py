@@ -11,6 +11,7 @@ import mjrun
 from mjrun.cli.main import COMMANDS, group
 from mjrun.cli.options_reference import RUN, TASK, TOP_LEVEL, options_reference, reference_sections
 from mjrun.document.json_schema import json_schema
+from mjrun.formats.tables import suffixes
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.task import PARTS
 from mjrun.probe.expression import FUNCTIONS, SUCCESSIVE
@@ -83,8 +84,16 @@ def test_every_function_of_expressions_is_there() -> None:
     assert {*FUNCTIONS, *SUCCESSIVE} <= named
 
 
-def test_every_row_has_three_cells_and_no_placeholder_is_left() -> None:
-    text = options_reference()
+def test_every_suffix_of_tables_is_there_with_the_extra_that_it_needs() -> None:
+    text = options_reference().partition("## Table formats")[2].partition("\n## ")[0]
+    rows = {row.split(" | ")[1]: row for row in text.splitlines() if row.startswith("| ")}
+    assert [suffix.strip("`") for listed in list(rows)[1:] for suffix in listed.split()] == suffixes()
+    assert "mjrun[parquet]" in rows["`.feather` `.arrow`"]
+    assert "mjrun[" not in rows["`.jsonl`"]
+
+
+def test_every_row_of_an_option_has_three_cells_and_no_placeholder_is_left() -> None:
+    text = options_reference().partition("## Table formats")[0]
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert all(len(re.split(r"(?<!\\)\|", row)) == 5 for row in rows)
     assert "formats}" not in text

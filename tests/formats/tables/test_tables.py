@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-import mjrun
 from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
 from mjrun.formats import tables
 from mjrun.formats.tables import FORMATS, input_format, output_format, suffixes
@@ -19,22 +18,6 @@ def test_every_module_is_a_format_of_its_own_name_and_suffixes() -> None:
     assert list(FORMATS) == [module.name for module in pkgutil.iter_modules(tables.__path__)]
     assert len(set(suffixes())) == len(suffixes())
     assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in suffixes())
-
-
-def test_the_guide_has_a_row_for_every_declaration() -> None:
-    guide = (Path(mjrun.__file__).parents[1] / "docs/traces.md").read_text()
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in guide.splitlines() if line.startswith("| ")]
-    answers = {False: "no", True: "yes"}
-    assert rows[1:] == [
-        [
-            known.name,
-            " ".join(f"`{suffix}`" for suffix in known.suffixes),
-            "units, if asked" if known.commented else answers[not known.is_text],
-            answers[known.is_text],
-            f"`pip install 'mjrun[{known.extra}]'`" if known.extra else "",
-        ]
-        for known in FORMATS.values()
-    ]
 
 
 def test_listing_suffixes_loads_no_library() -> None:
