@@ -36,7 +36,7 @@ explore: setup ## run the property tests on examples drawn at random; add what f
 LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting tests/diff tests/policy tests/gym \
   tests/task/test_external_environment.py tests/task/test_description.py tests/model/sources/test_gym.py \
   tests/physics/test_random_distribution.py tests/physics/test_warp_engine.py tests/experiment/test_design.py \
-  tests/study/test_executors.py tests/fitting/test_gauss_newton.py tests/fitting/test_limited_chirps.py tests/fitting/test_solution.py \
+  tests/study/test_executors.py tests/fitting/test_gauss_newton.py tests/fitting/test_limited_chirps.py tests/fitting/test_shooting_problem.py \
   tests/experiment/test_statistics.py tests/evaluation/test_table.py tests/cli/test_click_command.py \
   tests/cli/test_console.py tests/cli/test_terminal_layout.py tests/cli/commands/test_schema.py tests/outputs/mcap
 

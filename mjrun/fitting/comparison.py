@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjrun.fitting.shooting_fit import SHORTEST
-from mjrun.fitting.solution import Solution
+from mjrun.fitting.shooting_problem import Solution
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.table_column import Column

@@ -13,8 +13,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing
 from mjrun.fitting.free_parameter import FreeParameter, values_at
-from mjrun.fitting.shooting_problem import STATE_SCALE
-from mjrun.fitting.solution import Floats, Solution
+from mjrun.fitting.shooting_problem import STATE_SCALE, Floats, Solution
 
 # Least change of the data from one bound to the other, in standard deviations of their noise: a standard error of half
 # the range determines nothing.

@@ -10,8 +10,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, counted, listing
 from mjrun.fitting.free_parameter import FreeParameter, overrides
-from mjrun.fitting.measurements import CONTROLS, Segment, commands
-from mjrun.fitting.rotations_and_noise import align, rotations
+from mjrun.fitting.measurements import CONTROLS, Segment, align, commands, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import VariantLoader

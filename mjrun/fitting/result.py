@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.fitting.body_inertia import BodyInertia
-from mjrun.fitting.free_parameter import FreeParameter
+from mjrun.fitting.free_parameter import BodyInertia, FreeParameter
 from mjrun.fitting.information import Intervals
-from mjrun.fitting.solution import Floats
+from mjrun.fitting.measurements import Floats
 from mjrun.plotting.html_page import PageFactTable, facts_table
 
 SCHEMA = "mjrun-fit-1"

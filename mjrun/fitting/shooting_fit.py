@@ -13,20 +13,27 @@ from dataclasses import field, replace
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.fitting.ensemble_gauss_newton import EnsembleSearch
 from mjrun.fitting.free_parameter import FreeParameter, values_at
 from mjrun.fitting.gauss_newton import (
     EVALUATIONS,
     EXPLAINED,
     ROUGH_TOLERANCE,
     TOLERANCE,
+    EnsembleSearch,
     GaussNewton,
 )
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LEAST_NOISE, Segment, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
-from mjrun.fitting.rotations_and_noise import LEAST_NOISE, shared
-from mjrun.fitting.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
-from mjrun.fitting.solution import Floats, Solution, with_noise
+from mjrun.fitting.shooting_problem import (
+    Advanced,
+    Floats,
+    Result,
+    ShootingProblem,
+    Simulating,
+    Solution,
+    together,
+    with_noise,
+)
 from mjrun.fitting.starting_states import StateGuesses, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches

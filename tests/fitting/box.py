@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.fitting.free_parameter import FreeParameter
-from mjrun.fitting.measurements import Segment
-from mjrun.fitting.rotations_and_noise import first_noise
+from mjrun.fitting.measurements import Segment, first_noise
 from mjrun.fitting.shooting_fit import Shooting
 from tests.fitting.problems import shooting_of
 

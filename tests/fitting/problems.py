@@ -9,11 +9,10 @@ import mujoco
 import numpy as np
 
 from mjrun.fitting.free_parameter import FreeParameter, free_parameters
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import Segment, first_noise
 from mjrun.fitting.prediction import Predictor
-from mjrun.fitting.rotations_and_noise import first_noise
 from mjrun.fitting.shooting_fit import Shooting
-from mjrun.fitting.solution import Solution, with_noise
+from mjrun.fitting.shooting_problem import Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
 from mjrun.simulation.simulation import Simulation

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.fitting.fit_video import FitVideo, VideoStretch
 from mjrun.fitting.measurements import Segment
+from mjrun.fitting.outputs import FitVideo, VideoStretch
 from mjrun.fitting.prediction import Chunk
 from mjrun.formats.video_reader import read_video
 from mjrun.options.fit import FitOptions

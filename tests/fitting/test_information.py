@@ -16,8 +16,7 @@ from mjrun.fitting.information import (
     sensitivity,
 )
 from mjrun.fitting.shooting_fit import SHORTEST
-from mjrun.fitting.shooting_problem import STATE_SCALE
-from mjrun.fitting.solution import Solution
+from mjrun.fitting.shooting_problem import STATE_SCALE, Solution
 from tests.fitting.logs import NOISE
 from tests.fitting.problems import THREE, segments, shooting, solved
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.fitting.limited_chirps import FREQUENCIES, MotionLimits, chirps, control_room
+from mjrun.fitting.excitation import FREQUENCIES, MotionLimits, chirps, control_room
 
 TIMES = np.arange(0, 20, 0.002)
 MODEL = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-60 90"/><geom size=".1"/></body></worldbody>

@@ -10,9 +10,8 @@ import yaml
 
 from mjrun.errors import EncoderError, FileError, UsageError
 from mjrun.fitting.fit import Fit
-from mjrun.fitting.fit_video import FitVideo
 from mjrun.fitting.free_parameter import FreeParameter
-from mjrun.fitting.outputs import FittedModelFile, write_ranges
+from mjrun.fitting.outputs import FittedModelFile, FitVideo, write_ranges
 from mjrun.fitting.result import FittedParameter
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source

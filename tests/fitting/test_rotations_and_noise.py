@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mjrun.errors import UsageError
-from mjrun.fitting.rotations_and_noise import align, first_noise, normalize, resolution, rotations, shared, spread_of
+from mjrun.fitting.measurements import align, first_noise, normalize, resolution, rotations, shared, spread_of
 from tests.fitting.logs import NOISE
 from tests.fitting.problems import segments
 

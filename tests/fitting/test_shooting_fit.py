@@ -8,10 +8,8 @@ import pytest
 
 from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fitting.information import intervals
-from mjrun.fitting.measurements import Segment
-from mjrun.fitting.rotations_and_noise import first_noise
-from mjrun.fitting.shooting_problem import together
-from mjrun.fitting.solution import with_noise
+from mjrun.fitting.measurements import Segment, first_noise
+from mjrun.fitting.shooting_problem import together, with_noise
 from tests.fitting.box import FRICTION, box_shooting
 from tests.fitting.cart import TRUTH as CART_TRUTH
 from tests.fitting.cart import cart_log, cart_shooting

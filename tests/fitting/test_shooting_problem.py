@@ -1,5 +1,6 @@
-"""The least squares of multiple shooting: slopes against central differences and bare loops."""
+"""Residuals, slopes and solutions of multiple shooting: other noise and other losses, against scipy's."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 
 from mjrun.fitting.measurements import Segment
 from mjrun.fitting.shooting_fit import SHORTEST
+from mjrun.fitting.shooting_problem import with_noise
 from tests.fitting.logs import NOISE, NOMINAL, simulate
-from tests.fitting.problems import THREE, segments, shooting
+from tests.fitting.problems import THREE, segments, shooting, solved
 
 
 def test_sensitivities_are_slopes_of_the_residuals() -> None:
@@ -49,3 +51,38 @@ def test_a_prior_holds_what_the_data_do_not_say() -> None:
     parts = shoot.cut(segments(1.0), SHORTEST)
     solution = shoot.solve(parts, np.array([0.1, 0.5]), shoot.guessed(parts, None), np.array([NOISE]))
     assert parameters[0].value(solution.coordinates[0]) == pytest.approx(1.3, abs=1e-3)
+
+
+def test_other_noise_scales_residuals_and_slopes() -> None:
+    solution, _ = solved()
+    scaled = with_noise(solution, 2 * solution.noise)
+    np.testing.assert_allclose(2 * scaled.residuals[0], solution.residuals[0])
+    np.testing.assert_allclose(2 * scaled.sensitivities[0][0], solution.sensitivities[0][0])
+    np.testing.assert_allclose(scaled.observed_noise, solution.observed_noise)
+
+
+def test_a_robust_loss_weighs_outliers_less_and_its_noise_is_not_theirs() -> None:
+    solution, _ = solved()
+    residuals = [each.copy() for each in solution.residuals]
+    residuals[0][::20] = 50.0
+    plain = replace(solution, residuals=residuals)
+    assert plain.noise_scale[0] > 5 * NOISE
+    assert {float(each) for each in plain.weights[0].ravel()} == {1.0}
+    for loss in ("soft_l1", "huber", "cauchy"):
+        robust = replace(plain, loss=loss)
+        assert robust.noise_scale[0] == pytest.approx(NOISE, rel=0.2)
+        assert robust.weights[0][0, 0] < 0.03
+        assert robust.weights[0][1, 0] > 0.1
+
+
+def test_weights_are_slopes_of_the_loss() -> None:
+    """Those of scipy: d rho(z) / dz of z, the squared residual."""
+    from scipy.optimize._lsq.least_squares import IMPLEMENTED_LOSSES
+
+    solution, _ = solved()
+    squares = solution.residuals[0].ravel() ** 2
+    for loss in ("soft_l1", "huber", "cauchy"):
+        slopes = np.empty((3, len(squares)))
+        implemented: Any = IMPLEMENTED_LOSSES[loss]
+        implemented(squares, slopes, cost_only=False)
+        np.testing.assert_allclose(replace(solution, loss=loss).weights[0].ravel(), slopes[1])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjrun.fitting.solution import Solution
-from mjrun.fitting.verdict import all_at_bounds, improvement, misfit
+from mjrun.fitting.fit import all_at_bounds, improvement, misfit
+from mjrun.fitting.shooting_problem import Solution
 from mjrun.model.table_column import Column
 from tests.fitting.problems import solved
 
