@@ -10,7 +10,7 @@ from mjrun.errors import Problem, UsageError, clean, option, quoted
 from mjrun.model.sources import is_file
 from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoName, ReadingContext
 from mjrun.options.number_kinds import Instant
-from mjrun.outputs.output_files import ReservedFiles
+from mjrun.outputs.output import ReservedFiles
 from mjrun.suffixes import is_url
 
 

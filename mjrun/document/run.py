@@ -235,8 +235,7 @@ class _Builder(DocumentBuilder):
 
     def _updated(self, job: Job[OutputResult], place: Place) -> Job[OutputResult]:
         """Returns the trace with its golden table to be updated, if the document may write to that file."""
-        from mjrun.outputs.golden import golden_files
-        from mjrun.outputs.trace import Trace
+        from mjrun.outputs.trace import Trace, golden_files
 
         assert isinstance(job, Trace)
         if job.golden is None:

@@ -33,7 +33,7 @@ from mjrun.model.override import Override
 from mjrun.model.source import Source
 from mjrun.model.sources.file import FileSource
 from mjrun.options.fit import FitOptions
-from mjrun.outputs.output_files import ReservedFiles, named_files
+from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.plotting.figure_writer import require_matplotlib

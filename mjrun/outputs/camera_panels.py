@@ -13,9 +13,8 @@ from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.output_files import named_files
-from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay
-from mjrun.rendering.layout import layout_size
+from mjrun.outputs.output import named_files
+from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, layout_size
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,11 @@
 """Comparison of two results: tables, recordings, videos, images or models."""
 
+import base64
+import math
+import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import field
 from functools import partial
 from os import fspath
@@ -9,14 +13,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
+import numpy as np
 
-from mjrun.diff.result import DiffResult
-from mjrun.diff.sentences import table_sentences
+from mjrun.diff.images_and_videos import WorstFrames, is_colour
+from mjrun.diff.result import ColumnDifference, DiffResult, FrameDifference
+from mjrun.diff.sentences import frame_facts, percent, table_sentences
 from mjrun.diff.table_files import is_results
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats import codecs, image_reader, tables
+from mjrun.formats.image_encoding import ImageData, png
 from mjrun.formats.image_format import image_format
+from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.input_file import is_folder, require_file
 from mjrun.formats.recording import ARRAYS
 from mjrun.formats.table_reader import STDIN
@@ -24,7 +32,14 @@ from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
-from mjrun.plotting.page_writer import check_page_name
+from mjrun.options.plot import FigureOptions
+from mjrun.options.report import PageOptions
+from mjrun.plotting.figure_writer import require_matplotlib
+from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, page_file
+from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name, origin
+from mjrun.plotting.table_figure import TableFigure
+from mjrun.rendering.colormaps import UNSEEN, colormap_table
+from mjrun.rendering.text import INK, baseline, crisp, fitted, letters, spacing, text_size, write
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 
 if TYPE_CHECKING:
@@ -67,8 +82,6 @@ class Diff(DiffOptions):
             self._require_applicable(kind)
             result, worst = COMPARISONS[kind](self, a, b)
         if self.html is not None:
-            from mjrun.outputs.comparison_page import write_comparison_page
-
             write_comparison_page(result, self, worst, self.command)
         return result
 
@@ -121,7 +134,6 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
 def _pictures(kind: str, diff: Diff, a: str, b: str) -> Compared:
     from mjrun.diff.images_and_videos import compare_images, compare_videos, require_library
     from mjrun.diff.sentences import picture_sentences
-    from mjrun.outputs.worst_difference_image import write_worst_frame
 
     for path in (a, b):
         if not is_folder(Path(path)):
@@ -213,3 +225,214 @@ def _is_animated(path: Path) -> bool:
 
 def _with_article(kind: str) -> str:
     return f"{'an' if kind == IMAGE else 'a'} {kind}"
+
+
+DRAWN = 4  # columns whose curves are shown
+LISTED = 100  # columns, and differences of models
+
+
+def write_comparison_page(
+    result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
+) -> None:
+    """Writes the page about a comparison.
+
+    Args:
+      worst: the two frames that differ most, of pictures.
+
+    Raises:
+      UsageError: the page would replace a compared file.
+      BadValueError: its name does not end with .html.
+      FileError: it cannot be written.
+      MissingExtraError: tables differ, and matplotlib is missing.
+    """
+    assert options.html is not None
+    if os.path.realpath(options.html) in map(os.path.realpath, (result.a, result.b)):
+        raise UsageError(f"{option('html')} {clean(options.html)} is a compared file; give the page another name")
+    with PageWriter(options.html) as writer:
+        writer.write(comparison_page(result, options, worst, command))
+        writer.publish()
+
+
+def comparison_page(
+    result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
+) -> Page:
+    """Returns the page about a comparison."""
+    columns = [column for column in result.table.columns if column.first] if result.table else []
+    has_files = result.kind == "table" and STDIN not in (result.a, result.b)
+    versions = {"mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
+    paths = [path for path in (result.a, result.b) if Path(path).suffix.lower() in VIDEOS]
+    return Page(
+        title=f"{result.a} and {result.b}",
+        maker=MAKER,
+        verdict=(result.equal, "they agree" if result.equal else "they differ"),
+        facts=[*_differences(result), *_columns(columns, result)],
+        figures=[_curves(result, columns)] if has_files and columns else [],
+        pairs=[_pair(result, worst)] if worst is not None else [],
+        files=[page_file(path, str(options.html), options.embed_up_to) for path in paths],
+        manifests=[origin("This comparison", command, (result.a, result.b), versions)],
+        notes=[f"Possible reason: {note}" for note in result.notes],
+    )
+
+
+def _differences(result: DiffResult) -> list[PageFactTable]:
+    if not result.differences:
+        return []
+    rows = [[str(number + 1), sentence] for number, sentence in enumerate(result.differences[:LISTED])]
+    if (more := len(result.differences) - LISTED) > 0:
+        rows.append(["…", f"and {more} more"])
+    return [PageFactTable("Differences", "What differs", ("", "Difference"), rows)]
+
+
+def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[PageFactTable]:
+    """Returns a table of the columns that differ."""
+    if not columns or result.table is None:
+        return []
+    units = any(column.unit for column in columns)
+    rows = [
+        [
+            column.name,
+            *([column.unit] if units else []),
+            f"{column.differing} of {result.table.rows}",
+            _number(column.maximum),
+            _number(column.rms),
+        ]
+        for column in columns[:LISTED]
+    ]
+    heads = ("Column", *(["Unit"] if units else []), "Rows that differ", "Largest", "RMS")
+    numeric = range(1 + units, len(heads))
+    return [PageFactTable("Columns that differ", "Columns with numbers beyond the tolerance", heads, rows, numeric)]
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> PageFigure:
+    """Draws the columns that differ most, of A and B in the same panels."""
+    require_matplotlib()
+    chosen = [column.name for column in columns if not column.text][:DRAWN]
+    with ExitStack() as stack:
+        figure = TableFigure([result.a, result.b], FigureOptions(y=tuple(chosen)), stack, ["A", "B"])
+        figure.read()
+        return figure.for_page()
+
+
+def _pair(result: DiffResult, worst: WorstFrames) -> PictureSlider:
+    """Returns the two pictures that differ most, and their difference."""
+    assert result.picture
+    (a, b), difference, scale = shown_frames(worst)
+    facts = frame_facts(result.picture.worst) if result.picture.worst else "no difference"
+    when = result.picture.worst.time if result.picture.worst else None
+    at = "" if when is None or result.picture.frames == 1 else f"{when:.6g} s: "
+    return PictureSlider(
+        _address(a), _address(b), a.shape[1], f"{at}{facts}", _address(difference), f"Difference, {scale}"
+    )
+
+
+def _address(pixels: np.ndarray) -> str:
+    """Returns a picture as a data URI."""
+    content = png(ImageData(np.ascontiguousarray(pixels), 0, None, {}))
+    return f"data:image/png;base64,{base64.b64encode(content).decode()}"
+
+
+GAP = 8  # pixels between the images
+LEGIBLE = 240  # minimum width and height of an image [pixels]: smaller ones are enlarged
+BACKGROUND = (24, 25, 28)
+FAINT = (168, 170, 176)  # the second line of a label
+GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # factors that make a difference visible
+TYPICAL = 99.0  # percentile of the differences that amplification must not clip
+COMMON = (1, 92)  # percentiles at the ends of the colour scale: the horizon is far away
+MAP, DIFFERENCE_MAP = "turbo", "inferno"
+
+
+def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> None:
+    """Writes the comparison image.
+
+    Args:
+      output: path of a colour image.
+      names: names of A and B for the labels.
+      frame: the difference of the two frames; None if they are equal.
+
+    Raises:
+      FileError: the image cannot be written.
+      UnknownNameError, UsageError: the suffix does not suit a colour image.
+    """
+    picture = worst_frame(frames, names, frame)
+    form = image_format(output, "rgb")
+    with ImageWriter(output, "rgb", form, (picture.shape[1], picture.shape[0])) as writer:
+        writer.write(picture)
+        writer.publish()
+
+
+def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> np.ndarray:
+    """Returns the comparison image, `(height, width, 3)` uint8."""
+    shown, difference, scale = shown_frames(frames)
+    factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
+    panels = [_enlarged(panel, factor) for panel in (*shown, difference)]
+    when = "" if frame is None or frame.time is None else f"frame {frame.frame}, {frame.time:.6g} s"
+    labels = [("A", Path(names[0]).name, when), ("B", Path(names[1]).name, when), ("difference", scale, _facts(frame))]
+    return _side_by_side(panels, labels)
+
+
+def shown_frames(frames: WorstFrames) -> tuple[list[np.ndarray], np.ndarray, str]:
+    """Returns A and B and their difference as colours, `(height, width, 3)` uint8 each, and the scale of the latter."""
+    return (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
+
+
+def _facts(frame: FrameDifference | None) -> str:
+    if frame is None:
+        return "none"
+    psnr = "" if frame.psnr is None else f"{frame.psnr:.1f} dB"
+    ssim = "" if frame.ssim is None else f"SSIM {frame.ssim:.3f}"
+    return ", ".join(filter(None, (psnr, ssim, f"{percent(frame.changed)} changed")))
+
+
+def _colours(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:
+    """Returns both images, their amplified difference, and the gain."""
+    one, other = a[..., :3], b[..., :3]
+    size = np.abs(one.astype(np.int16) - other)
+    # The few pixels that differ most may be clipped, so that the others become visible.
+    large = float(np.percentile(size[size > 0], TYPICAL)) if size.any() else 255.0
+    gain = max((gain for gain in GAINS if gain * large <= 255), default=1)
+    return [one, other], np.minimum(size * gain, 255).astype(np.uint8), f"× {gain}"
+
+
+def _numbers(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:
+    """Maps both to one colour scale and their difference to another; values that are not finite are grey."""
+    one, other = a.astype(np.float64), b.astype(np.float64)
+    finite = np.concatenate([one[np.isfinite(one)], other[np.isfinite(other)]])
+    low, high = np.percentile(finite, COMMON).tolist() if finite.size else (0.0, 0.0)
+    with np.errstate(invalid="ignore"):
+        size = np.where(one == other, 0.0, np.abs(one - other))
+    changed = size[np.isfinite(size) & (size > 0)]
+    large = float(np.percentile(changed, TYPICAL)) if changed.size else 0.0
+    shown = [_mapped(values, low, high, MAP) for values in (one, other)]
+    return shown, _mapped(size, 0.0, large, DIFFERENCE_MAP), f"0 to {large:.3g}"
+
+
+def _mapped(values: np.ndarray, low: float, high: float, colormap: str) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.nan_to_num((values - low) / (high - low), nan=0.0, posinf=0.0, neginf=0.0)
+    colours = colormap_table(colormap)[np.round(255 * share.clip(0, 1)).astype(int)]
+    colours[~np.isfinite(values)] = UNSEEN
+    return colours
+
+
+def _enlarged(image: np.ndarray, factor: int) -> np.ndarray:
+    return image.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def _side_by_side(panels: Sequence[np.ndarray], labels: Sequence[tuple[str, str, str]]) -> np.ndarray:
+    """Places images of one size side by side, each under two lines: a word with a name, and facts."""
+    height, width = panels[0].shape[:2]
+    size = crisp(text_size(height))
+    _, _, _, line = spacing(size)
+    top = 2 * line + 2 * GAP
+    canvas = np.full((top + height + GAP, GAP + len(panels) * (width + GAP), 3), BACKGROUND, np.uint8)
+    for index, (panel, (word, name, facts)) in enumerate(zip(panels, labels, strict=True)):
+        left = GAP + index * (width + GAP)
+        canvas[top : top + height, left : left + width] = panel
+        for row, (text, colour) in enumerate(((f"{word}  {name}", INK), (facts, FAINT))):
+            shown = fitted(letters(text), size, width)
+            write(canvas, shown, (left, baseline(GAP + row * line, line, size)), size, colour)
+    return canvas

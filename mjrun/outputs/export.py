@@ -143,7 +143,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
             scene = plan_scene(self, context, self.schedule, self.cameras)
             return scene, lambda stack, _: RecordedFrames(scene, stack)
         from mjrun.outputs.drawn_frames import DrawnFrames, plan_frames  # which imports the renderers
-        from mjrun.outputs.memory_frames import VideoInMemory
+        from mjrun.outputs.video import VideoInMemory
 
         values = values_of(self, SceneOptions)
         job = VideoInMemory(

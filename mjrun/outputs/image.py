@@ -24,7 +24,7 @@ from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, output_f
 from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
-from mjrun.outputs.output_files import named_files
+from mjrun.outputs.output import named_files
 from mjrun.physics.simulation_loop import AnyTap
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation

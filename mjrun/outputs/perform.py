@@ -15,9 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.atomic_output import OutputWriter, move_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.outputs.end_condition import final_timeline
-from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, OutputResult, Plan, Preview
-from mjrun.outputs.output_files import ReservedFiles
+from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, OutputResult, Plan, Preview, ReservedFiles
 from mjrun.physics.simulation_loop import AnyTap, Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
@@ -125,8 +123,11 @@ def _plan(
 
 def _context(simulation: Simulation, reporter: Reporter) -> Context:
     model = simulation.load()
-    timeline = simulation.timeline(model) if simulation.until is None else final_timeline(simulation, model)
-    return Context(simulation, model, timeline, reporter)
+    if simulation.until is None:
+        return Context(simulation, model, simulation.timeline(model), reporter)
+    from mjrun.outputs.event_detection import final_timeline  # which few simulations need
+
+    return Context(simulation, model, final_timeline(simulation, model), reporter)
 
 
 def _check(job: Job[OutputResult], renderers: BackendsAndWorkers) -> None:

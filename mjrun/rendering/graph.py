@@ -10,8 +10,19 @@ from PIL import Image, ImageDraw
 from mjrun.dataclass import dataclass
 from mjrun.palette import ON_DARK
 from mjrun.rendering.colormaps import figures, segmentation_palette, ticks
-from mjrun.rendering.layout import BACKGROUND
-from mjrun.rendering.text import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
+from mjrun.rendering.text import (
+    BACKGROUND,
+    INK,
+    LINE,
+    baseline,
+    blend,
+    crisp,
+    fitted,
+    letters,
+    rounded,
+    width_of,
+    write,
+)
 
 _GREY = (166, 170, 178)  # of marks and units
 _GRID, _ZERO, _FAINT, _HAIR = 22, 64, 70, 120  # opacities, of 255

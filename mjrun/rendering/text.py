@@ -28,6 +28,7 @@ CORNERS = {
     "bottom-right": (1.0, 1.0),
 }
 INK = (242, 243, 245)
+BACKGROUND = (24, 25, 28)  # between images, in empty cells of a grid, and behind graphs
 DARK = (14, 15, 18)
 SHADE = 0.7  # opacity of the plate behind text
 MISSING = "□"  # replaces a character that the font lacks

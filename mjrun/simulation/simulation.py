@@ -41,7 +41,7 @@ from mjrun.timeline import EXACT, Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.physics.kinematic_motion import KinematicMotion
-    from mjrun.simulation.demonstrated_episode import DemonstratedEpisode
+    from mjrun.simulation.demonstration import DemonstratedEpisode
     from mjrun.simulation.episode import Episode
 
 DURATION = Fraction(5)  # [s] without an option for it
@@ -352,8 +352,7 @@ class Simulation(SimulationOptions):
         """
         if self.replay is None:
             return None
-        from mjrun.simulation.demonstrated_episode import read_demonstration
-        from mjrun.simulation.demonstrated_motion import names_demonstration
+        from mjrun.simulation.demonstration import names_demonstration, read_demonstration
 
         path = self._stored(self.replay)
         return read_demonstration(path, self.replay_rate) if names_demonstration(path) else None
@@ -372,7 +371,7 @@ class Simulation(SimulationOptions):
         """
         from mjrun.physics.kinematic_samples import Interpolation
         from mjrun.simulation.column_map import with_files
-        from mjrun.simulation.demonstrated_motion import names_demonstration, read_demonstrated_motion
+        from mjrun.simulation.demonstration import names_demonstration, read_demonstrated_motion
         from mjrun.simulation.mapped_table import read_motion
 
         texts = with_files(self.map, self._stored) if texts is None else texts
@@ -435,7 +434,7 @@ class Simulation(SimulationOptions):
         again = self.replay_mode == CONTROLS
         held = self._held_inputs(model, int(states.steps[-1])) if again else []
         if not isinstance(states, RecordingReader):
-            from mjrun.simulation.demonstrated_motion import names_demonstration
+            from mjrun.simulation.demonstration import names_demonstration
 
             is_demonstration = names_demonstration(self._stored(self.replay))
             positions = "the demonstration, without controls" if is_demonstration else "the table"

@@ -19,8 +19,8 @@ from mjrun.formats.video_writer import VideoWriter
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.table_column import Column
-from mjrun.outputs.end_condition import final_timeline
 from mjrun.outputs.episode_images import EpisodeImageRenderer
+from mjrun.outputs.event_detection import final_timeline
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.physics.simulation_loop import Tap, run_with_taps
@@ -28,7 +28,7 @@ from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
 from mjrun.simulation import episode as played
-from mjrun.simulation.demonstrated_episode import DemonstratedEpisode
+from mjrun.simulation.demonstration import DemonstratedEpisode
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.episode_spec import FOLDER, NEARLY, EpisodeSpec
 from mjrun.task.task import TIMED_OUT, UNSTABLE

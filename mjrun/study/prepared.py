@@ -26,7 +26,7 @@ from mjrun.model.override import Override
 from mjrun.model.units import setting_unit
 from mjrun.model.variants import VariantLoader
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
-from mjrun.outputs.end_condition import EndCondition
+from mjrun.outputs.event_detection import EndCondition
 from mjrun.probe.metric import Metric
 from mjrun.python_code import memory_warning
 from mjrun.reporter import Reporter

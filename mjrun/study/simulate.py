@@ -19,7 +19,7 @@ from mjrun.model import state
 from mjrun.model.compiler_copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader
-from mjrun.outputs.end_condition import EndCondition
+from mjrun.outputs.event_detection import EndCondition
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
 from mjrun.physics.engine import Engine, joined

@@ -14,7 +14,7 @@ from mjrun.model.variants import VariantLoader
 from mjrun.options.option import options
 from mjrun.options.sweep import VariationOptions
 from mjrun.outputs import output
-from mjrun.outputs.end_condition import final_timeline
+from mjrun.outputs.event_detection import final_timeline
 from mjrun.outputs.plot import Plot, PlotOutput, PlotResult, table_columns
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME

@@ -16,7 +16,7 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.viewer import ViewerOptions
-from mjrun.outputs.output_files import ReservedFiles
+from mjrun.outputs.output import ReservedFiles
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.manifest import origin

@@ -15,7 +15,7 @@ from mjrun.errors import MjrunWarning, UsageError
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import CalibrationOutput, output_files, panel_files, panels_of
 from mjrun.outputs.image import Image
-from mjrun.outputs.output_files import ReservedFiles, named_files
+from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording

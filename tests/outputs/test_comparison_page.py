@@ -11,8 +11,7 @@ import pytest
 
 from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.video_writer import write_video
-from mjrun.outputs.comparison_page import LISTED
-from mjrun.outputs.diff import Diff
+from mjrun.outputs.diff import LISTED, Diff
 from tests.plotting.test_html_page import external_references
 from tests.plotting.test_markup import read
 

@@ -11,8 +11,19 @@ from mjrun.diff.images_and_videos import WorstFrames
 from mjrun.diff.result import FrameDifference
 from mjrun.errors import ModelNotFoundError, UnknownNameError, UsageError
 from mjrun.model.sources import parse_source
-from mjrun.outputs.diff import APPLICABLE, COMPARISONS, IMAGE, MODEL, RECORDING, TABLE, VIDEO
-from mjrun.outputs.worst_difference_image import BACKGROUND, GAP, worst_frame, write_worst_frame
+from mjrun.outputs.diff import (
+    APPLICABLE,
+    BACKGROUND,
+    COMPARISONS,
+    GAP,
+    IMAGE,
+    MODEL,
+    RECORDING,
+    TABLE,
+    VIDEO,
+    worst_frame,
+    write_worst_frame,
+)
 from tests.diff.models import CRATE, spec, xml
 from tests.formats.table_files import columns, write
 

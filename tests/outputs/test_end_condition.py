@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.outputs.end_condition import final_timeline
+from mjrun.outputs.event_detection import final_timeline
 from mjrun.outputs.export import Export
 from mjrun.outputs.perform import preview
 from mjrun.outputs.trace import Trace

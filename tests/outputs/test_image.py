@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
-from mjrun.rendering.layout import layout_size, places
+from mjrun.rendering.compositor import layout_size, places
 from mjrun.simulation.simulation import Simulation
 
 SIZE = (96, 64)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import UnstableError
-from mjrun.outputs.memory_frames import VideoInMemory, drawn_frames
+from mjrun.outputs.video import VideoInMemory, drawn_frames
 from mjrun.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.gl

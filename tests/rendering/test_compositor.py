@@ -14,11 +14,11 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
+from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
-from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor
-from mjrun.rendering.layout import LAYOUTS, compose
+from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor, compose
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual

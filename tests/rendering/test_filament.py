@@ -398,7 +398,7 @@ def test_reflections_that_are_left_out_are_reported(shape: str, told: bool) -> N
 MIRROR = """
 import mujoco, numpy as np
 from mjrun.camera.script_poses import CameraMotion
-from mjrun.rendering.filament_scene import FilamentScene, PixelFormat
+from mjrun.rendering.filament_worker import FilamentScene, PixelFormat
 from mjrun.camera.argument import parse_camera
 from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>

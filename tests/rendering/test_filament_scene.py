@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.filament_scene import HEADLIGHT, LIGHTS, fallback_lighting
+from mjrun.rendering.filament_worker import HEADLIGHT, LIGHTS, fallback_lighting
 from tests.processes import PATIENCE
 
 ROOT = Path(__file__).parents[2]
@@ -80,7 +80,7 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UsageError
 from mjrun.model.state import save
-from mjrun.rendering.filament_scene import FilamentScene, PixelFormat
+from mjrun.rendering.filament_worker import FilamentScene, PixelFormat
 
 model = mujoco.MjModel.from_xml_string('''<mujoco>
   <visual><headlight ambient=".5 .5 .5"/></visual>

@@ -13,7 +13,7 @@ from mjrun.palette import ON_DARK
 from mjrun.rendering import graph
 from mjrun.rendering.colormaps import oklab
 from mjrun.rendering.graph import Graph, aligned, graph_size
-from mjrun.rendering.layout import BACKGROUND
+from mjrun.rendering.text import BACKGROUND
 
 SIZE = (480, 140)
 TIMES = np.linspace(0, 4, 401)

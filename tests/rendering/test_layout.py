@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
 from mjrun.options.rendering import LAYOUTS
-from mjrun.rendering.layout import BACKGROUND, columns, compose, gap, layout_size, places
-from mjrun.rendering.text import stamp
+from mjrun.rendering.compositor import columns, compose, gap, layout_size, places
+from mjrun.rendering.text import BACKGROUND, stamp
 
 layouts = st.sampled_from(LAYOUTS)
 sizes = st.tuples(st.integers(1, 90), st.integers(1, 90))

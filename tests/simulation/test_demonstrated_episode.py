@@ -9,7 +9,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import FileError, UsageError
-from mjrun.simulation.demonstrated_episode import read_demonstration
+from mjrun.simulation.demonstration import read_demonstration
 from tests.demonstration_files import recorded_states, write_demonstrations
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.bench.output_timing import Stopwatch, TimedClassicRenderer, TimedFilamentRenderer
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.model.state import save
@@ -18,7 +19,6 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.rendering.segment_ids import Segmentation
-from mjrun.rendering.timed_renderers import Stopwatch, TimedClassicRenderer, TimedFilamentRenderer
 from mjrun.rendering.visual import Visual
 
 SIZE = (64, 48)

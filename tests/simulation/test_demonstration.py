@@ -11,7 +11,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import FileError, UsageError
-from mjrun.simulation.demonstrated_motion import names_demonstration
+from mjrun.simulation.demonstration import names_demonstration
 from tests.demonstration_files import PLAIN, positions_at, recorded_states, write_demonstrations
 
 pytestmark = pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")  # about what is missing
