@@ -3,7 +3,7 @@
 import gc
 import os
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from fractions import Fraction
@@ -31,25 +31,26 @@ if TYPE_CHECKING:
     from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")
-NO_BACKEND = {"MUJOCO_GL": "disable"}
 MOST_TEXTS = 3  # units and meanings of a group that are listed
 PARTS = (("unit", "unit"), ("of", "kind"), ("meaning", "meaning"))
 CONTROLLER = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
 
 
-def import_mujoco(environment: Mapping[str, str] = NO_BACKEND) -> None:
-    """Imports MuJoCo without an OpenGL backend, which it would choose by MUJOCO_GL, or fail at an unknown name.
+def import_mujoco() -> None:
+    """Imports MuJoCo in the environment of workers: without an OpenGL backend, and with one thread for linear algebra.
 
-    Args:
-      environment: variables that hold during the import.
+    MuJoCo would choose a backend by MUJOCO_GL, or fail at an unknown name. With one thread, a controller computes the
+    same numbers in every command on any number of cores, and the process can still be copied.
 
     Raises:
       WrongVersionError: MuJoCo or NumPy has a version that mjrun does not support.
     """
     if "mujoco" in sys.modules:
         return  # garbage that exists by now would be frozen too
-    before = {name: os.environ.get(name) for name in environment}
-    os.environ.update(environment)
+    from mjrun.child_process import ENVIRONMENT
+
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)
     gc.disable()  # modules are not garbage, and scanning them is slower than importing some of them
     import_module("mujoco")
     from mjrun.packages import require_computing

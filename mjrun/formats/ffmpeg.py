@@ -2,7 +2,6 @@
 
 import math
 import os
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -88,6 +87,8 @@ def encoder_version() -> str:
 
 def working_codecs() -> dict[str, bool]:
     """Returns for every codec of mjrun whether it encodes a frame."""
+    from concurrent.futures import ThreadPoolExecutor
+
     frame = ("-f", "lavfi", "-i", "color=size=64x64:rate=30", "-frames:v", "1")
 
     def works(codec: str) -> bool:

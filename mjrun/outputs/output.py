@@ -129,12 +129,15 @@ class BackendsAndWorkers:
         self._detection(options)
 
     def backend(self, options: "RendererOptions") -> "Backend":
-        """Returns the detected backend.
+        """Returns the detected backend, whose driver rendering processes load in advance.
 
         Raises:
           RendererError: no backend works.
         """
-        return self._detection(options).result(options.require_gpu)
+        backend = self._detection(options).result(options.require_gpu)
+        if self._workers:
+            self._workers.prepare(backend.load)
+        return backend
 
     def _detection(self, options: "RendererOptions") -> "BackendDetection":
         from mjrun.rendering.backend import BackendDetection, VulkanDetection

@@ -11,9 +11,10 @@ import sys
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NoReturn, Protocol
 
-from mjrun.child_process import ChildProcess, memory_file
+from mjrun.child_process import ChildProcess, may_fork, memory_file
 from mjrun.dataclass import dataclass
 from mjrun.errors import DrawError, NoRendererError, SoftwareRendererError, UnknownNameError, option
 from mjrun.platform import system
@@ -95,10 +96,14 @@ class Backend:
           DrawError: this process is a copy of one that has rendered.
         """
         require_own_opengl()
-        _require_shader_cache()
-        context: OpenGLContext = importlib.import_module(f"mujoco.{self.name}").GLContext(width, height)
+        context: OpenGLContext = self.load().GLContext(width, height)
         context.make_current()
         return context
+
+    def load(self) -> ModuleType:
+        """Loads the driver, and returns MuJoCo's module that creates contexts."""
+        _require_shader_cache()
+        return importlib.import_module(f"mujoco.{self.name}")
 
 
 _rendering_process = 0  # id of the process that created the first OpenGL context here; 0 for none
@@ -111,6 +116,11 @@ def require_own_opengl() -> None:
     if _rendering_process != os.getpid():
         reason = "this process is a fork of one that has used OpenGL, which drivers do not allow"
         raise DrawError(f"{reason}\nstart new processes, as with multiprocessing.get_context('spawn')")
+
+
+def may_draw_in_fork() -> bool:
+    """Returns whether a copy of this process could render: this one has no threads and has not used OpenGL."""
+    return "OpenGL" not in sys.modules and may_fork()
 
 
 def _require_shader_cache() -> None:

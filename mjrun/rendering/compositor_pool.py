@@ -1,8 +1,8 @@
 """Rendering on all cores: the same frames in the same order, whether one process renders them or many.
 
-The processes are new interpreters, since forks hang once EGL is in use. The compositor, the states and the frames lie
-in memory that only descriptors refer to: nothing can remain in /dev/shm, and its size, 64 MB in many containers, is no
-limit.
+The processes are copies of this one where that is safe, and otherwise new interpreters: a fork hangs once EGL is in
+use. The compositor, the states and the frames lie in memory that only descriptors refer to: nothing can remain in
+/dev/shm, and its size, 64 MB in many containers, is no limit.
 """
 
 import contextlib
@@ -15,6 +15,7 @@ import pickle
 import selectors
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy.typing as npt
 from mjrun.child_process import ENVIRONMENT, ExitStatus, memory_file
 from mjrun.dataclass import dataclass
 from mjrun.errors import DrawError, option
+from mjrun.rendering.backend import may_draw_in_fork
 from mjrun.shared_status import doing
 from mjrun.worker import PicklableException, Worker, WorkerEndedError
 
@@ -129,8 +131,9 @@ class CompositorProcesses:
                     environment=ONE_THREAD,
                     descriptors=[self._compositor, self.memory],
                     stderr="inherit",
+                    is_fork=may_draw_in_fork(),
                 )
-                worker.send("load", self._module)
+                worker.send("prepare", partial(importlib.import_module, self._module))
                 self._workers.append(worker)
 
     def assign(self, compositor: Compositor, count: int) -> list[Worker]:
@@ -150,6 +153,11 @@ class CompositorProcesses:
             worker.send("unpickle")  # which imports modules, so that warnings can be collected during open
             worker.send("open")
         return self._workers[:count]
+
+    def prepare(self, preparation: Callable[[], object]) -> None:
+        """Requests the processes to call a function in advance, such as one that loads a driver."""
+        for worker in self._workers:
+            worker.send("prepare", preparation)
 
     def discard(self, worker: Worker) -> None:
         """Kills a process that is no longer needed; `grow` starts another."""
@@ -361,10 +369,10 @@ class CompositorServer:
         self._compositor: Compositor | None = None  # open, if any
         self._slots: list[Slot] = []
 
-    def load(self, module: str) -> None:
-        """Imports a module that compositors need."""
-        with contextlib.suppress(ImportError):  # reported when the compositor cannot be loaded
-            importlib.import_module(module)
+    def prepare(self, preparation: Callable[[], object]) -> None:
+        """Calls a function without which opening a compositor takes longer."""
+        with contextlib.suppress(Exception):  # reported when the compositor cannot be loaded or opened
+            preparation()
 
     def unpickle(self) -> None:
         """Loads the described compositor in place of the current one."""

@@ -2,6 +2,9 @@
 
 import gc
 import json
+import os
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -19,6 +22,7 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
+from mjrun.platform import system
 
 
 def test_standard_output_has_one_use() -> None:
@@ -36,6 +40,21 @@ def test_mujoco_that_is_imported_already_is_left_alone() -> None:
     import_mujoco()
     assert gc.get_freeze_count() <= before  # some of the objects that the tests have frozen may go
     assert gc.isenabled()
+
+
+@pytest.mark.skipif(not system.CAN_FORK_LATE, reason="no copies of processes")
+def test_a_process_that_has_imported_mujoco_can_be_copied_and_has_its_environment() -> None:
+    code = """
+import os
+from mjrun.child_process import may_fork
+from mjrun.cli.simulation_command import import_mujoco
+before = {**os.environ}
+import_mujoco()
+assert may_fork()
+assert {**os.environ} == before
+"""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
 
 
 def test_cameras_that_are_no_scripts_stay() -> None:

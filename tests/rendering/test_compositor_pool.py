@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnstableError
+from mjrun.platform import system
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor_pool import SLOTS, CompositorPool, CompositorProcesses
 from tests.processes import PATIENCE
@@ -166,6 +168,46 @@ def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
     assert len(children()) == 2
     crew.close()
     assert not children()
+
+
+COPIES = """
+import sys, threading
+from contextlib import closing
+from pathlib import Path
+import numpy as np
+from compositors import Telling
+from mjrun.rendering.compositor_pool import CompositorPool
+
+{first}
+with closing(CompositorPool(Telling(), (2,), 2, np.int64)) as pool:
+    for frame in pool.frames([np.zeros(1)] * 9):
+        assert frame[1] == 1  # thread of the driver
+        command = Path(f"/proc/{{frame[0]}}/cmdline").read_bytes()
+        assert (command == Path("/proc/self/cmdline").read_bytes()) is {is_copy}
+"""
+
+
+@pytest.mark.skipif(not system.CAN_FORK_LATE, reason="no copies of processes")
+@pytest.mark.parametrize(
+    ("first", "is_copy"),
+    [
+        ("", True),
+        ("import OpenGL", False),
+        ("threading.Thread(target=threading.Event().wait, daemon=True).start()", False),
+    ],
+)
+def test_processes_are_copies_of_one_without_threads_and_opengl(first: str, is_copy: bool) -> None:
+    code = COPIES.format(first=first, is_copy=is_copy)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+
+
+def test_processes_call_what_prepares_them_and_do_without_it_if_it_fails() -> None:
+    with closing(CompositorProcesses(2)) as workers:
+        workers.prepare(partial(exec, "import os; os.environ['LP_NUM_THREADS'] = '7'"))
+        workers.prepare(partial(divmod, 1, 0))
+        with closing(CompositorPool(Telling(), (2,), 2, np.int64, workers)) as pool:
+            assert {int(frame[1]) for frame in pool.frames(STATES)} == {7}
 
 
 def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:

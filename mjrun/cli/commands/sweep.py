@@ -135,11 +135,11 @@ def _start_early(command_line: CommandLine) -> None:
     is_new = not any(exists(Path(place) / PARTS) for place in (folder, model))  # or in a store, which takes time to ask
     execution = command_line.make(ExecutionOptions)
     if not other_task and is_new and execution.engine == "local":
-        from mjrun.child_process import ENVIRONMENT, may_fork
+        from mjrun.child_process import may_fork
         from mjrun.study.point_server import start_early
 
         if may_fork():
-            import_mujoco(ENVIRONMENT)
+            import_mujoco()
         start_early(execution.jobs if isinstance(execution.jobs, int) else available_cores())
 
 
