@@ -15,7 +15,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer

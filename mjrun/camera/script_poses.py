@@ -6,11 +6,11 @@ from itertools import groupby
 import mujoco
 import numpy as np
 
-from mjrun.camera.easing_and_shake import ShakeNoise, blend_weight
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.auto import BoundAutoRig, MotionSurvey
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
+from mjrun.camera.settings import ShakeNoise, blend_weight
 from mjrun.camera.targets import Bounds, object_bounds
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning, option

@@ -7,9 +7,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Frustum, Pose
-from mjrun.camera.script import CameraScript
+from mjrun.camera.script import CameraScript, parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option

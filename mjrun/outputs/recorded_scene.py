@@ -14,9 +14,8 @@ from typing import Protocol, TypeVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import PoseArray
-from mjrun.camera.script import CameraScript, Event
+from mjrun.camera.script import CameraScript, Event, parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option

@@ -8,9 +8,9 @@ from collections import OrderedDict
 import mujoco
 import numpy as np
 
-from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Pose
 from mjrun.camera.rigs.rig import ModelCameras, compute_positions
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.bench.output_timing import Stopwatch, TimedClassicRenderer, TimedFilamentRenderer
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing_and_shake import BLENDS, Blend, EasedNumber, Shake
 from mjrun.camera.pose import Pose, pose_of, rotation
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
@@ -19,6 +18,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, FramedObject, Shot
 from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.settings import BLENDS, Blend, EasedNumber, Shake
 from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
 

@@ -6,12 +6,12 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from mjrun.camera.easing_and_shake import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
+from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.timeline import rational
 
 ODD = "aé0 .-_:/#'\"\\,[]{}&*!|>%@`~=?$\n\t\r\x07\x85\u2028\ufeff🚗"

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing_and_shake import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import RIGS, CameraScript, Event, FramedObject, Shot
+from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import DocumentError
 

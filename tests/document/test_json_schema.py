@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mjrun.camera.easing_and_shake import BLENDS, EASINGS
 from mjrun.camera.script import RIGS, ShotForm
+from mjrun.camera.settings import BLENDS, EASINGS
 from mjrun.document import camera_and_ghost_forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.easing_and_shake import EasedNumber
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Event, Shot
+from mjrun.camera.settings import EasedNumber
 from mjrun.document import run
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError, listing

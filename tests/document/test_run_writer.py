@@ -11,10 +11,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing_and_shake import Blend, EasedNumber, Shake
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
+from mjrun.camera.settings import Blend, EasedNumber, Shake
 from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text
 from mjrun.errors import UsageError

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import mujoco
 import pytest
 
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats import calibration_writer, image_format
 from mjrun.options.option import options_of

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Pose
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save

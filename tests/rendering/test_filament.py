@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Pose
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView
@@ -399,7 +399,7 @@ MIRROR = """
 import mujoco, numpy as np
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.rendering.filament_worker import FilamentScene, PixelFormat
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
   <light pos="0 0 4" castshadow="false"/><geom type="plane" size="3 3 .1" material="mirror"/>

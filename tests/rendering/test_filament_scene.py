@@ -76,7 +76,7 @@ DRAWING = """
 import sys
 import mujoco
 import numpy as np
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UsageError
 from mjrun.model.state import save

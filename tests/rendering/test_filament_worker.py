@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.argument import parse_camera
 from mjrun.camera.pose import Frustum
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend

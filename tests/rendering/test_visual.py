@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.argument import parse_camera
+from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.model.mujoco_globals import collected_warnings

@@ -6,10 +6,9 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.easing_and_shake import EASINGS, EasedNumber
 from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
-from mjrun.camera.setting_kinds import ObjectName, PlaceKind, RampKind
+from mjrun.camera.settings import EASINGS, EasedNumber, ObjectName, PlaceKind, RampKind
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning

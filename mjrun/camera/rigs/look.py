@@ -7,7 +7,7 @@ import mujoco
 
 from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
-from mjrun.camera.setting_kinds import PlaceKind
+from mjrun.camera.settings import PlaceKind
 from mjrun.camera.targets import Place, Target, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning

@@ -6,13 +6,14 @@ from typing import ClassVar, Protocol
 import mujoco
 import numpy as np
 
-from mjrun.camera.curve import SAME_POINT
 from mjrun.camera.pose import Frustum, Pose, heading, pose_of, rotation
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError
 from mjrun.options.kinds import AnyKind
 from mjrun.options.option import Options, options_of
 from mjrun.options.structured_kinds import OptionsMapping
+
+SAME_POINT = 1e-9  # [m], distance from the camera below which it coincides with its target
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.camera.argument import parse_point
+from mjrun.camera.targets import Vector
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
+from mjrun.options.number_kinds import Point
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.added_geoms import Ghost
@@ -109,12 +111,19 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
     if "map" in settings and "trace" not in settings:
         raise UsageError(f"{option('ghost')}: map requires trace=FILE, the table that it describes")
     return GhostPlan(
-        offset=parse_point(f"{option('ghost')} offset", settings.get("offset", "0/0/0"), "a displacement x/y/z [m]"),
+        offset=_offset(settings.get("offset", "0/0/0")),
         opacity=_opacity(settings.get("opacity", str(OPACITY))),
         key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
         trace=_trace(Path(settings["trace"]), settings.get("map"), model, simulation) if "trace" in settings else None,
         recording=_recording(Path(settings["recording"]), model) if "recording" in settings else None,
     )
+
+
+def _offset(text: str) -> Vector:
+    try:
+        return Point().parse(text)
+    except InvalidValueError:
+        raise BadValueError(f"{option('ghost')} offset", text, "a displacement x/y/z [m]") from None
 
 
 def _opacity(text: str) -> float:

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.easing_and_shake import EasedNumber
 from mjrun.camera.pose import Pose, pose_of, rotation
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
@@ -18,6 +17,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig, ShotTime
 from mjrun.camera.script import RIGS
+from mjrun.camera.settings import EasedNumber
 from mjrun.camera.targets import Place
 from mjrun.errors import MjrunError
 from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, MODEL, moved, posed

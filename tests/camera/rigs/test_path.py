@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.curve import ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 from mjrun.camera.pose import rotation
+from mjrun.camera.rigs.path import ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 
 numbers = st.integers(-20, 20).map(lambda i: i / 4)
 ways = st.lists(st.tuples(numbers, numbers, numbers), min_size=2, max_size=7).map(lambda p: np.array(p, float))
