@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.diff.provenance import manifest_part, provenance_notes
 from mjrun.diff.result import TableDifference
+from mjrun.diff.sentences import manifest_part, provenance_notes
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
 from mjrun.errors import UsageError, clean, option

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from mjrun.dataclass import dataclass
-from mjrun.diff.provenance import provenance_notes
 from mjrun.diff.result import TableDifference
+from mjrun.diff.sentences import provenance_notes
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
 from mjrun.errors import CellError, MjrunError, UnknownNameError, UsageError, clean, concerning, listing, option

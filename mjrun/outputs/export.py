@@ -31,7 +31,7 @@ from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import RowFile
 from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import instants_of
-from mjrun.probe.copied_contacts import CopiedContacts, RecordedContacts, copy_contacts
+from mjrun.probe.contacts import CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of

@@ -30,8 +30,7 @@ from mjrun.model.names import BALL, FREE, names, object_names
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
 from mjrun.outputs.export import Export, ExportedScene
-from mjrun.probe.contacts import contact_columns, contact_rows
-from mjrun.probe.copied_contacts import RecordedContacts, copy_contacts
+from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_rows, copy_contacts
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import Node, SceneGraph
 from mjrun.scene_graph.soft_shapes import SoftShapes

@@ -17,8 +17,14 @@ from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
-from mjrun.probe.contacts import contact_columns, contact_rows
-from mjrun.probe.copied_contacts import ContactProbe, CopiedContacts, RecordedContacts, contact_copier
+from mjrun.probe.contacts import (
+    ContactProbe,
+    CopiedContacts,
+    RecordedContacts,
+    contact_columns,
+    contact_copier,
+    contact_rows,
+)
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.model.names import enum_members, names
 from mjrun.model.table_column import Column
-from mjrun.probe.copied_contacts import ContactProbe, RecordedContacts
+from mjrun.probe.contacts import ContactProbe, RecordedContacts
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}

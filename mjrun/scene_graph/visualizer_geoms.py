@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.errors import clean
 from mjrun.model.names import KIND_OF, enum_members, object_name
-from mjrun.scene_graph import meshes, shapes
+from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import Mesh, Node, Track, Vector
 from mjrun.scene_graph.materials import MaterialCache
 
@@ -61,15 +61,15 @@ class Shapes:
         """Returns a shape of size 1, with texture coordinates."""
         slices = self.slices
         makers: dict[str, Callable[[], Mesh]] = {
-            "sphere": partial(shapes.sphere, slices, self.stacks),
-            "cylinder": partial(shapes.cylinder, slices),
-            "box": shapes.box,
-            "arrow": partial(shapes.arrow, slices, HEAD),
-            "arrow1": partial(shapes.arrow, slices, NO_HEAD),
-            "arrow2": partial(shapes.double_arrow, slices),
-            "line": shapes.line,
-            "linebox": shapes.edges,
-            "triangle": shapes.triangle,
+            "sphere": partial(meshes.sphere, slices, self.stacks),
+            "cylinder": partial(meshes.cylinder, slices),
+            "box": meshes.box,
+            "arrow": partial(meshes.arrow, slices, HEAD),
+            "arrow1": partial(meshes.arrow, slices, NO_HEAD),
+            "arrow2": partial(meshes.double_arrow, slices),
+            "line": meshes.line,
+            "linebox": meshes.edges,
+            "triangle": meshes.triangle,
         }
         return self.shared(name, makers[name])
 

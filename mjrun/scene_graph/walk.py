@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.errors import clean
 from mjrun.model.names import enum_name, names, object_names
-from mjrun.scene_graph import meshes, shapes
+from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import CameraLens, Fact, Mesh, Node, Quaternion, SceneLight, Skin, Vector, camera_lens
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping, texture_pixels
 from mjrun.scene_graph.visualizer_geoms import TYPES, Shapes
@@ -181,11 +181,11 @@ class ModelWalk:
             case "capsule":
                 ratio = float(f"{z / x:.6g}")
                 key = ("capsule", ratio)
-                mesh = shared.shared(key, partial(shapes.capsule, ratio, shared.slices, shared.stacks))
+                mesh = shared.shared(key, partial(meshes.capsule, ratio, shared.slices, shared.stacks))
                 scale = (x, x, x)
             case "plane":
                 key = ("plane", x, y)
-                mesh, scale = shared.shared(key, partial(shapes.plane, x, y, self._reach)), UNSCALED
+                mesh, scale = shared.shared(key, partial(meshes.plane, x, y, self._reach)), UNSCALED
             case "hfield":
                 key = ("hfield", int(geom.dataid))
                 mesh = shared.shared(key, partial(meshes.height_field, self._model, int(geom.dataid)))

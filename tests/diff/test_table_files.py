@@ -15,7 +15,7 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mjrun.diff import row_alignment
+from mjrun.diff import tables
 from mjrun.diff.result import CellDifference, TableDifference, UnmatchedRows
 from mjrun.diff.sentences import table_sentences
 from mjrun.diff.table_files import ResultTableKind, compare_tables, is_results, result_manifest, table_path
@@ -339,7 +339,7 @@ def test_equal_files_are_hardly_parsed(tmp_path: Path, monkeypatch: pytest.Monke
         return parse(piece, *others)
 
     monkeypatch.setattr(csv_format, "_plain_block", counted)
-    monkeypatch.setattr(row_alignment, "ENOUGH", 1)
+    monkeypatch.setattr(tables, "ENOUGH", 1)
     found = compare(a, b, TableDiffOptions())
     assert (found.rows, differing(found)) == (20_000, ["energy"])
     assert found.columns[0].first

@@ -1,5 +1,6 @@
 """Differences of columns, beside numpy on whole tables."""
 
+import random
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.diff import tables
 from mjrun.diff.result import ColumnDifference, TableDifference
-from mjrun.diff.tables import compare_rows
+from mjrun.diff.tables import KeyedRows, Pairs, RowStream, SkippedRows, compare_rows, pairs_by_columns
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError
 
@@ -97,3 +99,171 @@ def test_worst_columns_come_first_and_those_that_agree_last() -> None:
 def test_a_table_without_rows_is_refused() -> None:
     with pytest.raises(FileError, match=r"rows.csv: has no rows"):
         compare(np.zeros((0, 2)), np.zeros((2, 2)))
+
+
+@pytest.fixture(autouse=True)
+def single_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks stay as small as they are."""
+    monkeypatch.setattr(tables, "ENOUGH", 1)
+
+
+class ListedRows:
+    """Rows in memory: their time and their number, in blocks of a few."""
+
+    path, names, units = Path("rows.csv"), ("time", "x"), {}
+
+    def __init__(self, times: list[float], sizes: list[int]) -> None:
+        self._table = np.column_stack([times, np.arange(len(times), dtype=float)]) if times else np.empty((0, 2))
+        self._sizes = sizes
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        at = 0
+        for size in [*self._sizes, len(self._table)]:
+            if at < len(self._table):
+                yield self._table[at : at + size]
+            at += size
+
+
+def stream(times: list[float], sizes: list[int], key: str | None = "time") -> RowStream:
+    return RowStream(ListedRows(times, sizes), ["x"], key)
+
+
+def pairs_in_order(a: RowStream, b: RowStream, tolerance: Tolerance | None) -> Iterator[Pairs]:
+    for pairs in tables.pairs_in_order(a, b, tolerance, lambda: 0):
+        assert isinstance(pairs, Pairs)
+        yield pairs
+
+
+def merged(a: list[float], b: list[float]) -> tuple[list[tuple[int, int]], list[int], list[int]]:
+    """Pairs of row numbers, and the rows of each without one: equal times in their order."""
+    pairs, only_a, only_b, i, j = [], [], [], 0, 0
+    while i < len(a) or j < len(b):
+        if j == len(b) or (i < len(a) and a[i] < b[j]):
+            only_a.append(i)
+            i += 1
+        elif i == len(a) or b[j] < a[i]:
+            only_b.append(j)
+            j += 1
+        else:
+            pairs.append((i, j))
+            i, j = i + 1, j + 1
+    return pairs, only_a, only_b
+
+
+def numbers(pairs: list[Pairs]) -> list[tuple[int, int]]:
+    """Row numbers of pairs, which are those that the rows hold."""
+    found = [(int(i), int(j)) for pair in pairs for i, j in zip(pair.rows_a, pair.rows_b, strict=True)]
+    assert found == [(int(i), int(j)) for pair in pairs for i, j in zip(pair.a[:, 0], pair.b[:, 0], strict=True)]
+    return found
+
+
+times = st.lists(st.sampled_from([0.0, 0.1, 0.2, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0]), max_size=14).map(sorted)
+sizes = st.lists(st.integers(1, 4), max_size=8)
+
+
+@given(times, times, sizes, sizes)
+def test_rows_are_merged_by_time_wherever_blocks_end(
+    a: list[float], b: list[float], sizes_a: list[int], sizes_b: list[int]
+) -> None:
+    one, other = stream(a, sizes_a), stream(b, sizes_b)
+    pairs, only_a, only_b = merged(a, b)
+    found = list(pairs_in_order(one, other, Tolerance()))
+    assert numbers(found) == pairs
+    assert [key for pair in found if pair.keys is not None for key in pair.keys] == [a[i] for i, _ in pairs]
+    for side, rows, keys in ((one, only_a, a), (other, only_b, b)):
+        first = (rows[0], keys[rows[0]]) if rows else (None, None)
+        assert (side.unmatched.count, side.unmatched.first, side.unmatched.at) == (len(rows), *first)
+        assert side.row == len(keys)
+
+
+@given(st.integers(0, 9), st.integers(0, 9), sizes, sizes)
+def test_rows_without_a_key_go_by_their_number(a: int, b: int, sizes_a: list[int], sizes_b: list[int]) -> None:
+    one, other = stream([0.0] * a, sizes_a, None), stream([0.0] * b, sizes_b, None)
+    assert numbers(list(pairs_in_order(one, other, None))) == [(i, i) for i in range(min(a, b))]
+    for side, own, others in ((one, a, b), (other, b, a)):
+        assert side.unmatched.count == max(0, own - others)
+        assert side.unmatched.first == (others if own > others else None)
+        assert side.unmatched.at is None
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(-0.4, 0.4)), max_size=12), sizes, sizes)
+def test_times_that_differ_within_a_tolerance_belong_together(
+    rows: list[tuple[bool, bool, float]], sizes_a: list[int], sizes_b: list[int]
+) -> None:
+    in_a = [float(i) for i, (here, _, _) in enumerate(rows) if here]
+    in_b = [i + jitter for i, (_, there, jitter) in enumerate(rows) if there]
+    both = [i for i, (here, there, _) in enumerate(rows) if here and there]
+    found = numbers(list(pairs_in_order(stream(in_a, sizes_a), stream(in_b, sizes_b), Tolerance(0.41))))
+    assert [in_a[i] for i, _ in found] == both
+    assert [round(in_b[j]) for _, j in found] == both
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ([0.0, 0.2, 0.1], "row 2: time 0.1 follows 0.2, but must not decrease"),
+        ([0.0, float("nan")], "row 1: time is nan, but must be a number"),
+    ],
+)
+def test_a_time_that_falls_is_reported_with_its_row(keys: list[float], message: str) -> None:
+    for sizes in ([], [1, 1, 1], [2]):
+        with pytest.raises(FileError, match=f"rows.csv: {message}"):
+            list(pairs_in_order(stream(keys, sizes), stream([0.0, 1.0, 2.0], [1]), Tolerance()))
+
+
+def test_memory_holds_a_few_blocks_even_where_one_side_is_far_ahead() -> None:
+    many = [float(i) for i in range(1000)]
+    one, other = stream(many, [10] * 99), stream([5000.0 + t for t in many], [10] * 99)
+    most = 0
+    for _ in pairs_in_order(one, other, Tolerance()):
+        raise AssertionError
+    assert one.unmatched.count == other.unmatched.count == 1000
+    one, other = stream(many, [10] * 99), stream(many[::2], [10] * 49)
+    for _ in pairs_in_order(one, other, Tolerance()):
+        most = max(most, len(one), len(other))
+    assert most <= 20
+
+
+def test_equal_rows_are_passed_over_where_none_wait() -> None:
+    times = [1.0, 2.0, 3.0, 4.0]
+    counts = iter([7, 0, 5, 0])
+    one, other = stream(times, [2, 2]), stream(times, [2, 2])
+    found = list(tables.pairs_in_order(one, other, Tolerance(), lambda: next(counts)))
+    shown = [pair.count if isinstance(pair, SkippedRows) else pair.rows_a.tolist() for pair in found]
+    assert shown == [7, [7, 8], [9, 10], 5]
+    assert (one.row, other.row) == (16, 16)
+
+
+keys = st.lists(st.tuples(st.sampled_from([0.0, 0.5, 3.0]), st.sampled_from(["a", "b", ""])), max_size=8)
+
+
+class TextRows:
+    path, names, units = Path("rows.csv"), ["mass", "x", "name"], {}
+
+    def __init__(self, rows: list[tuple[float, str]]) -> None:
+        self._rows = rows
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        for index, (mass, name) in enumerate(self._rows):
+            yield np.array([[mass, float(index), name]], object)
+
+
+@given(keys, st.randoms(use_true_random=False))
+def test_rows_in_another_order_belong_together_by_their_keys(
+    rows: list[tuple[float, str]], dice: random.Random
+) -> None:
+    order = sorted(range(len(rows)), key=lambda _: dice.random())
+    shuffled = [rows[index] for index in order]
+    a, b = (KeyedRows(TextRows(each), ["x"], ["mass", "name"]) for each in (rows, [*shuffled, (9.0, "c")]))
+    for pairs in pairs_by_columns(a, b):
+        assert [rows[i] for i in pairs.rows_a] == [shuffled[j] for j in pairs.rows_b]
+        assert sorted(pairs.rows_a) == sorted(pairs.rows_b) == [*range(len(rows))]
+        assert pairs.a[:, 0].tolist() == pairs.rows_a.tolist()
+    assert a.unmatched.count == 0
+    assert (b.unmatched.count, b.unmatched.first, b.unmatched.key) == (1, len(rows), "mass = 9, name = c")
+
+
+def test_a_number_is_the_same_key_however_it_is_written() -> None:
+    one, other = TextRows([(3.0, "1.0"), (-0.0, "x")]), TextRows([(0.0, "x"), (3.0, "1")])
+    (pairs,) = pairs_by_columns(KeyedRows(one, ["x"], ["mass", "name"]), KeyedRows(other, ["x"], ["mass", "name"]))
+    assert (pairs.rows_a.tolist(), pairs.rows_b.tolist()) == ([0, 1], [1, 0])

@@ -11,7 +11,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.formats.glb import linear, write_glb, xyzw
-from mjrun.scene_graph import shapes
+from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
@@ -27,7 +27,7 @@ from mjrun.scene_graph.graph import (
 from tests.gltf_files import accessor, animated, read_gltf
 
 RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.0, 0.5)
-BALL = shapes.sphere(8, 8)
+BALL = meshes.sphere(8, 8)
 NODES = [
     Node("world", "world", 0, -1),
     Node("body", "body", 1, 0, (1.0, 2.0, 3.0), moves=True, facts={"mass": 2.0}),
@@ -151,7 +151,7 @@ def test_a_skin_is_bound_to_the_nodes_of_its_bodies() -> None:
 
 
 def test_lines_have_no_normals() -> None:
-    line = Node("line", "decoration", -1, 0, mesh=shapes.line(), material=RED)
+    line = Node("line", "decoration", -1, 0, mesh=meshes.line(), material=RED)
     primitive = read_gltf(written(SceneGraph([NODES[0], line]))).meshes[0].primitives[0]
     assert (primitive.mode, primitive.attributes.NORMAL) == (1, None)
 
@@ -159,7 +159,7 @@ def test_lines_have_no_normals() -> None:
 def test_textures_are_read_back() -> None:
     pixels = np.arange(5 * 4 * 3, dtype=np.uint8).reshape(5, 4, 3)
     material = replace(RED, texture=Texture("checker", pixels))
-    ball = Node("ball", "geom", 0, 0, mesh=shapes.sphere(8, 8), material=material)
+    ball = Node("ball", "geom", 0, 0, mesh=meshes.sphere(8, 8), material=material)
     gltf = read_gltf(written(SceneGraph([NODES[0], ball])))
     view = gltf.bufferViews[gltf.images[0].bufferView]
     assert np.array_equal(iio.imread(gltf.binary_blob()[view.byteOffset :][: view.byteLength]), pixels)

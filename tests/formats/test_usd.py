@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.formats.usd import write_usd
-from mjrun.scene_graph import shapes
+from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
@@ -27,7 +27,7 @@ from mjrun.scene_graph.graph import (
 from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
 
 RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.25, 0.75)
-BALL = shapes.sphere(8, 8)
+BALL = meshes.sphere(8, 8)
 PLAIN = replace(BALL, uv=None)
 NODES = [
     Node("world", "world", 0, -1),

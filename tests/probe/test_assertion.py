@@ -202,7 +202,6 @@ MODULES = (
     "aggregate",
     "expression",
     "evaluation",
-    "node_builder",
     "parser",
     "scanner",
 )

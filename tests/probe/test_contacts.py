@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.contacts import contact_columns, contact_rows, pair
-from mjrun.probe.copied_contacts import RecordedContacts, contact_copier, copy_contacts
+from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_copier, contact_rows, copy_contacts, pair
 from mjrun.probe.derived import contact_force
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.

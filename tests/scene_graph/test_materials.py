@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.scene_graph import shapes
+from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import Mesh, Node
 from mjrun.scene_graph.materials import PADDING, MaterialCache, TextureMapping, atlas, cube_mapped
 from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
@@ -108,7 +108,7 @@ def test_a_direction_shows_the_pixel_of_a_cube_map_that_opengl_shows(
 
 
 def test_cutting_keeps_the_surface_and_puts_each_triangle_on_one_face() -> None:
-    ball = shapes.sphere(12, 8)
+    ball = meshes.sphere(12, 8)
     made = cube_mapped(ball, np.array([1.0, 0.7, 0.4]), 16)
 
     def area(mesh: Mesh) -> float:
@@ -127,4 +127,4 @@ def test_a_texture_is_made_once() -> None:
     surfaces = MaterialCache(model)
     assert surfaces.texture(0) is surfaces.texture(0)
     assert surfaces.texture(0).pixels.shape == (4, 4, 3)
-    assert TextureMapping(0, "planar", (1.0, 1.0)).applied(shapes.box(), 0).uv is not None
+    assert TextureMapping(0, "planar", (1.0, 1.0)).applied(meshes.box(), 0).uv is not None

@@ -1,15 +1,36 @@
-"""Strings of variable length in HDF5 files, read without HDF5's own library.
+"""The content of untrusted HDF5 files: limits that are checked before datasets are read, and strings.
 
-The library hangs or crashes on damaged files when it reads them from their heap. See "Global Heap", "Object Headers"
+Strings of variable length are read without HDF5's own library, which hangs or crashes on damaged heaps. See "Global Heap", "Object Headers"
 and "The Attribute Message" in the HDF5 File Format Specification.
 """
 
+import math
 import struct
 from collections.abc import Iterator
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import h5py
+
+from mjrun.decompression_limits import require_expandable
+from mjrun.errors import FileError
+
+
+def require_own_content(path: Path, what: str, dataset: h5py.Dataset, file: BinaryIO | None = None) -> None:
+    """Checks that the content of a dataset is in its file, and does not expand out of proportion.
+
+    Args:
+      what: the dataset in messages.
+      file: the open file, where its path does not lead to it.
+
+    Raises:
+      FileError: it is in another file, or one chunk of it, which is read whole, is too large.
+    """
+    if dataset.is_virtual or dataset.external:
+        raise FileError(path, f"{what} is in another file, which is not read")
+    require_expandable(path, math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize, file)
+
 
 HEAP = struct.Struct("<4sB3xQ")  # begin of a heap: signature, version, size
 HEAP_OBJECT = struct.Struct("<HHIQ")  # begin of a text in it: index, uses, nothing, size
