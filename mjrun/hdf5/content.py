@@ -1,7 +1,7 @@
 """The content of untrusted HDF5 files: limits that are checked before datasets are read, and strings.
 
-Strings of variable length are read without HDF5's own library, which hangs or crashes on damaged heaps. See "Global Heap", "Object Headers"
-and "The Attribute Message" in the HDF5 File Format Specification.
+Strings of variable length are read without HDF5's own library, which hangs or crashes on damaged heaps. See "Global
+Heap", "Object Headers" and "The Attribute Message" in the HDF5 File Format Specification.
 """
 
 import math

@@ -20,12 +20,11 @@ import numpy as np
 
 from mjrun.camera.pose import lens
 from mjrun.errors import clean
+from mjrun.formats import mcap
+from mjrun.formats.ffmpeg import H264Encoder
 from mjrun.formats.glb import write_glb
-from mjrun.formats.h264_encoder import H264Encoder
 from mjrun.formats.image_encoding import ImageData, jpeg, png
-from mjrun.formats.mcap import foxglove
-from mjrun.formats.mcap.numeric import NumericMessages, TableMessages, distinct, groups
-from mjrun.formats.mcap.writer import McapWriter
+from mjrun.formats.mcap import McapWriter, NumericMessages, TableMessages, distinct, groups
 from mjrun.model.names import BALL, FREE, names, object_names
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
@@ -54,8 +53,8 @@ def write_mcap(scene: ExportedScene, file: BinaryIO) -> None:
     cameras = topic_names(cameras_of(scene))
     frames = frame_names(model, cameras)
     of_cameras = frames[model.nbody :]
-    models = foxglove.scene(0, body_models(scene.graph, frames[: model.nbody], scene.generator))
-    log.write(log.add_channel("/scene", foxglove.SCENE), 0, models)
+    models = mcap.scene(0, body_models(scene.graph, frames[: model.nbody], scene.generator))
+    log.write(log.add_channel("/scene", mcap.SCENE), 0, models)
     sources = [
         instants(scene, InstantTopics(log, scene, frames)),
         rows(scene, log),
@@ -182,24 +181,24 @@ class InstantTopics:
 
     def __init__(self, log: McapWriter, scene: ExportedScene, frames: Sequence[str]) -> None:
         self._model = model = scene.context.model
-        self._poses = log.add_channel("/tf", foxglove.TRANSFORMS)
-        self._transforms = foxglove.TransformMessages(WORLD, frames[1:])
+        self._poses = log.add_channel("/tf", mcap.TRANSFORMS)
+        self._transforms = mcap.TransformMessages(WORLD, frames[1:])
         joints = [joint for joint in range(model.njnt) if int(model.jnt_type[joint]) not in (FREE, BALL)]
         self._qpos, self._dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-        self._states = foxglove.JointMessages([clean(name) for name in object_names(model, "joint", joints)])
-        self._joints = log.add_channel("/joint_states", foxglove.JOINTS) if joints else None
+        self._states = mcap.JointMessages([clean(name) for name in object_names(model, "joint", joints)])
+        self._joints = log.add_channel("/joint_states", mcap.JOINTS) if joints else None
         self._soft = self._shapes = None
         if SoftShapes.exist_in(model):
             self._soft = SoftShapes(model, visual_of(scene.job).options())
-            self._shapes = log.add_channel("/scene/shapes", foxglove.SCENE)
-        self._contacts = log.add_channel("/contacts", foxglove.SCENE)
+            self._shapes = log.add_channel("/scene/shapes", mcap.SCENE)
+        self._contacts = log.add_channel("/contacts", mcap.SCENE)
         self._rows = TableMessages("contacts", contact_columns(model)[CONTACT:])
         self._table = log.add_channel("/contacts/table", self._rows.schema, self._rows.metadata)
         # As MuJoCo draws them, except that a force without a scale has no arrow.
         mass = model.stat.meanmass
         self._length = model.vis.map.force / mass if mass > 0 else 0.0
         width = model.vis.scale.forcewidth * model.stat.meansize
-        self._style = foxglove.ArrowStyle(2 * width, model.vis.rgba.contactforce.tolist())
+        self._style = mcap.ArrowStyle(2 * width, model.vis.rgba.contactforce.tolist())
 
     def messages(self, time: int, data: mujoco.MjData, cameras: Sequence[CameraCalibration]) -> Generator[TimedMessage]:
         """Yields the messages of an instant.
@@ -212,7 +211,7 @@ class InstantTopics:
         turns = [data.xquat[1:], *(matrix_quaternion(camera.pose[:3, :3])[None] for camera in cameras)]
         yield time, self._poses, self._transforms.encode(time, np.concatenate(positions), np.concatenate(turns))
         if self._soft is not None and self._shapes is not None:
-            yield time, self._shapes, foxglove.shapes(time, WORLD, "shapes", self._soft.at(data))
+            yield time, self._shapes, mcap.shapes(time, WORLD, "shapes", self._soft.at(data))
         if self._joints is not None:
             rates = (field[self._dofs] for field in (data.qvel, data.qacc, data.qfrc_actuator))
             yield time, self._joints, self._states.encode(time, data.qpos[self._qpos], *rates)
@@ -226,7 +225,7 @@ class InstantTopics:
         vectors = self._length * forces
         visible = np.linalg.norm(vectors, axis=1) > SHORTEST
         starts = contacts.fields["pos"][visible]
-        return foxglove.arrows(time, WORLD, "contacts", starts, vectors[visible], self._style)
+        return mcap.arrows(time, WORLD, "contacts", starts, vectors[visible], self._style)
 
 
 class CameraTopics:
@@ -236,19 +235,19 @@ class CameraTopics:
         self._frame = frame
         self._encoding, self._size = scene.job.images or H264, image_size(scene.job)
         if self._encoding == H264:
-            self._images = log.add_channel(f"/camera/{name}/video", foxglove.VIDEO)
+            self._images = log.add_channel(f"/camera/{name}/video", mcap.VIDEO)
         else:
-            self._images = log.add_channel(f"/camera/{name}/image", foxglove.IMAGE)
-        self._calibrations = log.add_channel(f"/camera/{name}/calibration", foxglove.CALIBRATION)
+            self._images = log.add_channel(f"/camera/{name}/image", mcap.IMAGE)
+        self._calibrations = log.add_channel(f"/camera/{name}/calibration", mcap.CALIBRATION)
 
     def messages(self, time: int, content: bytes, seen: CameraCalibration) -> Generator[TimedMessage]:
         """Yields the messages of a frame: `content` is its encoded image."""
         if self._encoding == H264:
-            yield time, self._images, foxglove.video_frame(time, self._frame, content)
+            yield time, self._images, mcap.video_frame(time, self._frame, content)
         else:
-            yield time, self._images, foxglove.image(time, self._frame, content, self._encoding)
+            yield time, self._images, mcap.image(time, self._frame, content, self._encoding)
         if seen.perspective:
-            yield time, self._calibrations, foxglove.calibration(time, self._frame, seen, self._size)
+            yield time, self._calibrations, mcap.calibration(time, self._frame, seen, self._size)
 
 
 class StillImageEncoder:

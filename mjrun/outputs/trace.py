@@ -367,9 +367,8 @@ class GoldenTable:
           source: the name of the simulation.
           replace: whether the rows may become the golden table if an update is requested.
         """
-        from mjrun.diff.provenance import provenance_notes
         from mjrun.diff.result import DiffResult, GoldenFacts
-        from mjrun.diff.sentences import table_sentences
+        from mjrun.diff.sentences import provenance_notes, table_sentences
 
         table = self._comparison.finish() if self._comparison else None
         differences = [self._obstacle] if self._obstacle else []

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
-from mjrun.formats import table, table_reader
+from mjrun.formats import table_reader
 from mjrun.formats.image_format import figure_format
 from mjrun.options.option import options_for
 from mjrun.options.plot import FigureOptions
@@ -12,7 +12,7 @@ from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
 
 
-class Table(table.NumericTable):
+class Table(table_reader.NumericTable):
     """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
 
     Iterating yields the names of the columns, in the order of the file.

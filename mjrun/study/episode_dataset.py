@@ -27,7 +27,7 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows, stored
+from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
 from mjrun.model.demonstrations import errors_of_models, open_demonstrations
 from mjrun.model.mujoco_globals import reported_warnings
@@ -422,7 +422,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         """Yields the episodes that wait, and adds facts about each to `made`."""
         names = [camera.name for camera in layout.cameras]
         for done, index in enumerate(indices, 1):
-            episode = stored.read(self._own / FOLDER / f"{index:06}", names)
+            episode = EpisodeRows.read(self._own / FOLDER / f"{index:06}", names)
             facts: dict[str, Any] = {"key": prepared.keys[index], "seed": episode.seed, "rows": len(episode)}
             facts |= {"demonstration": prepared.points.points[index][0]} if self._file else {}
             made.append({**facts, "return": float(episode.rewards.sum()), "success": episode.success})

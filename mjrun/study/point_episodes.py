@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean, listing, option
-from mjrun.formats.episodes import EpisodeRows, stored
+from mjrun.formats.episodes import EpisodeRows
 from mjrun.formats.mp4_joining import read_samples
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
@@ -76,7 +76,7 @@ class EpisodeFileMaker:
                 colors=colors,
             )
             _require_finite(episode, self._spec, rollout)
-            files = stored.files(episode, videos)
+            files = episode.files(videos)
             return rollout.steps[-1], tuple((f"{FOLDER}/{index:06}/{name}", content) for name, content in files)
 
     def _simulated(self, simulation: Simulation, stack: ExitStack) -> "EpisodeCourse":

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import MissingExtraError
-from mjrun.formats.table import SHOWN_COLUMNS, SHOWN_ROWS, NumericTable
+from mjrun.formats.table_reader import SHOWN_COLUMNS, SHOWN_ROWS, NumericTable
 
 TABLE = NumericTable({"time": np.arange(12) / 10, "a<b>": np.array([np.nan, *range(11)])}, {"time": "s"})
 

@@ -8,16 +8,25 @@ A module has two functions:
   is in the folder are kept. Memory does not grow with the number of episodes.
 """
 
+import io
+import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.errors import FileError, clean
 from mjrun.formats.codecs import Encoding
 from mjrun.model.table_column import Column
+
+NUMBERS = "numbers.npz"  # the archive of an episode that is stored before it joins a dataset
+FACTS, INFO, COLORS = "facts", "info/", "colors/"  # entries of the archive, and what precedes names in it
+FIELDS = ("observations", "actions", "rewards")
 
 
 @dataclass(frozen=True)
@@ -98,6 +107,42 @@ class EpisodeRows:
     def done(self) -> np.ndarray:
         """The flag of the end for each action `(T,)` bool."""
         return self.at_end(self.terminated or self.truncated)
+
+    @classmethod
+    def read(cls, folder: Path, cameras: Sequence[str]) -> Self:
+        """Reads an episode from a folder with its `files`.
+
+        Raises:
+          FileError: a file is missing or damaged.
+        """
+        path = folder / NUMBERS
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            facts = json.loads(str(arrays.pop(FACTS)))
+            return cls(
+                **facts,
+                **{name: arrays[name] for name in FIELDS},
+                infos={name.removeprefix(INFO): values for name, values in arrays.items() if name.startswith(INFO)},
+                videos={name: folder / f"{name}.mp4" for name in cameras},
+                colors={name: arrays[COLORS + name] for name in cameras},
+            )
+        except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise FileError(path, f"cannot be read: {clean(str(error))}") from None
+
+    def files(self, videos: Mapping[str, bytes]) -> list[tuple[str, bytes]]:
+        """Returns the files that hold this episode until it joins a dataset, by their names in its folder.
+
+        Args:
+          videos: the contents of the video of each camera, instead of those in `videos`.
+        """
+        facts = {name: getattr(self, name) for name in ("task", "seed", "terminated", "truncated", "success")}
+        arrays = {name: getattr(self, name) for name in FIELDS}
+        arrays |= {f"{INFO}{name}": values for name, values in self.infos.items()}
+        arrays |= {f"{COLORS}{name}": values for name, values in self.colors.items()}
+        archive = io.BytesIO()
+        np.savez(archive, allow_pickle=False, **arrays, **{FACTS: np.array(json.dumps(facts))})
+        return [(NUMBERS, archive.getvalue()), *((f"{name}.mp4", content) for name, content in videos.items())]
 
     def at_end(self, value: bool) -> np.ndarray:
         """Returns `value` for the last row, and false for all others `(T,)` bool."""

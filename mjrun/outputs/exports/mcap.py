@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING, BinaryIO
 
-from mjrun.formats.mcap import EXTRA, LIBRARIES
 from mjrun.options.trace import PROBES
 from mjrun.outputs.exports import ExportFormat
 
@@ -26,6 +25,6 @@ FORMAT = ExportFormat(
     draws=True,
     columns="probe",
     probes=PROBES,
-    libraries=LIBRARIES,
-    extra=EXTRA,
+    libraries=("mcap", "foxglove_schemas_protobuf", "google.protobuf"),
+    extra="mcap",
 )

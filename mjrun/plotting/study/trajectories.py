@@ -6,8 +6,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.formats.study_reader import StudyResults, point_names, point_values
-from mjrun.formats.table import NumericTable
-from mjrun.formats.table_reader import open_table, read_table
+from mjrun.formats.table_reader import NumericTable, open_table, read_table
 from mjrun.model.table_column import with_unit
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
 from mjrun.plotting.figure_data import MARGIN, ParameterAxis, scale

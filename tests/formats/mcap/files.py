@@ -10,7 +10,7 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
 from mcap_protobuf.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
 
-from mjrun.formats.mcap.writer import Schema
+from mjrun.formats.mcap import Schema
 
 
 def decoded(schema: Schema, content: bytes) -> Any:

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.formats.mcap.numeric import MOST, NumericMessages, TableMessages, distinct, field_names, groups
-from mjrun.formats.mcap.writer import McapWriter
+from mjrun.formats.mcap import MOST, McapWriter, NumericMessages, TableMessages, distinct, field_names, groups
 from mjrun.model.table_column import Column
 from tests.formats.mcap import files
 

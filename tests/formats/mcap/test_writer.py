@@ -9,9 +9,8 @@ from typing import BinaryIO
 import numpy as np
 from mcap.stream_reader import StreamReader  # pyright: ignore[reportMissingImports]
 
-from mjrun.formats.mcap import foxglove
-from mjrun.formats.mcap.numeric import NumericMessages
-from mjrun.formats.mcap.writer import McapWriter
+from mjrun.formats import mcap
+from mjrun.formats.mcap import McapWriter, NumericMessages
 from mjrun.model.table_column import Column
 from tests.formats.mcap import files
 
@@ -59,7 +58,7 @@ def test_channels_of_one_type_share_its_schema(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = McapWriter(file, {})
         for topic in ("/scene", "/contacts"):
-            writer.write(writer.add_channel(topic, foxglove.SCENE), 0, foxglove.scene(0, {}))
+            writer.write(writer.add_channel(topic, mcap.SCENE), 0, mcap.scene(0, {}))
         writer.finish()
     found = files.summary(tmp_path / "a.mcap")
     assert [schema.name for schema in found.schemas.values()] == ["foxglove.SceneUpdate"]

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.episodes import stored
+from mjrun.formats.episodes import NUMBERS, EpisodeRows
 from tests.formats.episodes.made_episodes import episode
 
 
 def test_a_stored_episode_is_read_unchanged(tmp_path: Path) -> None:
     made = episode(2, tmp_path)
-    for name, content in stored.files(made, {"front": made.videos["front"].read_bytes()}):
+    for name, content in made.files({"front": made.videos["front"].read_bytes()}):
         (tmp_path / name).write_bytes(content)
-    read = stored.read(tmp_path, ["front"])
+    read = EpisodeRows.read(tmp_path, ["front"])
     assert read.videos["front"].read_bytes() == made.videos["front"].read_bytes()
     for each in fields(read):
         if each.name != "videos":
@@ -24,6 +24,6 @@ def test_a_stored_episode_is_read_unchanged(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"\x93NUMPY"])
 def test_a_damaged_episode_is_reported(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / stored.NUMBERS).write_bytes(content)
+    (tmp_path / NUMBERS).write_bytes(content)
     with pytest.raises(FileError, match="cannot be read"):
-        stored.read(tmp_path, [])
+        EpisodeRows.read(tmp_path, [])
