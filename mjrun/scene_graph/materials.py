@@ -191,7 +191,7 @@ def _cut(corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
     crossing = (sides.max(axis=1) > 0) & (sides.min(axis=1) < 0)
     cut, distances, sides = corners[crossing], distances[crossing], sides[crossing]
     # The corner that is alone on its side comes first.
-    alone = np.where(sides.sum(axis=1) > 0, sides.argmin(axis=1), sides.argmax(axis=1))
+    alone = np.argmin(np.where(sides.sum(axis=1, keepdims=True) > 0, sides, -sides), axis=1)
     order = (alone[:, None] + np.arange(3)) % 3
     cut = np.take_along_axis(cut, order[:, :, None], axis=1)
     distances = np.take_along_axis(distances, order, axis=1)

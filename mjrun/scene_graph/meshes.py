@@ -228,7 +228,7 @@ def mesh_hull(model: mujoco.MjModel, index: int) -> Mesh | None:
 def height_field(model: mujoco.MjModel, index: int) -> Mesh:
     """Returns the surface of a height field, with its sides and its base."""
     rows, columns = int(model.hfield_nrow[index]), int(model.hfield_ncol[index])
-    halfx, halfy, top, base = model.hfield_size[index]
+    halfx, halfy, top, base = map(float, model.hfield_size[index])
     start = model.hfield_adr[index]
     heights = top * model.hfield_data[start : start + rows * columns].reshape(rows, columns).astype(float)
     x, y = np.meshgrid(np.linspace(-halfx, halfx, columns), np.linspace(-halfy, halfy, rows))
