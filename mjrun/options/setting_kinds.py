@@ -276,7 +276,7 @@ DISTRIBUTIONS = {
 
 
 SPAN_FORM: Schema = {
-    "description": "NamedNumbers from one number to another, both included.",
+    "description": "Values from one number to another, both included.",
     "type": "object",
     "properties": {
         "from": {**NUMBER, "description": "The first value."},
