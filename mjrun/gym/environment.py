@@ -42,7 +42,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     the episode, `ending`, and whether it is a success, `is_success`.
 
     It can be pickled and copied, even within an episode; a copy continues with the same numbers. The model is read
-    once; a copy reads it again, and raises ModelError if its file has changed since.
+    once; a copy and some variations of the model read it again, and raise ModelError if a file has changed since.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - a plain dictionary as in Gymnasium
@@ -59,7 +59,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise ValueError(f"render_mode must be rgb_array or None, not {render_mode!r}")
         self._spec: EnvSpec | None = None
         self.task = task_of(task)
-        self.worlds = SingleWorld(self.task)
+        self.worlds = SingleWorld(self.task.with_absolute_paths())
         self.observation_space, self.action_space = observation_space(self.worlds), action_space(self.worlds)
         self._reward_names = [f"reward/{name}" for name in self.worlds.reward_names]
         self.render_mode = render_mode
@@ -156,9 +156,9 @@ def action_space(worlds: TaskWorlds) -> Box:
     """Returns the space of actions `(nact,)` float32 of the policy, before squash, clip, scale and offset.
 
     Its bounds are those of the clip; else those beyond which tanh is constant; else those of the controls, joints or
-    torques that the actions set; else infinite.
+    torques that the actions set, before the variations of episodes; else infinite.
     """
-    actions, model = worlds.actions, worlds.model(0)
+    actions, model = worlds.actions, worlds.nominal_model
     limits = np.array([_limits(each, model) for each in actions.driven]).reshape(-1, 2)
     scale = np.where(actions.scale == 0, 1, actions.scale)
     ends = (limits - actions.offset[:, None]) / scale[:, None]

@@ -39,7 +39,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> None:
         self.task = task_of(task)
         self.num_envs = num_envs
-        self.worlds = TaskWorlds(self.task, num_envs, threads)
+        self.worlds = TaskWorlds(self.task.with_absolute_paths(), num_envs, threads)
         self.single_observation_space = observation_space(self.worlds)
         self.single_action_space = action_space(self.worlds)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

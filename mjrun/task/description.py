@@ -214,7 +214,7 @@ def describe_task(task: Task) -> TaskDescription:
       ModelError: the model cannot be loaded.
     """
     worlds = TaskWorlds(task, 1)
-    model = worlds.model(0)
+    model = worlds.nominal_model
     summary = TaskSummary(
         model=task.model.text,
         timestep=float(rational(model.opt.timestep)),

@@ -267,12 +267,16 @@ class Task(Source):
         """The tables of commands."""
         return [Path(command.table) for command in self.commands.values() if command.table is not None]
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> "Task":
         commands = {
             name: command if command.table is None else replace(command, table=str(place(Path(command.table))))
             for name, command in self.commands.items()
         }
         return replace(self, model=self.model.stored_at(place), commands=commands)
+
+    def with_absolute_paths(self) -> "Task":
+        """Returns the same task, which finds the files of its model and its tables from any working directory."""
+        return self.stored_at(Path.absolute) if self.main_file else self
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         return self.model_source.compile()

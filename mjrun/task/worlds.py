@@ -15,6 +15,7 @@ from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.errors import ModelError, UsageError, clean
+from mjrun.file_version import file_version
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
@@ -196,6 +197,11 @@ class TaskWorlds:
             return self._each[world].model
         return self._own.model(int(self._seeds[world]))
 
+    @property
+    def nominal_model(self) -> mujoco.MjModel:
+        """The model before the variations of episodes, if there are any."""
+        return self.model(0) if self._models.is_one else self.task.load()
+
     def state(self, world: int) -> np.ndarray:
         """Returns the integration state `(nstate,)` of a world, as a new array."""
         return self._state[world].copy()
@@ -331,12 +337,16 @@ class TaskWorlds:
 
     def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch | MjDataBatch:
         """Creates the worlds, on models that compute all measured quantities."""
+        task, source = self.task, self.task.model_source
+        versions = {path: file_version(str(path)) for path in source.files} if task.reset.vary else {}
 
         def prepare(model: mujoco.MjModel) -> None:
+            for path, version in versions.items():  # variations may compile the model again
+                if file_version(str(path)) != version:
+                    raise ModelError(f"{clean(str(path))} has changed since the task was loaded")
             model.opt.disableflags |= AUTORESET  # an unstable world ends its episode instead
             model.opt.enableflags |= ENERGY if plan.needs_energy else 0
 
-        task, source = self.task, self.task.model_source
         sensing: Source = SourceWithSensors(source, plan.sensed) if plan.sensed else source
         self._models = EpisodeModels(sensing, task.reset.vary, VariantLoader(prepare))
         self._own = EpisodeModels(source, task.reset.vary, VariantLoader(prepare)) if plan.sensed else self._models

@@ -26,6 +26,8 @@ from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
 from tests.gym.tasks import CART, write_cart
 
+VARIED = "reset: {vary: {'actuator/push.ctrlrange[1]': 'uniform(3, 9)'}, noise:"  # replaces `reset: {noise:`
+
 
 def test_gymnasiums_checker_accepts_a_task(tmp_path: Path) -> None:
     env = mjrun.gym.make(str(write_cart(tmp_path)))
@@ -116,6 +118,16 @@ def test_a_document_and_a_model_that_are_edited_change_nothing_of_what_runs(tmp_
         copy.deepcopy(other)
 
 
+def test_an_edited_model_is_not_varied(tmp_path: Path) -> None:
+    document = write_cart(tmp_path)
+    document.write_text(document.read_text().replace("reset: {noise:", VARIED))
+    env = mjrun.gym.TaskEnv(document)
+    env.reset(seed=3)
+    (tmp_path / "cart.xml").write_text(CART.replace('gear="2"', 'gear="33"'))
+    with pytest.raises(ModelError, match=r"cart\.xml has changed since the task was loaded"):
+        [env.reset(seed=seed) for seed in range(3)]
+
+
 def test_episodes_without_a_seed_go_on_from_the_last_one(tmp_path: Path) -> None:
     env = mjrun.gym.make(write_cart(tmp_path))
     series = []
@@ -155,6 +167,28 @@ def test_bounds_of_observations_and_actions(tmp_path: Path) -> None:
     space = action_space(worlds)
     np.testing.assert_allclose(space.low, [-2, -np.pi / 2], rtol=1e-6)
     np.testing.assert_allclose(space.high, [4, np.pi / 2], rtol=1e-6)
+
+
+def test_bounds_of_actions_are_those_of_the_model_before_its_variation(tmp_path: Path) -> None:
+    plain = mjrun.gym.TaskEnv(write_cart(tmp_path))
+    document = write_cart(tmp_path)
+    document.write_text(document.read_text().replace("reset: {noise:", VARIED))
+    assert mjrun.gym.TaskEnv(document).action_space == plain.action_space
+
+
+def test_another_working_directory_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    document = write_cart(Path())
+    document.write_text(document.read_text().replace("reset: {noise:", VARIED))
+    env = mjrun.gym.TaskEnv(document)
+    assert env.task.text == "task.yaml"
+    before = env.reset(seed=3)[0], env.step(np.array([9, 0]))
+    other = tmp_path / "other"
+    other.mkdir()
+    monkeypatch.chdir(other)
+    Path("cart.xml").write_text(CART.replace('gear="2"', 'gear="3"'))
+    for same in (env, pickle.loads(pickle.dumps(env))):
+        np.testing.assert_equal((same.reset(seed=3)[0], same.step(np.array([9, 0]))), before)
 
 
 def test_squashed_and_clipped_actions_have_bounds_of_their_own(tmp_path: Path) -> None:

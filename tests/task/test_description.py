@@ -1,6 +1,7 @@
 """A task, and an environment as a task, is described number by number."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -106,6 +107,11 @@ def test_actions_name_their_target_gains_and_limits() -> None:
     assert (rail.kp, rail.kd, rail.actuator, rail.range) == (10, 1, "push", None)
     assert (turn.target, turn.low, turn.high, turn.actuator, turn.range) == ("control", -1, 2, "turn", (-2, 2))
     assert (turn.kp, turn.kd) == (None, None)
+
+
+def test_limits_of_controls_are_those_before_the_variation_of_the_model() -> None:
+    varied = replace(task(), reset=Reset(key="up", vary={"actuator/turn.ctrlrange[1]": "uniform(5, 9)"}))
+    assert [row.range for row in describe_task(varied).actions] == [None, (-2, 2)]
 
 
 def test_all_else_is_as_the_task_says() -> None:
