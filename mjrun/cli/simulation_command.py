@@ -165,7 +165,7 @@ def make(
       time, step: time of the keyframe; by default, the last instant.
       report: makes the report of the result.
     """
-    from mjrun.outputs.perform import perform
+    from mjrun.outputs.perform import PublishedOutput, perform
 
     options = command_line.make(SimulationCommandOptions)
     jobs: list[Job[OutputResult]] = [job]
@@ -192,8 +192,9 @@ def make(
                 console.answer(unchanged(earlier))
                 raise click.exceptions.Exit(0)
             tell_reason(console, last)
-            result = cast("R", perform(jobs, console, last.adding())[0])
-            last.finish((report or _report)(result).json)
+            published = list[PublishedOutput]()
+            result = cast("R", perform(jobs, console, published)[0])
+            last.finish(published, (report or _report)(result).json)
         return result
     except MjrunError as error:
         if console.document_form and error.results:

@@ -4,7 +4,7 @@ After any failure, kill or full disk the target is the old output or the new one
 """
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar
 
@@ -123,12 +123,12 @@ def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
     """Finishes outputs, moves them to their places, and returns their files.
 
     Raises:
-      MjrunError: as `OutputWriter.finish` and `move_together`.
+      MjrunError: as `OutputWriter.finish` and `MovedTogether`.
     """
     for part in (part for writer in writers for part in writer.together):
         part.finish()
-    with publishing(writers):
-        return move_together(writers)
+    with publishing(writers), MovedTogether() as together:
+        return [file for writer in writers for file in together.move(writer)]
 
 
 @contextlib.contextmanager
@@ -145,42 +145,42 @@ def publishing(writers: Sequence[OutputWriter]) -> Iterator[None]:
             yield
 
 
-def move_together(
-    writers: Sequence[OutputWriter], last: Callable[[Sequence[Path]], OutputWriter] | None = None
-) -> list[Path]:
-    """Moves finished outputs to their places, all of them or none, and returns their files; used in `publishing`.
-
-    Args:
-      last: writes a file about these files, once they are in their places, and returns its writer, which is published
-        with them. Its own file is not among those returned.
+class MovedTogether:
+    """A context manager in which outputs move to their places, all of them or none; used in `publishing`.
 
     Raises:
-      PartlyDoneError: an output cannot be moved, and another could not be restored.
-      MjrunError: an output cannot be moved.
+      PartlyDoneError: the `with` block fails, and an output that was moved cannot be replaced by the older one.
     """
-    destinations = [part.destination for writer in writers for part in writer.together]
-    files: list[Path] = []
-    published: list[Destination] = []
-    failed = destinations[0].shown if destinations else Path()
-    try:
-        for destination in destinations:
-            failed = destination.shown
-            files += destination.publish()
-            published.append(destination)
-        if last:
-            writer = last(files)
-            failed = writer.destination.shown
-            writer.finish()
-            writer.destination.publish()
-            published.append(writer.destination)
-    except BaseException as error:
-        remaining = [str(each.shown) for each in reversed(published) if not _is_taken_back(each)]
+
+    def __init__(self) -> None:
+        self._moved: list[Destination] = []
+        self._last = Path()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def move(self, writer: OutputWriter) -> list[Path]:
+        """Finishes an output, moves it to its place, and returns its files.
+
+        Raises:
+          MjrunError: the output cannot be finished or moved.
+        """
+        files: list[Path] = []
+        for part in writer.together:
+            self._last = part.destination.shown
+            part.finish()
+            files += part.destination.publish()
+            self._moved.append(part.destination)
+        return files
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if error is None:
+            for destination in self._moved:
+                destination.discard()  # the older output
+            return
+        remaining = [str(each.shown) for each in reversed(self._moved) if not _is_taken_back(each)]
         if remaining and isinstance(error, MjrunError):
-            raise PartlyDoneError(remaining, [(str(failed), error)]) from None
-        raise
-    for destination in published:
-        destination.discard()  # the older output
-    return files
+            raise PartlyDoneError(remaining, [(str(self._last), error)]) from None
 
 
 def _is_taken_back(destination: Destination) -> bool:

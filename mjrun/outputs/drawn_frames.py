@@ -10,30 +10,32 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
+from mjrun.camera.script import Event
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option, quoted
-from mjrun.formats.atomic_output import OutputWriter
+from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import (
-    CalibrationOutput,
     VideoOrImageFile,
     camera_names,
     frame_size,
     panels_of,
     unused_options,
 )
-from mjrun.outputs.output import BackendsAndWorkers, Context, EventSteps, OutputResult
+from mjrun.outputs.frame_schedule import FrameSchedule
+from mjrun.outputs.output import BackendsAndWorkers, Context, OutputResult
 from mjrun.outputs.recorded_scene import (
+    PlacedScene,
     R_co,
-    RecordedFrames,
     SceneJob,
     ScenePlan,
-    Scheduler,
+    SceneStates,
     check_once,
     check_scene,
+    open_states,
     plan_scene,
+    state_taps,
 )
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.recorded_states import StateBuffer
@@ -240,6 +242,7 @@ class VideoOrImageJob(ViewOptions, SceneJob[R_co]):
 
     @property
     def is_measured(self) -> bool:
+        """True if the frames measure what exists, and must not show what the simulation lacks unless requested."""
         return any(view != "rgb" for view in self.view)
 
 
@@ -274,20 +277,21 @@ class FramePlan:
 def plan_frames(
     job: VideoOrImageJob[OutputResult],
     context: Context,
-    scheduler: Scheduler,
     plots: Sequence[str] = (),
     side: str = "under",
+    *,
+    events: Mapping[OptionPath, Event] | None = None,
 ) -> FramePlan:
-    """Resolves every name in the model and schedules the frames unless events decide.
+    """Resolves every name in the model.
 
     Args:
-      scheduler: schedules the frames, at once unless events decide.
       plots: the values to plot, one graph each, on this `side`.
+      events: events that the output waits for in addition to those of shots, keyed by option path.
 
     Raises:
       UsageError: a name is unknown, or a value invalid.
     """
-    scene = plan_scene(job, context, scheduler)
+    scene = plan_scene(job, context, job.camera, events=events, is_measured=job.is_measured)
     probes, overlay = None, Overlay()
     if job.text or plots:
         probes = overlay_probes(context.model, context.timeline, job.text, plots, context.episode)
@@ -296,104 +300,114 @@ def plan_frames(
     return FramePlan(job, scene, plots, probes, overlay)
 
 
-class DrawnFrames(RecordedFrames):
-    """The frames of a video or an image, recorded during the simulation and drawn after it.
-
-    Args:
-      files: the files that the frames are written to.
-      jobs: the number of processes, or `auto`.
+@dataclass(frozen=True, eq=False)
+class OpenFrames:
+    """The frames of a video or an image, which can be recorded and then drawn.
 
     Attributes:
+      files: the files that the frames are written to.
+      states: the recorded states.
+      values: the values of each frame in a text and in plots.
       backend: the detected backend.
-      facts: facts for the manifest.
       processes: the processes that draw.
     """
 
-    def __init__(
-        self,
-        plan: FramePlan,
-        files: Sequence[VideoOrImageFile],
-        stack: ExitStack,
-        renderers: BackendsAndWorkers,
-        jobs: int | str = 1,
-    ) -> None:
-        super().__init__(plan.scene, stack)
-        job, schedule = plan.job, plan.scene.schedule
-        self._plan, self._files, self._stack = plan, files, stack
-        self.processes = DrawingProcesses(job, jobs, renderers, self._reporter)
-        if schedule and lacks_gpu():
-            self.processes.start(len(schedule.steps), software=True)  # while the backend is being detected
-        self.backend = renderers.backend(job)
-        if schedule:
-            self.processes.start(len(schedule.steps), software=self.backend.software)
-        for text in self._warnings():
-            self._reporter.warn(text)
-        facts = plan.scene.context.facts(job, schedule.observed if schedule else None)
-        self.facts = {**facts, "renderer": self.backend.renderer}
-        self._values: list[FrameValues] = []
-        self._calibration: CalibrationOutput | None = None
+    plan: FramePlan
+    files: Sequence[VideoOrImageFile]
+    states: SceneStates
+    values: list[FrameValues]
+    backend: Backend
+    processes: "DrawingProcesses"
 
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
-        taps, probes = [*super().taps(event_steps)], self._plan.probes
-        if probes and not probes.idle:
-            taps.append(Tap(self.schedule.steps, probes.read, self._values.append))
-        return taps
+    def facts(self, schedule: FrameSchedule | None) -> dict[str, object]:
+        """Returns facts for the manifest, from the schedule if it is known."""
+        facts = self.plan.scene.context.facts(self.plan.job, schedule.observed if schedule else None)
+        return {**facts, "renderer": self.backend.renderer}
 
-    def compositor(self, legend: bool = False) -> SceneCompositor:
-        """Returns the compositor of all files, once the scene is placed.
 
-        Args:
-          legend: coloured segmentations list what is in view.
-        """
-        plan, overlay, schedule = self._plan, self._plan.overlay, self.schedule
-        if plan.probes:
-            overlay = plan.probes.overlay(
-                overlay, self._values, schedule.steps, schedule.speeds, plan.scene.context.timeline
-            )
-        streams = [file.stream(plan.job, overlay, legend) for file in self._files]
-        return scene_compositor(plan.job, self.model, self.backend, streams, self.poses, self.decorations())
+def open_frames(
+    plan: FramePlan,
+    schedule: FrameSchedule | None,
+    files: Sequence[VideoOrImageFile],
+    stack: ExitStack,
+    renderers: BackendsAndWorkers,
+    jobs: int | str = 1,
+) -> OpenFrames:
+    """Makes room for the states of frames, waits for the backend, and starts the processes that draw.
 
-    def images(self, compositor: SceneCompositor) -> Generator[Sequence[np.ndarray]]:
-        """Draws every frame, and yields its pixels in each file, which are valid until the next one is requested.
+    Args:
+      schedule: the schedule of the frames; None if events decide.
+      files: the files that the frames are written to.
+      jobs: the number of processes, or `auto`.
 
-        Raises:
-          MjrunError: a frame cannot be rendered.
-        """
-        self._choose_depth_colours(compositor)
-        total = len(self.states)
-        for index, frame in enumerate(self.processes.frames(compositor, self.states, self.backend)):
-            yield compositor.parts(frame)
-            self._reporter.progress("frames", index + 1, total)
+    Raises:
+      RendererError: no backend works.
+      UsageError: the renderer does not support the options.
+    """
+    context = plan.scene.context
+    states = open_states(plan.scene, stack)
+    processes = DrawingProcesses(plan.job, jobs, renderers, context.reporter)
+    if schedule and lacks_gpu():
+        processes.start(len(schedule.steps), software=True)  # while the backend is being detected
+    backend = renderers.backend(plan.job)
+    if schedule:
+        processes.start(len(schedule.steps), software=backend.software)
+    for text in _drawing_warnings(plan, files, backend):
+        context.reporter.warn(text)
+    return OpenFrames(plan, files, states, [], backend, processes)
 
-    def open_calibration(self, numbers: bool) -> None:
-        """Opens the calibration file if requested; `numbers` states that depth is stored as 16-bit images."""
-        if self._plan.job.calibration is not None:
-            self._calibration = CalibrationOutput(self._plan.job, self._scene.motions, self._files, numbers)
-            self._stack.enter_context(self._calibration.writer)
 
-    def calibrate(self) -> list[OutputWriter]:
-        """Writes the calibration of every frame, and returns its writer if calibration was requested."""
-        if self._calibration is None:
-            return []
-        for index, (poses, time) in enumerate(zip(self.poses, self.times, strict=True)):
-            self._calibration.write(poses, index, time)
-        return [self._calibration.writer]
+def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: Backend) -> list[str]:
+    """Returns warnings about what the renderer omits, and about options without effect."""
+    job, context = plan.job, plan.scene.context
+    replay_remarks = context.simulation.replay_remarks(context.model)
+    remarks = [text for each in plan.scene.decorations for text in each.remarks if text not in replay_remarks]
+    unused = unused_options(job, plan.plots) if all(file.exact for file in files) else []
+    return [*check_drawing(job, context.model, backend), *remarks, *unused]
 
-    def _choose_depth_colours(self, compositor: SceneCompositor) -> None:
-        """Chooses the colour range of depth from sampled frames, unless a range was set."""
-        coloured = any(panel.view == "depth" and not s.exact for s in compositor.streams for panel in s.panels)
-        if coloured and not compositor.ranges:
-            compositor.open()
-            chosen = dict.fromkeys(np.linspace(0, len(self.states) - 1, DEPTH_SAMPLES).astype(int).tolist())
-            compositor.choose_ranges({index: self.states[index] for index in chosen})
 
-    def _warnings(self) -> list[str]:
-        """Returns warnings about what the renderer omits, and about options without effect."""
-        job, context = self._plan.job, self._scene.context
-        replay_remarks = context.simulation.replay_remarks(context.model)
-        remarks = [text for each in self._scene.decorations for text in each.remarks if text not in replay_remarks]
-        unused = unused_options(job, self._plan.plots) if all(file.exact for file in self._files) else []
-        return [*check_drawing(job, context.model, self.backend), *remarks, *unused]
+def frame_taps(frames: OpenFrames, schedule: FrameSchedule) -> list[AnyTap]:
+    """Returns the taps that record everything that the frames show."""
+    taps, probes = state_taps(frames.plan.scene, schedule, frames.states), frames.plan.probes
+    if probes and not probes.idle:
+        taps.append(Tap(schedule.steps, probes.read, frames.values.append))
+    return taps
+
+
+def frame_compositor(frames: OpenFrames, scene: PlacedScene, *, legend: bool = False) -> SceneCompositor:
+    """Returns the compositor of all files.
+
+    Args:
+      legend: coloured segmentations list what is in view.
+    """
+    plan, overlay, schedule = frames.plan, frames.plan.overlay, scene.schedule
+    if plan.probes:
+        timeline = plan.scene.context.timeline
+        overlay = plan.probes.overlay(overlay, frames.values, schedule.steps, schedule.speeds, timeline)
+    streams = [file.stream(plan.job, overlay, legend) for file in frames.files]
+    return scene_compositor(plan.job, scene.model, frames.backend, streams, scene.poses, scene.decorations)
+
+
+def draw_frames(frames: OpenFrames, scene: PlacedScene, compositor: SceneCompositor) -> Generator[Sequence[np.ndarray]]:
+    """Draws every frame, and yields its pixels in each file, which are valid until the next one is requested.
+
+    Raises:
+      MjrunError: a frame cannot be rendered.
+    """
+    _choose_depth_colours(compositor, scene.states)
+    reporter, total = frames.plan.scene.context.reporter, len(scene.states)
+    for index, frame in enumerate(frames.processes.frames(compositor, scene.states, frames.backend)):
+        yield compositor.parts(frame)
+        reporter.progress("frames", index + 1, total)
+
+
+def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> None:
+    """Chooses the colour range of depth from sampled frames, unless a range was set."""
+    coloured = any(panel.view == "depth" and not s.exact for s in compositor.streams for panel in s.panels)
+    if coloured and not compositor.ranges:
+        compositor.open()
+        chosen = dict.fromkeys(np.linspace(0, len(states) - 1, DEPTH_SAMPLES).astype(int).tolist())
+        compositor.choose_ranges({index: states[index] for index in chosen})
 
 
 def check_view(options: ViewOptions) -> None:

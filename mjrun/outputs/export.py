@@ -1,17 +1,16 @@
 """Export output: the scene of a simulation, with its motion, in a format of other programs."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.camera.script import CameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.atomic_output import OutputWriter
@@ -26,7 +25,16 @@ from mjrun.outputs import output
 from mjrun.outputs.event_detection import Mark, MarkDetector
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.outputs.recorded_scene import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
+from mjrun.outputs.recorded_scene import (
+    PlacedScene,
+    SceneJob,
+    ScenePlan,
+    check_scene,
+    open_states,
+    place_scene,
+    plan_scene,
+    state_taps,
+)
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import RowFile
 from mjrun.physics.simulation_loop import AnyTap, Tap
@@ -38,14 +46,13 @@ from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track, camera_lens
 from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
-from mjrun.timeline import Timeline
+
+if TYPE_CHECKING:
+    from mjrun.outputs.drawn_frames import FramePlan, OpenFrames
 
 NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
 BLOCK = 64  # frames whose contacts are converted at once
-
-# Opens what records the states of the frames, which can then be drawn if the file holds images.
-OpenFrames = Callable[[ExitStack, output.BackendsAndWorkers], RecordedFrames]
 
 
 @options
@@ -101,31 +108,44 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         if self.images is not None and not self.camera:
             raise UsageError(f"{option('images')} requires {option('camera')}", path=("images",))
 
-    def schedule(
-        self, scripts: Sequence[CameraScript], timeline: Timeline, event_steps: output.EventSteps
-    ) -> FrameSchedule:
-        """Schedules the frames, with the shots of cameras if there are any.
+    def schedule(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
+        """Schedules the frames, with the shots of cameras if there are any, and warns about those that are not shown.
 
         Raises:
           UsageError: an event does not happen, or the schedule is impossible.
         """
-        if scripts:
-            return video_schedule(scripts, timeline, event_steps, fps=self.fps, speed=self.speed)
-        steps = timeline.frames(self.fps, self.speed)
-        times = [float(k / self.fps) for k in range(len(steps))]
-        return FrameSchedule(steps, times, [float(self.speed)] * len(steps), [], timeline)
+        timeline = scene.context.timeline
+        if not scene.scripts:
+            steps = timeline.frames(self.fps, self.speed)
+            times = [float(k / self.fps) for k in range(len(steps))]
+            return FrameSchedule(steps, times, [float(self.speed)] * len(steps), [], timeline)
+        schedule = video_schedule(scene.scripts, timeline, event_steps, fps=self.fps, speed=self.speed)
+        for text in schedule.warnings:
+            scene.context.reporter.warn(text)
+        return schedule
 
     def plan(self, context: output.Context) -> "output.Plan[ExportResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
-        scene, open_frames = self._scene(context)
-        table, steps = self._table(context)
-        count = None if scene.schedule is None else len(scene.schedule.steps)
+        images = self._images(context) if self.renderer_options else None
+        scene = images.scene if images else plan_scene(self, context, self.cameras)
+        schedule = None if scene.conditions else self.schedule(scene, {})
+        table, rows = self._table(context)
+        count = None if schedule is None else len(schedule.steps)
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
-        preview = output.Preview("export", self.output, count, "frames", (), about)
         detector = self._detector(context)
-        open_export = partial(ExportOutput, self, scene, open_frames, table, steps, detector)
-        flags = (table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0)
-        return output.Plan(preview, context.timeline.steps, open_export, flags, scene.conditions)
+        return ExportPlan(
+            preview=output.Preview("export", self.output, count, "frames", (), about),
+            until=context.timeline.steps,
+            enable_flags=(table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0),
+            conditions=scene.conditions,
+            job=self,
+            scene=scene,
+            images=images,
+            schedule=schedule,
+            table=table,
+            rows=rows,
+            detector=detector,
+        )
 
     @property
     def renderer_options(self) -> RendererOptions | None:
@@ -137,20 +157,13 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         columns = self.file_format.columns
         return {"plot": self.plot, "probe": self.probe}.get(columns, ()) or self.file_format.probes
 
-    def _scene(self, context: output.Context) -> tuple[ScenePlan, OpenFrames]:
-        """Plans the scene, and images of its frames if the file holds any."""
-        if self.renderer_options is None:
-            scene = plan_scene(self, context, self.schedule, self.cameras)
-            return scene, lambda stack, _: RecordedFrames(scene, stack)
-        from mjrun.outputs.drawn_frames import DrawnFrames, plan_frames  # which imports the renderers
+    def _images(self, context: output.Context) -> "FramePlan":
+        """Plans the images that the file holds."""
+        from mjrun.outputs.drawn_frames import plan_frames  # which imports the renderers
         from mjrun.outputs.video import VideoInMemory
 
         values = values_of(self, SceneOptions)
-        job = VideoInMemory(
-            self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
-        )
-        plan = plan_frames(job, context, self.schedule)
-        return plan.scene, lambda stack, renderers: DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
+        return plan_frames(VideoInMemory(self.simulation, "images/", separate=True, **values), context)
 
     def _detector(self, context: output.Context) -> MarkDetector | None:
         """Parses the events and the assertions, if any."""
@@ -280,7 +293,7 @@ class ExportedScene:
       job: the options.
       context: the simulation, its model and its timeline.
       facts: the facts of the manifest.
-      frames: the states of all frames, their times, and the poses of the cameras.
+      frames: the states of all frames, their times, the poses of the cameras, and the decorations.
       values: the measured values; None without any.
       marks: events, and assertions with their outcomes.
       contacts: the contacts of each frame; None if the format does not hold them.
@@ -290,7 +303,8 @@ class ExportedScene:
         self,
         job: Export,
         plan: ScenePlan,
-        frames: RecordedFrames,
+        frames: PlacedScene,
+        images: "OpenFrames | None",
         values: MeasuredValues | None,
         marks: Sequence[Mark],
         contacts: FrameContacts | None,
@@ -298,7 +312,7 @@ class ExportedScene:
     ) -> None:
         self.job, self.context, self.frames, self.facts = job, plan.context, frames, facts
         self.values, self.marks, self.contacts = values, marks, contacts
-        self._plan = plan
+        self._plan, self._images = plan, images
 
     @property
     def generator(self) -> str:
@@ -331,10 +345,10 @@ class ExportedScene:
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
-        from mjrun.outputs.drawn_frames import DrawnFrames
+        from mjrun.outputs.drawn_frames import draw_frames, frame_compositor
 
-        assert isinstance(self.frames, DrawnFrames)
-        return self.frames.images(self.frames.compositor())
+        assert self._images
+        return draw_frames(self._images, self.frames, frame_compositor(self._images, self.frames))
 
     @cached_property
     def layers(self) -> Sequence[str]:
@@ -357,7 +371,7 @@ class ExportedScene:
 
     @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
-        model, decorations = self.model, self.frames.decorations()
+        model, decorations = self.model, self.frames.decorations
         request = SceneRequest(
             options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
@@ -402,26 +416,50 @@ class ExportedScene:
         return replace(graph, nodes=nodes), replace(motion, tracks=tracks)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExportPlan(output.Plan[ExportResult]):
+    """A planned export.
+
+    Attributes:
+      images: the images that the file holds, if any.
+      schedule: the schedule of the frames; None if events decide.
+      table: the measured values, if any.
+      rows: the steps of their rows; None for those of the frames.
+      detector: detects marks on the time line, if any.
+    """
+
+    job: Export
+    scene: ScenePlan
+    images: "FramePlan | None"
+    schedule: FrameSchedule | None
+    table: ProbeSampler | None
+    rows: Sequence[int] | None
+    detector: MarkDetector | None
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "ExportOutput":
+        return ExportOutput(self, stack, renderers)
+
+
 class ExportOutput(output.Output[ExportResult]):
     """An export with an open file."""
 
-    def __init__(
-        self,
-        job: Export,
-        plan: ScenePlan,
-        open_frames: OpenFrames,
-        table: ProbeSampler | None,
-        rows: Sequence[int] | None,
-        detector: MarkDetector | None,
-        stack: ExitStack,
-        renderers: output.BackendsAndWorkers,
-    ) -> None:
-        self._job, self._plan, self._context = job, plan, plan.context
+    _schedule: FrameSchedule
+
+    def __init__(self, plan: ExportPlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+        job = self._job = plan.job
+        self._plan, self._context = plan, plan.scene.context
         self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
-        self._frames = open_frames(stack, renderers)
-        self._table, self._steps = table, rows
-        self._rows = stack.enter_context(closing(RowFile(len(table.columns) if table else 0)))
-        self._detector = detector
+        self._images: OpenFrames | None = None
+        if plan.images:
+            from mjrun.outputs.camera_panels import panel_files
+            from mjrun.outputs.drawn_frames import open_frames
+
+            files = panel_files(plan.images.job, plan.images.job.output)
+            self._images = open_frames(plan.images, plan.schedule, files, stack, renderers, job.jobs)
+        self._states = self._images.states if self._images else open_states(plan.scene, stack)
+        self._table, self._steps = plan.table, plan.rows
+        self._rows = stack.enter_context(closing(RowFile(len(plan.table.columns) if plan.table else 0)))
+        self._detector = plan.detector
         self._contacts: ContactRecorder | None = None
         if job.file_format.contacts:
             self._contacts = stack.enter_context(closing(ContactRecorder(self._context.model)))
@@ -432,24 +470,26 @@ class ExportOutput(output.Output[ExportResult]):
         self._size = 0
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        taps = [*self._frames.taps(event_steps)]
+        self._schedule = self._plan.schedule or self._job.schedule(self._plan.scene, event_steps)
+        taps = state_taps(self._plan.scene, self._schedule, self._states)
         if self._table:
-            self._steps = self._frames.schedule.steps if self._steps is None else self._steps
+            self._steps = self._schedule.steps if self._steps is None else self._steps
             self._buffer = RowBuffer(self._table, self._steps, lambda block: self._rows.extend(block.values))
             taps.append(Tap(self._steps, self._table.read, self._buffer.add))
         if self._contacts:
-            taps.append(self._contacts.tap(self._frames.schedule.steps))
+            taps.append(self._contacts.tap(self._schedule.steps))
         if self._detector:
             taps.append(self._detector.tap(self._context.timeline.steps))
         return taps
 
     def draw(self) -> None:
         """Writes the scene, and draws its images as the format asks for them."""
-        self._frames.place_scene()
+        placed = place_scene(self._plan.scene, self._schedule, self._states)
         marks, self._verdicts = self._detector.finish() if self._detector else ((), ())
         self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
-        contacts = self._contacts.contacts(len(self._frames.states)) if self._contacts else None
-        scene = ExportedScene(self._job, self._plan, self._frames, self._measured(), marks, contacts, self.facts)
+        contacts = self._contacts.contacts(len(placed.states)) if self._contacts else None
+        values, plan = self._measured(), self._plan.scene
+        scene = ExportedScene(self._job, plan, placed, self._images, values, marks, contacts, self.facts)
         write = self._job.file_format.write
         assert write
         with self._writer.writing():
@@ -458,7 +498,7 @@ class ExportOutput(output.Output[ExportResult]):
             self._size = self._file.tell() if self._file.seekable() else 0
 
     def written(self) -> Sequence[OutputWriter]:
-        self.facts = {**self.facts, "frames": len(self._frames.states)}
+        self.facts = {**self.facts, "frames": len(self._states.frames)}
         return [self._writer]
 
     def _measured(self) -> MeasuredValues | None:
@@ -468,7 +508,7 @@ class ExportOutput(output.Output[ExportResult]):
         return MeasuredValues(self._table.columns, self._steps, self._rows)
 
     def result(self, files: Sequence[Path], simulation_wall: float) -> ExportResult:
-        job, timeline, count = self._job, self._context.timeline, len(self._frames.states)
+        job, timeline, count = self._job, self._context.timeline, len(self._states.frames)
         return ExportResult(
             path=job.output,
             format=job.file_format.name,

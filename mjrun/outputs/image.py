@@ -1,15 +1,15 @@
 """Image output: a video of one frame, whose pixels may be numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from mjrun.camera.script import CameraScript, Event
+from mjrun.camera.script import Event
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
@@ -20,11 +20,19 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, output_files, panel_files
-from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
+from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
+from mjrun.outputs.drawn_frames import (
+    FramePlan,
+    VideoOrImageJob,
+    frame_compositor,
+    frame_taps,
+    open_frames,
+    plan_frames,
+)
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
+from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan, place_scene
 from mjrun.physics.simulation_loop import AnyTap
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation
@@ -61,10 +69,6 @@ class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
         """
         return [_image_file(self, file) for file in panel_files(self, self.output)]
 
-    @property
-    def events(self) -> Mapping[OptionPath, Event]:
-        return {("time", "when"): self.time} if isinstance(self.time, Event) else {}
-
     def check(self) -> None:
         """Checks the formats.
 
@@ -73,28 +77,30 @@ class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
         """
         _ = self.formatted_files
 
-    def schedule(
-        self, scripts: Sequence[CameraScript], timeline: Timeline, event_steps: output.EventSteps
-    ) -> FrameSchedule:
+    def schedule(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
         """Schedules the single frame.
-
-        Args:
-          scripts: the script of each camera.
 
         Raises:
           UsageError: an event does not happen.
         """
-        return image_schedule(scripts, timeline, event_steps, step=_step(self, timeline, event_steps))
+        timeline = scene.context.timeline
+        return image_schedule(scene.scripts, timeline, event_steps, step=_step(self, timeline, event_steps))
 
     def plan(self, context: output.Context) -> "output.Plan[ImageResult]":
         """Resolves every name in the model, and the step unless events decide."""
-        frames, file = plan_frames(self, context, self.schedule), self.formatted_files[0]
-        when = "at an event" if frames.scene.schedule is None else f"at {frames.scene.schedule.times[0]:g} s"
-        until = context.timeline.steps if frames.scene.schedule is None else frames.scene.schedule.steps[0]
+        events: dict[OptionPath, Event] = {("time", "when"): self.time} if isinstance(self.time, Event) else {}
+        frames, file = plan_frames(self, context, events=events), self.formatted_files[0]
+        schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
+        when = "at an event" if schedule is None else f"at {schedule.times[0]:g} s"
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
-        preview = output.Preview("image", self.output, 1, "image", frames.size_of(file), about)
-        return output.Plan(
-            preview, until, partial(ImageOutput, self, frames), frames.enable_flags, frames.scene.conditions
+        return ImagePlan(
+            preview=output.Preview("image", self.output, 1, "image", frames.size_of(file), about),
+            until=context.timeline.steps if schedule is None else schedule.steps[0],
+            enable_flags=frames.enable_flags,
+            conditions=frames.scene.conditions,
+            job=self,
+            frames=frames,
+            schedule=schedule,
         )
 
 
@@ -139,30 +145,56 @@ class ImageFile(VideoOrImageFile):
         return self.panels[0].view if self.exact else "rgb"
 
 
+@dataclass(frozen=True, kw_only=True)
+class ImagePlan(output.Plan[ImageResult]):
+    """A planned image.
+
+    Attributes:
+      schedule: the schedule of its frame; None if events decide.
+    """
+
+    job: Image
+    frames: FramePlan
+    schedule: FrameSchedule | None
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "ImageOutput":
+        return ImageOutput(self, stack, renderers)
+
+
 class ImageOutput(output.Output[ImageResult]):
     """An image with open files."""
 
-    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
-        files = job.formatted_files
-        self._job, self._plan, self._frames = job, plan, DrawnFrames(plan, files, stack, renderers)
-        self.facts = self._frames.facts
+    _schedule: FrameSchedule
+    _scene: PlacedScene
+
+    def __init__(self, plan: ImagePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+        job, files = plan.job, plan.job.formatted_files
+        self._plan, self._job = plan, job
+        self._frames = open_frames(plan.frames, plan.schedule, files, stack, renderers)
+        self.facts = self._frames.facts(plan.schedule)
         self._writers: list[ImageWriter] = []
         for file in files:
-            size, tags = plan.size_of(file), output.metadata_tags(file.target, self.facts)
+            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self.facts)
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
-        self._frames.open_calibration(numbers=any(file.view == "depth" and file.format == "png" for file in files))
+        self._calibration: CalibrationOutput | None = None
+        if job.calibration is not None:
+            numbers = any(file.view == "depth" and file.format == "png" for file in files)
+            self._calibration = CalibrationOutput(job, plan.frames.scene.motions, files, numbers)
+            stack.enter_context(self._calibration.writer)
         self._pointcloud: PointCloudWriter | None = None
         if job.pointcloud is not None:
-            labels = Segmentation(plan.scene.context.model, job.seg_by).legend if "seg" in job.view else None
+            model = plan.frames.scene.context.model
+            labels = Segmentation(model, job.seg_by).legend if "seg" in job.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        return self._frames.taps(event_steps)
+        self._schedule = self._plan.schedule or self._job.schedule(self._plan.frames.scene, event_steps)
+        return frame_taps(self._frames, self._schedule)
 
     def draw(self) -> None:
-        self._frames.place_scene()
-        compositor = self._frames.compositor(self._job.legend)
+        self._scene = place_scene(self._plan.frames.scene, self._schedule, self._frames.states)
+        compositor = frame_compositor(self._frames, self._scene, legend=self._job.legend)
         pictures = self._pictures(compositor)
         for index in range(len(self._writers)):
             self._write(index, compositor, pictures)
@@ -171,18 +203,22 @@ class ImageOutput(output.Output[ImageResult]):
                 self._pointcloud.write(picture)
         if self._clipped:
             text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
-            self._plan.scene.context.reporter.warn(text)
+            self._plan.frames.scene.context.reporter.warn(text)
 
     def written(self) -> Sequence[OutputWriter]:
-        return [*self._writers, *self._frames.calibrate(), *([self._pointcloud] if self._pointcloud else [])]
+        writers: list[OutputWriter] = [*self._writers]
+        if self._calibration:
+            self._calibration.write(self._scene.poses[0], 0, self._scene.times[0])
+            writers.append(self._calibration.writer)
+        return [*writers, *([self._pointcloud] if self._pointcloud else [])]
 
     def result(self, files: Sequence[Path], simulation_wall: float) -> ImageResult:
-        backend, schedule = self._frames.backend, self._frames.schedule
+        backend, schedule = self._frames.backend, self._scene.schedule
         return ImageResult(
             path=self._job.output,
             paths=[str(file) for file in files],
             format=self._job.formatted_files[0].format,
-            size=self._plan.size_of(self._job.formatted_files[0]),
+            size=self._plan.frames.size_of(self._job.formatted_files[0]),
             time=schedule.times[0],
             step=schedule.steps[0],
             clipped=self._clipped,
@@ -197,7 +233,7 @@ class ImageOutput(output.Output[ImageResult]):
 
     def _pictures(self, compositor: SceneCompositor) -> list[RenderedView]:
         """Renders the view of each camera."""
-        job, state = self._job, self._frames.states[0]
+        job, state = self._job, self._scene.states[0]
         try:
             compositor.open()
             if not compositor.ranges and "depth" in job.view:

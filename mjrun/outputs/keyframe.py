@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +82,7 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
         numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
         about = f"{clean(self.name)}, {numbers} numbers"
         preview = output.Preview("keyframe", self.output, 1, "key", [numbers], about)
-        return output.Plan(preview, step, partial(KeyframeOutput, self, context, step, file, xml))
+        return KeyframePlan(preview=preview, until=step, job=self, context=context, source=file, xml=xml)
 
 
 @dataclass(frozen=True)
@@ -102,25 +101,29 @@ class KeyframeResult(output.OutputResult):
     step: int
 
 
-class KeyframeOutput(output.Output[KeyframeResult]):
-    """A keyframe with an open file.
+@dataclass(frozen=True, kw_only=True)
+class KeyframePlan(output.Plan[KeyframeResult]):
+    """A planned keyframe at the step `until`.
 
-    Args:
-      step: the instant to save.
+    Attributes:
       source, xml: the main file of the model and its content.
     """
 
-    def __init__(
-        self,
-        job: Keyframe,
-        context: output.Context,
-        step: int,
-        source: Path,
-        xml: bytes,
-        stack: ExitStack,
-        _: output.BackendsAndWorkers,
-    ) -> None:
-        self._job, self._context, self._step = job, context, step
+    job: Keyframe
+    context: output.Context
+    source: Path
+    xml: bytes
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "KeyframeOutput":
+        return KeyframeOutput(self, stack)
+
+
+class KeyframeOutput(output.Output[KeyframeResult]):
+    """A keyframe with an open file."""
+
+    def __init__(self, plan: KeyframePlan, stack: ExitStack) -> None:
+        job, context = plan.job, plan.context
+        self._job, self._context, self._step = job, context, plan.until
         self._state = np.empty(0)
         model, origin = context.model, job.simulation.source
         if origin.overrides:
@@ -128,7 +131,7 @@ class KeyframeOutput(output.Output[KeyframeResult]):
             overrides = listing([str(override) for override in origin.overrides])
             context.reporter.warn(f"{job.output} holds the model without its overrides: {overrides} is left out")
         self.facts = context.facts(job)
-        self._writer = stack.enter_context(KeyframeWriter(job.output, source, xml, job.name, model))
+        self._writer = stack.enter_context(KeyframeWriter(job.output, plan.source, plan.xml, job.name, model))
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return [Tap([self._step], lambda stepper: stepper.state(), self._take)]

@@ -7,14 +7,15 @@ The pass in `perform` calls, in this order:
 
 - of each job, `files` and `check`, and then `plan` with the compiled model, while the backend is being detected;
 - of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
-- of each output, `taps`, which are served in one simulation; then `draw` and `written`, which ends the encoders;
+- of each output, `taps`, which are served in one simulation, or `simulate` of a single one that reads blocks of steps;
+  then `draw` and `written`, which ends the encoders;
 - when its files are in their places, `result` and `remarks`.
 """
 
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from json import dumps
@@ -28,7 +29,7 @@ from mjrun.errors import UsageError, clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
-from mjrun.physics.simulation_loop import AnyTap, run_with_taps
+from mjrun.physics.simulation_loop import AnyTap
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.reporter import Reporter
@@ -195,10 +196,6 @@ class Output(ABC, Generic[R_co]):
           UsageError: an event that the output waits for does not happen.
         """
 
-    def simulate(self, stepper: Stepper, until: int) -> None:
-        """Runs the simulation up to step `until` for this output alone; overridden where blocks of steps are read."""
-        run_with_taps(stepper, self.taps({}), until)
-
     def draw(self) -> None:
         """Draws frames and figures into the files after the simulation, from what the taps recorded.
 
@@ -228,23 +225,33 @@ class Output(ABC, Generic[R_co]):
         return ()
 
 
-@dataclass(frozen=True)
-class Plan(Generic[R_co]):
+class BlockOutput(Output[R_co]):
+    """An output that can read blocks of steps, which takes less time than to read each of them."""
+
+    @abstractmethod
+    def simulate(self, stepper: Stepper, until: int) -> None:
+        """Runs the simulation up to step `until` for this output alone, instead of serving its taps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(ABC, Generic[R_co]):
     """An output for a model, with every name resolved and every number checked; nothing is open yet.
 
     Attributes:
       preview: description of the output.
       until: the last step that the output needs.
-      open: opens the files, whose unpublished ones the stack discards, and starts the renderers.
       enable_flags: MuJoCo enable flags that the measured values require.
       conditions: conditions of the events that the output waits for.
     """
 
     preview: Preview
     until: int
-    open: Callable[[ExitStack, BackendsAndWorkers], Output[R_co]]
     enable_flags: int = 0
     conditions: Sequence[str] = ()
+
+    @abstractmethod
+    def open(self, stack: ExitStack, renderers: BackendsAndWorkers) -> Output[R_co]:
+        """Opens the files, whose unpublished ones the stack discards, and starts the renderers."""
 
 
 @options

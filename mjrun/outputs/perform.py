@@ -3,7 +3,7 @@
 import copy
 import os
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -12,10 +12,20 @@ from typing import Generic, TypeVar
 
 from mjrun import errors
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import OutputWriter, move_together, publishing
+from mjrun.formats.atomic_output import MovedTogether, OutputWriter, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.outputs.output import BackendsAndWorkers, Context, Job, Output, OutputResult, Plan, Preview, ReservedFiles
+from mjrun.outputs.output import (
+    BackendsAndWorkers,
+    BlockOutput,
+    Context,
+    Job,
+    Output,
+    OutputResult,
+    Plan,
+    Preview,
+    ReservedFiles,
+)
 from mjrun.physics.simulation_loop import AnyTap, Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
@@ -24,19 +34,29 @@ from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
 
-T = TypeVar("T")
 R = TypeVar("R", bound=OutputResult)
 
-# Called with the facts of the manifest, the result and the files of each output that is published.
-Published = Callable[[Mapping[str, object], OutputResult, Sequence[Path]], None]
+
+@dataclass(frozen=True)
+class PublishedOutput:
+    """An output in its place: the facts of its manifest, its result, and its files."""
+
+    facts: Mapping[str, object]
+    result: OutputResult
+    files: Sequence[Path]
 
 
-def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published: Published | None = None) -> list[R]:
+def perform(
+    jobs: Sequence[Job[R]], reporter: Reporter | None = None, published: list[PublishedOutput] | None = None
+) -> list[R]:
     """Performs all `jobs` of one simulation in one pass, and returns their results.
 
     Errors that can be detected early are raised before the first step; nothing is made then. Later, a failing output
-    does not affect the others: all are drawn and finished before any is published, those that are complete are
-    published, and `published` is called for each.
+    does not affect the others: all are drawn and finished before any is published, and those that are complete are
+    published.
+
+    Args:
+      published: receives the published outputs, also if others fail.
 
     Raises:
       PartlyDoneError: some outputs were made and others failed.
@@ -56,7 +76,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
             pass_on(warnings, reporter)
         if current.episode:
             reporter.note(current.episode.sentence)
-        current.publish(tuple(warnings), published)
+        current.publish(tuple(warnings), [] if published is None else published)
 
     if error := current.error():
         error.results = current.results
@@ -104,20 +124,26 @@ def _plan(
     collected = _UsageErrors(alone=len(jobs) == 1)
     _check_files(jobs, collected)
     for index, job in enumerate(jobs):
-        collected.collect(index, partial(_check, job, renderers))
+        with collected.errors_of(index):
+            job.check()
+            if job.renderer_options is not None:
+                renderers.detect(job.renderer_options)
     collected.raise_all()
 
-    context = collected.collect(None, partial(_context, simulation, reporter))
+    with collected.errors_of(None):
+        context = _context(simulation, reporter)
     collected.raise_all()
-    assert context
 
-    plans = [plan for i, job in enumerate(jobs) if (plan := collected.collect(i, partial(job.plan, context)))]
+    plans = list[Plan[R]]()
+    for index, job in enumerate(jobs):
+        with collected.errors_of(index):
+            plans.append(job.plan(context))
     measured = copy.copy(context.model)
     for plan in plans:
         measured.opt.enableflags |= plan.enable_flags
-    stepper = collected.collect(None, partial(simulation.stepper, measured))
+    with collected.errors_of(None):
+        stepper = simulation.stepper(measured)
     collected.raise_all()
-    assert stepper
     return plans, context, stepper
 
 
@@ -128,12 +154,6 @@ def _context(simulation: Simulation, reporter: Reporter) -> Context:
     from mjrun.outputs.event_detection import final_timeline  # which few simulations need
 
     return Context(simulation, model, final_timeline(simulation, model), reporter)
-
-
-def _check(job: Job[OutputResult], renderers: BackendsAndWorkers) -> None:
-    job.check()
-    if job.renderer_options is not None:
-        renderers.detect(job.renderer_options)
 
 
 class _UsageErrors:
@@ -147,15 +167,15 @@ class _UsageErrors:
         self._alone = alone
         self._errors: list[tuple[int | None, errors.UsageError]] = []
 
-    def collect(self, index: int | None, function: Callable[[], T]) -> T | None:
-        """Returns the result of `function`, or None if it raises a UsageError, which is recorded for this job."""
+    @contextmanager
+    def errors_of(self, index: int | None) -> Generator[None]:
+        """Records a UsageError in the `with` block for the job with this index, or for all jobs if it is None."""
         try:
-            return function()
+            yield
         except errors.ControllerError:  # user code, with its traceback
             raise
         except errors.UsageError as error:
             self._errors.append((index, error))
-            return None
 
     def raise_all(self) -> None:
         """Raises the collected errors, if any."""
@@ -179,14 +199,11 @@ def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> 
     for path, owner in inputs:
         if os.path.realpath(path) not in rewritten:
             reserved.reserve_input(path, owner)
-    for i, job in enumerate(jobs):
-        for what, path in collected.collect(i, lambda job=job: job.files) or ():
-            collected.collect(i, partial(_reserve, reserved, what, path))
-
-
-def _reserve(reserved: ReservedFiles, name: str, path: str) -> None:
-    with errors.concerning(name):
-        reserved.reserve(path, f"the {name}")
+    for index, job in enumerate(jobs):
+        with collected.errors_of(index):
+            for name, path in job.files:
+                with collected.errors_of(index), errors.concerning(name):
+                    reserved.reserve(path, f"the {name}")
 
 
 class Pass(Generic[R]):
@@ -265,18 +282,27 @@ class Pass(Generic[R]):
                     part.finish()
                 self._writers[index] = writers
 
-    def publish(self, warnings: Sequence[str], published: Published | None) -> None:
+    def publish(self, warnings: Sequence[str], published: list[PublishedOutput]) -> None:
         """Moves the outputs that are complete to their places, each only together with its manifest; signals wait."""
         with publishing([writer for writers in self._writers.values() for writer in writers]):
             for index, writers in self._writers.items():
                 with self._failing(index):
-                    files, result, facts = self._publish(index, warnings)
-                    for text in self.outputs[index].remarks():
+                    output, manifest = self.outputs[index], self._manifests[index]
+                    wall = time.perf_counter() - self._start
+                    with MovedTogether() as together:
+                        files = [file for writer in writers for file in together.move(writer)]
+                        result = output.result(files, self._simulation_wall)
+                        result = replace(result, episode=self.episode, wall=wall, warnings=warnings)
+                        failure = None if self.instability is None else str(self.instability)
+                        facts = {**output.facts, "result": asdict(result), "failure": failure}
+                        if manifest:
+                            manifest.write(facts, files)
+                            together.move(manifest)
+                    for text in output.remarks():
                         self._context.reporter.warn(text)
                     self.results.append(result)
                     self._made += [str(part.destination.shown) for writer in writers for part in writer.together]
-                    if published:
-                        published(facts, result, files)
+                    published.append(PublishedOutput(facts, result, files))
 
     def error(self) -> errors.MjrunError | None:
         """Returns the error to raise at the end, if any."""
@@ -315,8 +341,12 @@ class Pass(Generic[R]):
         return [*failed, *([errors.GoldenDifferenceError(differences)] if differences else [])]
 
     def _simulate_alone(self, until: int) -> None:
+        (output,) = self.outputs
         try:
-            self.outputs[0].simulate(self._stepper, until)
+            if isinstance(output, BlockOutput):
+                output.simulate(self._stepper, until)
+            else:
+                run_with_taps(self._stepper, output.taps({}), until)
         except errors.SimulationError:
             raise
         except errors.MjrunError as error:
@@ -374,26 +404,3 @@ class Pass(Generic[R]):
             yield
         except errors.MjrunError as error:
             self.failures[index] = self._plans[index].preview.path, error
-
-    def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, Mapping[str, object]]:
-        """Moves an output and its manifest to their places; returns its files, its result and its facts."""
-        manifest = self._manifests[index]
-        wall = time.perf_counter() - self._start
-
-        def written(manifest: ManifestWriter, files: Sequence[Path]) -> ManifestWriter:
-            _, facts = self._described(index, files, wall, warnings)
-            manifest.write(facts, files)
-            return manifest
-
-        files = move_together(self._writers[index], partial(written, manifest) if manifest else None)
-        return files, *self._described(index, files, wall, warnings)
-
-    def _described(
-        self, index: int, files: Sequence[Path], wall: float, warnings: Sequence[str]
-    ) -> tuple[R, Mapping[str, object]]:
-        """Returns the result and the facts of an output whose files are in their places."""
-        output = self.outputs[index]
-        result = output.result(files, self._simulation_wall)
-        result = replace(result, episode=self.episode, wall=wall, warnings=warnings)
-        failure = None if self.instability is None else str(self.instability)
-        return result, {**output.facts, "result": asdict(result), "failure": failure}

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -58,8 +57,16 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
 
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
         preview = output.Preview("plot", self.output, len(steps), "samples", figure.grid.size, about)
-        open_plot = partial(PlotOutput, self, context, table, steps, figure)
-        return output.Plan(preview, context.timeline.steps, open_plot, table.model.opt.enableflags)
+        return PlotPlan(
+            preview=preview,
+            until=context.timeline.steps,
+            enable_flags=table.model.opt.enableflags,
+            job=self,
+            context=context,
+            table=table,
+            steps=steps,
+            figure=figure,
+        )
 
     def probe_sampler(self, context: output.Context) -> ProbeSampler:
         """Returns the sampler of the columns of all panels, so that each instant is computed once."""
@@ -107,25 +114,31 @@ class PlotResult(output.OutputResult):
     points: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
-class PlotOutput(output.Output[PlotResult]):
-    """A plot with an open file.
+@dataclass(frozen=True, kw_only=True)
+class PlotPlan(output.Plan[PlotResult]):
+    """A planned plot.
 
-    Args:
+    Attributes:
       table: the columns of all panels.
       steps: the steps of the samples.
       figure: the plan of the figure.
     """
 
-    def __init__(
-        self,
-        job: Plot,
-        context: output.Context,
-        table: ProbeSampler,
-        steps: Sequence[int],
-        figure: FigurePlan,
-        stack: ExitStack,
-        _: output.BackendsAndWorkers,
-    ) -> None:
+    job: Plot
+    context: output.Context
+    table: ProbeSampler
+    steps: Sequence[int]
+    figure: FigurePlan
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "PlotOutput":
+        return PlotOutput(self, stack)
+
+
+class PlotOutput(output.BlockOutput[PlotResult]):
+    """A plot with an open file."""
+
+    def __init__(self, plan: PlotPlan, stack: ExitStack) -> None:
+        job, context, table, steps, figure = plan.job, plan.context, plan.table, plan.steps, plan.figure
         self._job, self._context, self._table, self._steps, self._figure = job, context, table, steps, figure
         self._collectors = [figure.collector(index) for index in range(len(figure.tables))]
         self._buffer = RowBuffer(table, steps, lambda block: self.feed(0, table.names, block.values))

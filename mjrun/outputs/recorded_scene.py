@@ -5,7 +5,7 @@ While the simulation runs, the state of every frame is saved; what the frames sh
 
 import pkgutil
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from importlib import import_module
@@ -25,7 +25,7 @@ from mjrun.outputs import decorations
 from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
-from mjrun.outputs.output import Context, EventSteps, Job, OutputResult
+from mjrun.outputs.output import Context, Job, OutputResult
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.rendering.added_geoms import Decoration
@@ -34,9 +34,6 @@ from mjrun.rendering.visual import visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
-# Schedules frames from the scripts of the cameras, the timeline and the steps of events; raises UsageError if an event
-# does not happen or the schedule is impossible.
-Scheduler = Callable[[Sequence[CameraScript], Timeline, EventSteps], FrameSchedule]
 R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
@@ -49,16 +46,6 @@ class SceneJob(SceneOptions, Job[R_co]):
         """The camera scripts, and the files that ghosts follow."""
         scripts = [camera.file for camera in self.camera if isinstance(camera, CameraScript) and camera.file]
         return [*(("camera script", file) for file in scripts), *ghost_files(self)]
-
-    @property
-    def events(self) -> Mapping[OptionPath, Event]:
-        """Events that the output waits for in addition to those of shots, keyed by option path."""
-        return {}
-
-    @property
-    def is_measured(self) -> bool:
-        """True if the frames measure what exists, and must not show what the simulation lacks unless requested."""
-        return False
 
 
 class PlannedDecoration(Protocol):
@@ -106,9 +93,7 @@ class ScenePlan:
       decorations: trails, ghosts and the like.
       drawn_model: the model that is drawn.
       is_bare: whether it has a stage that the user has not requested.
-      conditions: the conditions of the events that the schedule depends on.
-      scheduler: schedules the frames once the events are known.
-      schedule: the schedule of the frames; None if events decide.
+      conditions: the conditions of the events that the schedule of the frames depends on.
     """
 
     context: Context
@@ -117,123 +102,122 @@ class ScenePlan:
     drawn_model: mujoco.MjModel
     is_bare: bool
     conditions: Sequence[str]
-    scheduler: Scheduler
-    schedule: FrameSchedule | None
+
+    @property
+    def scripts(self) -> list[CameraScript]:
+        """The script of each camera."""
+        return [motion.script for motion in self.motions]
 
 
 def plan_scene(
-    job: SceneJob[OutputResult], context: Context, scheduler: Scheduler, cameras: Sequence[object] | None = None
+    job: SceneJob[OutputResult],
+    context: Context,
+    cameras: Sequence[object],
+    *,
+    events: Mapping[OptionPath, Event] | None = None,
+    is_measured: bool = False,
 ) -> ScenePlan:
-    """Resolves every name in the model and schedules the frames unless events decide.
+    """Resolves every name in the model.
 
     Args:
-      scheduler: schedules the frames, at once unless events decide.
-      cameras: the cameras; by default, those of the job.
+      events: events that the output waits for in addition to those of shots, keyed by option path.
+      is_measured: the frames measure what exists, and must not show what the simulation lacks unless requested.
 
     Raises:
       UsageError: a name is unknown, or a value invalid.
     """
-    model = context.model
-    shown, source = job.camera if cameras is None else cameras, context.simulation.source
-    drawn, remark, is_framed = drawn_model(job, model, source, shown, is_measured=job.is_measured)
+    model, source = context.model, context.simulation.source
+    drawn, remark, is_framed = drawn_model(job, model, source, cameras, is_measured=is_measured)
     if remark:
         context.reporter.note(remark)
     with source.named_in_errors():
-        motions = camera_motions(shown, job.size, model, is_framed=is_framed)
-    scripts = [motion.script for motion in motions]
-    events = {**shot_events(scripts), **job.events}
-    awaited = conditions(events, model, context.episode) if events else ()
-    schedule = None if awaited else scheduler(scripts, context.timeline, {})
-    if schedule:
-        _warn(schedule, context)
+        motions = camera_motions(cameras, job.size, model, is_framed=is_framed)
+    awaited = {**shot_events([motion.script for motion in motions]), **(events or {})}
     return ScenePlan(
         context=context,
         motions=motions,
         decorations=planned_decorations(job, model, context.simulation),
         drawn_model=drawn,
-        is_bare=bool(remark) and not job.is_measured,
-        conditions=awaited,
-        scheduler=scheduler,
-        schedule=schedule,
+        is_bare=bool(remark) and not is_measured,
+        conditions=conditions(awaited, model, context.episode) if awaited else (),
     )
 
 
-def _warn(schedule: FrameSchedule, context: Context) -> None:
-    """Warns about shots that are not shown."""
-    for text in schedule.warnings:
-        context.reporter.warn(text)
-
-
-class RecordedFrames:
-    """The states of all frames, recorded during the simulation, and the scene that is placed for them afterwards.
+@dataclass(frozen=True, eq=False)
+class SceneStates:
+    """The states that are recorded during a simulation.
 
     Attributes:
-      states: the state of each frame, after the simulation.
-      schedule: the schedule of the frames, once the simulation begins.
-      model: the model that is drawn; its stage is in place after `place_scene`.
-      times: the simulated time of each frame [s], after `place_scene`.
-      poses: the poses of every camera for each frame, after `place_scene`.
+      frames: the state of each frame.
+      decorations: the states that each decoration needs.
     """
 
+    frames: StateBuffer
+    decorations: Sequence[StateBuffer]
+
+
+def open_states(plan: ScenePlan, stack: ExitStack) -> SceneStates:
+    """Returns room for the states of a scene, which the stack frees."""
+    frames, *others = (stack.enter_context(closing(StateBuffer(plan.context.model))) for _ in (0, *plan.decorations))
+    return SceneStates(frames, others)
+
+
+def state_taps(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -> list[AnyTap]:
+    """Returns the taps that record the states of frames and of decorations."""
+    taps: list[AnyTap] = [Tap(schedule.steps, lambda stepper: stepper.state(), states.frames.append)]
+    for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
+        taps.append(Tap(decoration.steps(schedule.observed), lambda stepper: stepper.state(), buffer.append))
+    return taps
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedScene:
+    """The scene at the frames that were recorded.
+
+    Attributes:
+      model: the model that is drawn, with its stage in place.
+      states: the state of each frame.
+      schedule: the schedule of these frames: fewer than planned if the simulation became unstable.
+      times: the simulated time of each frame [s].
+      poses: the poses of every camera for each frame.
+      decorations: the decorations of all frames.
+    """
+
+    model: mujoco.MjModel
+    states: StateBuffer
     schedule: FrameSchedule
     times: Sequence[float]
     poses: PoseArray
+    decorations: Sequence[Decoration]
 
-    def __init__(self, plan: ScenePlan, stack: ExitStack) -> None:
-        model = plan.context.model
-        self._scene, self._reporter, self.model = plan, plan.context.reporter, plan.drawn_model
-        self.states = stack.enter_context(closing(StateBuffer(model)))
-        self._decoration_states = [stack.enter_context(closing(StateBuffer(model))) for _ in plan.decorations]
 
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
-        """Returns the taps that record the states of frames and of decorations."""
-        plan = self._scene
-        if plan.schedule:
-            self.schedule = plan.schedule
-        else:
-            scripts = [motion.script for motion in plan.motions]
-            self.schedule = plan.scheduler(scripts, plan.context.timeline, event_steps)
-            _warn(self.schedule, plan.context)
-        taps: list[AnyTap] = [Tap(self.schedule.steps, lambda stepper: stepper.state(), self.states.append)]
-        for decoration, states in zip(plan.decorations, self._decoration_states, strict=True):
-            taps.append(Tap(decoration.steps(self.schedule.observed), lambda stepper: stepper.state(), states.append))
-        return taps
+def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -> PlacedScene:
+    """Places the stage, the cameras and the decorations for the frames that were recorded.
 
-    def place_scene(self) -> None:
-        """Places the stage and the cameras for the frames that were recorded: fewer if the simulation became unstable.
+    Raises:
+      UsageError: a camera coincides at some time with the point that it looks at.
+    """
+    model, context, frames, count = plan.drawn_model, plan.context, states.frames, len(states.frames)
+    if count < len(schedule.steps):
+        steps, moments, speeds = schedule.steps[:count], schedule.times[:count], schedule.speeds[:count]
+        schedule = replace(schedule, steps=steps, times=moments, speeds=speeds)
+    times = array("d", (float(context.timeline.time(step)) for step in schedule.steps))
+    if model is not context.model:
+        place_stage(model, frames[0])
+    if plan.is_bare and (remark := ground_remark(model, frames[0])):
+        context.reporter.note(remark)
 
-        Raises:
-          UsageError: a camera coincides at some time with the point that it looks at.
-        """
-        made, count, context = self.schedule, len(self.states), self._scene.context
-        if count < len(made.steps):
-            self.schedule = replace(
-                made, steps=made.steps[:count], times=made.times[:count], speeds=made.speeds[:count]
-            )
-        self.times = array("d", (float(context.timeline.time(step)) for step in self.schedule.steps))
-        if self.model is not context.model:
-            place_stage(self.model, self.states[0])
-        if self._scene.is_bare and (remark := ground_remark(self.model, self.states[0])):
-            self._reporter.note(remark)
-        self.poses = self._camera_poses()
-
-    def decorations(self) -> list[Decoration]:
-        """Returns the decorations of all frames."""
-        made = list[Decoration]()
-        for decoration, states in zip(self._scene.decorations, self._decoration_states, strict=True):
-            made += decoration.drawn(iter(states), self.times)
-        return made
-
-    def _camera_poses(self) -> PoseArray:
-        """Moves the cameras that frame their subject, and returns the poses of all cameras."""
-        motions, spans_of = self._scene.motions, self.schedule.spans
-        for motion, spans in zip(motions, spans_of, strict=True):
-            for text in motion.frame_subject(iter(self.states), self.times, spans):
-                self._reporter.note(text)
-        return PoseArray(
-            motion.poses(iter(self.states), self.times, self.schedule.times, spans)
-            for motion, spans in zip(motions, spans_of, strict=True)
-        )
+    for motion, spans in zip(plan.motions, schedule.spans, strict=True):
+        for text in motion.frame_subject(iter(frames), times, spans):
+            context.reporter.note(text)
+    poses = PoseArray(
+        motion.poses(iter(frames), times, schedule.times, spans)
+        for motion, spans in zip(plan.motions, schedule.spans, strict=True)
+    )
+    decorations = list[Decoration]()
+    for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
+        decorations += decoration.drawn(iter(buffer), times)
+    return PlacedScene(model, frames, schedule, times, poses, decorations)
 
 
 def check_scene(options: SceneOptions) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
@@ -27,7 +26,7 @@ class Recording(RecordingOptions, output.Job["RecordingResult"]):
         """Plans the recording; there is nothing to check."""
         size, steps = state.size(context.model), context.timeline.steps
         preview = output.Preview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
-        return output.Plan(preview, steps, partial(RecordingOutput, self, context))
+        return RecordingPlan(preview=preview, until=steps, job=self, context=context)
 
 
 @dataclass(frozen=True)
@@ -46,10 +45,21 @@ class RecordingResult(output.OutputResult):
     simulated: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class RecordingPlan(output.Plan[RecordingResult]):
+    """A planned recording."""
+
+    job: Recording
+    context: output.Context
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "RecordingOutput":
+        return RecordingOutput(self.job, self.context, stack)
+
+
 class RecordingOutput(output.Output[RecordingResult]):
     """A recording with an open file."""
 
-    def __init__(self, job: Recording, context: output.Context, stack: ExitStack, _: output.BackendsAndWorkers) -> None:
+    def __init__(self, job: Recording, context: output.Context, stack: ExitStack) -> None:
         model = context.model
         self._job, self._context = job, context
         self.facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}

@@ -1,6 +1,6 @@
 """The reports on a run: its result, and the HTML page about everything that it makes."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, field
 from pathlib import Path
@@ -15,7 +15,7 @@ from mjrun.outputs.export import ExportResult
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import Job, OutputResult
-from mjrun.outputs.perform import Published
+from mjrun.outputs.perform import PublishedOutput
 from mjrun.outputs.plot import PlotResult
 from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import Trace, TraceResult
@@ -57,10 +57,10 @@ class RunResult:
 
 
 @contextmanager
-def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[Published]:
-    """Yields the function that collects each published output for the page at `options.html`.
+def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[list[PublishedOutput]]:
+    """Yields the list to which the `with` block adds the outputs that the page at `options.html` is about.
 
-    The page is published at the end of the `with` block if anything was made, even if other outputs failed.
+    The page is published at the end of the block if anything was made, even if other outputs failed.
 
     Raises:
       MissingExtraError: there are tables to plot, and matplotlib is missing.
@@ -71,28 +71,39 @@ def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]
     if any(isinstance(job, Trace) and job.output != STDIN for job in jobs):
         require_matplotlib()
     with PageWriter(options.html) as writer:
-        contents = _Contents(options.html, options.embed_up_to)
+        published: list[PublishedOutput] = []
         try:
-            yield contents.add
+            yield published
         finally:
-            if contents.manifests:
-                _publish(writer, contents, title)
+            if published:
+                _publish(writer, options, title, published)
 
 
-def _publish(writer: PageWriter, contents: "_Contents", title: str) -> None:
+def _publish(writer: PageWriter, options: PageOptions, title: str, published: Sequence[PublishedOutput]) -> None:
     """Publishes the page; if that fails, the outputs remain."""
+    assert options.html is not None
+    contents = _Contents(options.html, options.embed_up_to)
     try:
+        for output in published:
+            contents.add(output)
         writer.write(contents.page(title))
         writer.publish()
     except MjrunError as error:
-        partly = PartlyDoneError(contents.made, [(contents.path, error)])
-        partly.results = contents.results
+        made = [path for output in published for path in _made(output)]
+        partly = PartlyDoneError(made, [(options.html, error)])
+        partly.results = [output.result for output in published]
         raise partly from None
+
+
+def _made(output: PublishedOutput) -> list[str]:
+    """Returns the paths of an output that a message lists."""
+    result, files = output.result, output.files
+    return _paths(result, files) if isinstance(result, VideoResult) else [*map(str, files)]
 
 
 @dataclass
 class _Contents:
-    """The published outputs so far."""
+    """The contents of the page."""
 
     path: str
     limit: float
@@ -101,14 +112,11 @@ class _Contents:
     verdicts: list[tuple[str, Verdict]] = field(default_factory=list[tuple[str, Verdict]])
     files: list[PageFile] = field(default_factory=list[PageFile])
     manifests: list[FileManifest] = field(default_factory=list[FileManifest])
-    results: list[OutputResult] = field(default_factory=list[OutputResult])
-    made: list[str] = field(default_factory=list[str])
 
-    def add(self, facts: Mapping[str, object], result: OutputResult, files: Sequence[Path]) -> None:
+    def add(self, output: PublishedOutput) -> None:
         """Adds a published output."""
-        self.results.append(result)
-        self.made += _paths(result, files) if isinstance(result, VideoResult) else map(str, files)
-        self.manifests.append(FileManifest(result.path, with_fingerprints(facts, files)))
+        result, files = output.result, output.files
+        self.manifests.append(FileManifest(result.path, with_fingerprints(output.facts, files)))
         for path in _paths(result, files):
             self.files.append(page_file(path, self.path, self.limit))
         if isinstance(result, TraceResult | ExportResult):

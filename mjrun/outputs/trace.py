@@ -5,7 +5,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +25,7 @@ from mjrun.options.trace import COMMENT, METADATA, GoldenOptions, TraceOptions
 from mjrun.outputs import output
 from mjrun.outputs.output import named_files
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, SampledRows, rate_warning
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import AnyTap, Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, select, selected_columns
@@ -118,8 +117,16 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
         count, path = len(table.columns), self.output if self.written else self.golden or "memory"
         about = f"{output_format(self.target, self.format).name}, {count} columns"
         preview = output.Preview("trace", path, len(steps), "rows", [count], about)
-        open_trace = partial(TraceOutput, self, context, table, steps, assertions)
-        return output.Plan(preview, context.timeline.steps, open_trace, table.model.opt.enableflags)
+        return TracePlan(
+            preview=preview,
+            until=context.timeline.steps,
+            enable_flags=table.model.opt.enableflags,
+            job=self,
+            context=context,
+            table=table,
+            steps=steps,
+            assertions=assertions,
+        )
 
 
 @dataclass(frozen=True)
@@ -153,19 +160,30 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
         return [TIME, *(selected_columns(model, probes, episode) if probes else available_columns(model, episode))]
 
 
-class TraceOutput(output.Output[TraceResult]):
-    """A trace with open files; `steps` are those of its rows."""
+@dataclass(frozen=True, kw_only=True)
+class TracePlan(output.Plan[TraceResult]):
+    """A planned trace.
 
-    def __init__(
-        self,
-        job: Trace,
-        context: output.Context,
-        table: ProbeSampler,
-        steps: Sequence[int],
-        assertions: "Sequence[Assertion]",
-        stack: ExitStack,
-        _: output.BackendsAndWorkers,
-    ) -> None:
+    Attributes:
+      table: its columns.
+      steps: the steps of its rows.
+    """
+
+    job: Trace
+    context: output.Context
+    table: ProbeSampler
+    steps: Sequence[int]
+    assertions: "Sequence[Assertion]"
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "TraceOutput":
+        return TraceOutput(self, stack)
+
+
+class TraceOutput(output.BlockOutput[TraceResult]):
+    """A trace with open files."""
+
+    def __init__(self, plan: TracePlan, stack: ExitStack) -> None:
+        job, context, table, steps = plan.job, plan.context, plan.table, plan.steps
         self._job, self._context, self._table, self._steps = job, context, table, steps
         self.facts = context.facts(job)
         self._format = output_format(job.target, job.format).name
@@ -182,7 +200,7 @@ class TraceOutput(output.Output[TraceResult]):
         if job.golden is not None:
             self._golden = GoldenTable(job, table.columns, self.facts, stack)
         self._rows_to = job.rows_to(table.columns) if job.rows_to else None
-        self._checkers = [assertion.checker() for assertion in assertions]
+        self._checkers = [assertion.checker() for assertion in plan.assertions]
         self._buffer = RowBuffer(table, steps, self._write)
         self._rows = 0
         self._verdicts: Sequence[Verdict] = ()
@@ -197,7 +215,7 @@ class TraceOutput(output.Output[TraceResult]):
             _stream(self._table.blocks(stepper, self._steps), self._write)
             stepper.advance(until)
         else:
-            super().simulate(stepper, until)
+            run_with_taps(stepper, self.taps({}), until)
 
     def written(self) -> Sequence[OutputWriter]:
         self._buffer.flush()

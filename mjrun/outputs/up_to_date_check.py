@@ -24,7 +24,7 @@ from mjrun.formats.table_reader import STDIN
 from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
 from mjrun.options.output import RerunOptions
 from mjrun.outputs.output import Job, OutputResult
-from mjrun.outputs.perform import Published
+from mjrun.outputs.perform import PublishedOutput
 from mjrun.packages import installed_versions
 from mjrun.python_code import code_hash, module_sources
 from mjrun.simulation.manifest import plain
@@ -85,7 +85,7 @@ class UpToDateCheck:
     ) -> None:
         self.reason = ""
         self._jobs, self._options, self._documents, self._page = jobs, options, documents, page
-        self._stack, self._made, self._facts = ExitStack(), list[Path](), dict[str, Any]()
+        self._stack, self._facts = ExitStack(), dict[str, Any]()
         self._digests, self._entries = FileDigests(), UserCache("run")
         self._check()
         depfile = options.depfile
@@ -113,29 +113,24 @@ class UpToDateCheck:
         self._publish_dependencies()
         return EarlierReport([output["path"] for output in entry["outputs"]], entry["document"], entry["cases"])
 
-    def adding(self, published: Published | None = None) -> Published:
-        """Returns the function to call with each output that is published, which calls `published` too."""
-
-        def add(facts: Mapping[str, object], result: OutputResult, files: Sequence[Path]) -> None:
-            self._made += files
-            if published:
-                published(facts, result, files)
-
-        return add
-
     def finish(
-        self, document: Callable[[], Mapping[str, object]], cases: Callable[[], Iterable[object]] = tuple[object]
+        self,
+        published: Sequence[PublishedOutput],
+        document: Callable[[], Mapping[str, object]],
+        cases: Callable[[], Iterable[object]] = tuple[object],
     ) -> None:
         """Stores the report of a complete run, unless its inputs have changed meanwhile, and what it depends on.
 
         Args:
+          published: the outputs that were made.
           document: makes the JSON document of the report.
           cases: makes its verdicts, dataclasses.
         """
         self._publish_dependencies()
         if self._options.if_changed and self._facts == self._present_facts():
             more = [path for path in self._outputs if is_file(path)]  # manifests, and the page
-            outputs = [fingerprint(path) for path in dict.fromkeys([*self._made, *map(Path, more)])]
+            made = [file for output in published for file in output.files]
+            outputs = [fingerprint(path) for path in dict.fromkeys([*made, *map(Path, more)])]
             verdicts = [asdict(cast(Any, case)) for case in cases()]
             entry = {"facts": self._facts, "outputs": outputs, "document": document(), "cases": verdicts}
             self._entries.write(self._key, entry)

@@ -4,7 +4,7 @@ from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property
 from math import prod
 from pathlib import Path
 from time import perf_counter
@@ -23,10 +23,19 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, output_files, panel_files
-from mjrun.outputs.drawn_frames import DrawnFrames, FramePlan, VideoOrImageJob, plan_frames
-from mjrun.outputs.frame_schedule import video_schedule
+from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
+from mjrun.outputs.drawn_frames import (
+    FramePlan,
+    VideoOrImageJob,
+    draw_frames,
+    frame_compositor,
+    frame_taps,
+    open_frames,
+    plan_frames,
+)
+from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.perform import Pass
+from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan, place_scene
 from mjrun.physics.simulation_loop import AnyTap
 from mjrun.reporter import WarningReporter, pass_on
 
@@ -62,15 +71,33 @@ class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
         for file in self.encoded_files:
             file.encoding.check_fps(self.rate)
 
+    def schedule(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
+        """Schedules the frames, and warns about shots that are not shown.
+
+        Raises:
+          UsageError: an event does not happen, or the schedule is impossible.
+        """
+        context = scene.context
+        schedule = video_schedule(scene.scripts, context.timeline, event_steps, fps=self.rate, speed=self.speed)
+        for text in schedule.warnings:
+            context.reporter.warn(text)
+        return schedule
+
     def plan(self, context: output.Context) -> "output.Plan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
-        scheduler = partial(video_schedule, fps=self.rate, speed=self.speed)
-        frames, file = plan_frames(self, context, scheduler, self.plot, self.plot_side), self.encoded_files[0]
-        count = None if frames.scene.schedule is None else len(frames.scene.schedule.steps)
+        frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
+        schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
+        count = None if schedule is None else len(schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
-        preview = output.Preview("video", self.output, count, "frames", frames.size_of(file), about)
-        open_video = partial(VideoOutput, self, frames)
-        return output.Plan(preview, context.timeline.steps, open_video, frames.enable_flags, frames.scene.conditions)
+        return VideoPlan(
+            preview=output.Preview("video", self.output, count, "frames", frames.size_of(file), about),
+            until=context.timeline.steps,
+            enable_flags=frames.enable_flags,
+            conditions=frames.scene.conditions,
+            job=self,
+            frames=frames,
+            schedule=schedule,
+        )
 
 
 @dataclass(frozen=True)
@@ -113,44 +140,62 @@ class VideoFile(VideoOrImageFile):
     encoding: Encoding = field(kw_only=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+class VideoPlan(output.Plan[VideoResult]):
+    """A planned video.
+
+    Attributes:
+      schedule: the schedule of the frames; None if events decide.
+    """
+
+    job: Video
+    frames: FramePlan
+    schedule: FrameSchedule | None
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "VideoOutput":
+        return VideoOutput(self, stack, renderers)
+
+
 class VideoOutput(output.Output[VideoResult]):
     """A video with open files."""
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
-        self._job, self._timeline = job, plan.scene.context.timeline
-        self._frames = DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
-        self._reporter = plan.scene.context.reporter
-        self.facts = {
-            **self._frames.facts,
-            **({"frames": len(plan.scene.schedule.steps)} if plan.scene.schedule else {}),
-        }
+    _schedule: FrameSchedule  # of the frames that are recorded, then of those that were
+    _scene: PlacedScene
+
+    def __init__(self, plan: VideoPlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+        job, context = plan.job, plan.frames.scene.context
+        self._plan, self._job, self._timeline, self._reporter = plan, job, context.timeline, context.reporter
+        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, renderers, job.jobs)
+        count = {"frames": len(plan.schedule.steps)} if plan.schedule else {}
+        self.facts = {**self._frames.facts(plan.schedule), **count}
         self._draw_wall = 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in job.encoded_files:
-            size, tags = plan.size_of(file), output.metadata_tags(file.target, self.facts)
+            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self.facts)
             self._note_padding(file.encoding, size)
             writer = VideoWriter(file.target, file.encoding, size, job.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
-        self._frames.open_calibration(numbers=job.style == "exact")
+        self._calibration: CalibrationOutput | None = None
+        if job.calibration is not None:
+            motions, numbers = plan.frames.scene.motions, job.style == "exact"
+            self._calibration = CalibrationOutput(job, motions, job.encoded_files, numbers)
+            stack.enter_context(self._calibration.writer)
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        return self._frames.taps(event_steps)
+        self._schedule = self._plan.schedule or self._job.schedule(self._plan.frames.scene, event_steps)
+        return frame_taps(self._frames, self._schedule)
 
     def draw(self) -> None:
-        """Renders every frame into the files.
-
-        Each state goes through a `CompositorPool` to a `SceneCompositor` here or in another process, whose pixels
-        `DrawnFrames.images` yields by file, and this writes to the encoders.
-        """
+        """Draws every recorded state, here or in other processes, and writes the frames to the encoders."""
         start = perf_counter()
-        self._frames.place_scene()
-        compositor, count = self._frames.compositor(), len(self._frames.states)
+        self._scene = place_scene(self._plan.frames.scene, self._schedule, self._frames.states)
+        compositor, count = frame_compositor(self._frames, self._scene), len(self._scene.states)
         for writer in self._writers:
             writer.count = count
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for parts in self._frames.images(compositor):
+        for parts in draw_frames(self._frames, self._scene, compositor):
             for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
                 writer.write(part)
                 clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
@@ -167,10 +212,14 @@ class VideoOutput(output.Output[VideoResult]):
 
     def written(self) -> Sequence[OutputWriter]:
         start = perf_counter()
-        writers = [*self._writers, *filter(None, self._labels), *self._frames.calibrate()]
+        writers: list[OutputWriter] = [*self._writers, *filter(None, self._labels)]
+        if self._calibration:
+            for index, (poses, time) in enumerate(zip(self._scene.poses, self._scene.times, strict=True)):
+                self._calibration.write(poses, index, time)
+            writers.append(self._calibration.writer)
         for writer in writers:
             writer.finish()  # the encoder may have frames left
-        self.facts = {**self.facts, "frames": len(self._frames.schedule.steps)}
+        self.facts = {**self.facts, "frames": len(self._scene.times)}
         self._draw_wall += perf_counter() - start
         return writers
 
@@ -179,7 +228,7 @@ class VideoOutput(output.Output[VideoResult]):
         encoded, (width, height) = job.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
         videos = [file.path for file in job.encoded_files]
-        count = len(self._frames.schedule.steps)
+        count = len(self._scene.times)
         return VideoResult(
             path=job.output,
             paths=[*videos, *(path for what, path in job.files if what != "manifest" and path not in videos)],
@@ -234,25 +283,53 @@ class VideoInMemory(Video):
 
     def plan(self, context: output.Context) -> output.Plan[Any]:
         """Resolves every name in the model and schedules the frames unless events decide."""
-        scheduler = partial(video_schedule, fps=self.rate, speed=self.speed)
-        drawn = plan_frames(self, context, scheduler, self.plot, self.plot_side)
-        preview = output.Preview("video", self.output, None, "frames", self.size)
-        open_frames = partial(MemoryOutput, self, drawn)
-        return output.Plan(preview, context.timeline.steps, open_frames, drawn.enable_flags, drawn.scene.conditions)
+        frames = plan_frames(self, context, self.plot, self.plot_side)
+        return MemoryPlan(
+            preview=output.Preview("video", self.output, None, "frames", self.size),
+            until=context.timeline.steps,
+            enable_flags=frames.enable_flags,
+            conditions=frames.scene.conditions,
+            job=self,
+            frames=frames,
+            schedule=None if frames.scene.conditions else self.schedule(frames.scene, {}),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MemoryPlan(output.Plan[output.OutputResult]):
+    """A planned video in memory.
+
+    Attributes:
+      schedule: the schedule of the frames; None if events decide.
+    """
+
+    job: VideoInMemory
+    frames: FramePlan
+    schedule: FrameSchedule | None
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "MemoryOutput":
+        return MemoryOutput(self, stack, renderers)
 
 
 class MemoryOutput(output.Output[output.OutputResult]):
-    """The frames of a video, without a file. They are drawn one by one, when they are requested.
+    """The frames of a video, without a file."""
 
-    Attributes:
-      frames: the frames.
-    """
+    _schedule: FrameSchedule
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
-        self.frames = DrawnFrames(plan, job.encoded_files, stack, renderers, job.jobs)
+    def __init__(self, plan: MemoryPlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+        job = self._job = plan.job
+        self._plan, self._scene = plan, plan.frames.scene
+        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, renderers, job.jobs)
 
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        return self.frames.taps(event_steps)
+        self._schedule = self._plan.schedule or self._job.schedule(self._scene, event_steps)
+        return frame_taps(self._frames, self._schedule)
+
+    def images(self) -> Generator[np.ndarray]:
+        """Draws the frames one by one, when they are requested, and yields copies of them."""
+        scene = place_scene(self._scene, self._schedule, self._frames.states)
+        for parts in draw_frames(self._frames, scene, frame_compositor(self._frames, scene)):
+            yield parts[0].copy()
 
     def written(self) -> Sequence[OutputWriter]:
         return []
@@ -277,6 +354,4 @@ def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:
         pass_on(warnings, reporter)
         (made,) = current.outputs
         assert isinstance(made, MemoryOutput)
-        made.frames.place_scene()
-        for parts in made.frames.images(made.frames.compositor()):
-            yield parts[0].copy()
+        yield from made.images()

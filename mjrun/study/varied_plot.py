@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
@@ -15,7 +15,7 @@ from mjrun.options.option import options
 from mjrun.options.sweep import VariationOptions
 from mjrun.outputs import output
 from mjrun.outputs.event_detection import final_timeline
-from mjrun.outputs.plot import Plot, PlotOutput, PlotResult, table_columns
+from mjrun.outputs.plot import Plot, PlotOutput, PlotPlan, PlotResult, table_columns
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME
 from mjrun.physics.stepper import Stepper
@@ -84,7 +84,10 @@ class VariedPlot(VariationOptions, Plot):
         figure = FigurePlan(self, tables, panels)
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
         preview = output.Preview("plot", self.output, len(points), "points", figure.grid.size, about)
-        return output.Plan(preview, 0, partial(VariedPlotOutput, self, context, points, figure))
+        table = self.probe_sampler(contexts[0])
+        return VariedPlotPlan(
+            preview=preview, until=0, job=self, context=context, table=table, steps=(), figure=figure, points=points
+        )
 
     def context(self, point: DrawnPoint, base: output.Context) -> output.Context:
         """Returns the context of the simulation of a point, with the reporter of `base`."""
@@ -123,21 +126,23 @@ class VariedPlot(VariationOptions, Plot):
         ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class VariedPlotPlan(PlotPlan):
+    """A planned plot of several points."""
+
+    job: VariedPlot
+    points: Sequence[DrawnPoint]
+
+    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "VariedPlotOutput":
+        return VariedPlotOutput(self, stack)
+
+
 class VariedPlotOutput(PlotOutput):
     """A plot with an open file, of points that are simulated one after another."""
 
-    def __init__(
-        self,
-        job: VariedPlot,
-        context: output.Context,
-        points: Sequence[DrawnPoint],
-        figure: FigurePlan,
-        stack: ExitStack,
-        rendering: output.BackendsAndWorkers,
-    ) -> None:
-        table = job.probe_sampler(job.context(points[0], context))
-        super().__init__(job, context, table, (), figure, stack, rendering)
-        self._varied, self._points = job, points
+    def __init__(self, plan: VariedPlotPlan, stack: ExitStack) -> None:
+        super().__init__(plan, stack)
+        self._varied, self._points = plan.job, plan.points
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Simulates every point, instead of `stepper`.

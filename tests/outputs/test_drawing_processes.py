@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -11,8 +10,7 @@ import pytest
 
 from mjrun.errors import BadValueError, NoRendererError, spelled
 from mjrun.outputs import drawn_frames
-from mjrun.outputs.drawn_frames import DrawnFrames, estimated_cost, jobs_for, plan_frames
-from mjrun.outputs.frame_schedule import video_schedule
+from mjrun.outputs.drawn_frames import estimated_cost, jobs_for, open_frames, plan_frames
 from mjrun.outputs.output import BackendsAndWorkers, Context
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
@@ -196,6 +194,6 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     video = Video(simulation, "v.mkv", size=(640, 480), fps=30, camera="side", jobs=asked)
     model = simulation.load()
     context = Context(simulation, model, simulation.timeline(model), WarningReporter())
-    plan = plan_frames(video, context, partial(video_schedule, fps=video.rate, speed=video.speed))
+    plan = plan_frames(video, context)
     with ExitStack() as stack, pytest.raises(NoRendererError):
-        DrawnFrames(plan, video.encoded_files, stack, BackendsAndWorkers(), asked)
+        open_frames(plan, video.schedule(plan.scene, {}), video.encoded_files, stack, BackendsAndWorkers(), asked)

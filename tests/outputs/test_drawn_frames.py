@@ -1,7 +1,6 @@
 """Plans of frames, and what is kept of each frame, against a bare loop."""
 
 from contextlib import ExitStack, closing
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,18 @@ import mjrun
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.rendering import RENDERERS as NAMES
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.drawn_frames import RENDERERS, DrawnFrames, FramePlan, check_drawing, check_view, plan_frames
-from mjrun.outputs.frame_schedule import video_schedule
+from mjrun.outputs.drawn_frames import (
+    RENDERERS,
+    FramePlan,
+    check_drawing,
+    check_view,
+    frame_compositor,
+    frame_taps,
+    open_frames,
+    plan_frames,
+)
 from mjrun.outputs.output import BackendsAndWorkers, Context
-from mjrun.outputs.recorded_scene import Scheduler
+from mjrun.outputs.recorded_scene import place_scene
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
@@ -39,13 +46,9 @@ def test_tags_say_what_made_the_video(swing: Path, tmp_path: Path) -> None:
     )
 
 
-def scheduler(job: Video) -> Scheduler:
-    return partial(video_schedule, fps=job.rate, speed=job.speed)
-
-
 def planned(swing: Path, **options: Any) -> FramePlan:
     job, context = job_and_context(swing, **options)
-    return plan_frames(job, context, scheduler(job))
+    return plan_frames(job, context)
 
 
 def job_and_context(swing: Path, output: str = "v.mkv", steps: int = 50, **options: Any) -> tuple[Video, Context]:
@@ -68,18 +71,20 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     model = mujoco.MjModel.from_xml_path(str(swing))
     data = mujoco.MjData(model)
     with ExitStack() as stack:
-        plan = plan_frames(job, context, scheduler(job), job.plot, job.plot_side)
-        output = DrawnFrames(plan, job.encoded_files, stack, stack.enter_context(closing(BackendsAndWorkers())))
-        run_with_taps(PhysicsStepper(model, data), output.taps({}), 50)
-        output.place_scene()
-        assert list(output.times) == [k / 50 for k in range(5)]
-        assert len(output.states) == len(output.poses) == 5
+        plan = plan_frames(job, context, job.plot, job.plot_side)
+        schedule = job.schedule(plan.scene, {})
+        renderers = stack.enter_context(closing(BackendsAndWorkers()))
+        frames = open_frames(plan, schedule, job.encoded_files, stack, renderers)
+        run_with_taps(PhysicsStepper(model, data), frame_taps(frames, schedule), 50)
+        scene = place_scene(plan.scene, schedule, frames.states)
+        assert list(scene.times) == [k / 50 for k in range(5)]
+        assert len(scene.states) == len(scene.poses) == 5
         heights = []
-        for k, (still, tracking) in enumerate(output.poses):
+        for k, (still, tracking) in enumerate(scene.poses):
             size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION)
             expected = np.empty(size)
             mujoco.mj_getState(model, data, expected, mujoco.mjtState.mjSTATE_INTEGRATION)
-            assert np.array_equal(output.states[k], expected)
+            assert np.array_equal(scene.states[k], expected)
             shown = mujoco.MjData(model)
             mujoco.mj_copyData(shown, model, data)
             mujoco.mj_forward(model, shown)
@@ -88,7 +93,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
             assert np.allclose(np.abs(tracking.rotation.T @ away), np.array([0, 0, np.linalg.norm(away)]), atol=1e-6)
             heights.append(data.qpos[3])
             mujoco.mj_step(model, data, nstep=10)
-        (stream,) = output.compositor().streams
+        (stream,) = frame_compositor(frames, scene).streams
     assert stream.style.overlay.texts == [f"{height:.17g} {k}" for k, height in enumerate(heights)]
     assert stream.style.overlay.plots == [graph_size((SIZE[0] * 2 + 2, SIZE[1]))]
 

@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import signal
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ from mjrun.outputs.image import Image
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
-from mjrun.outputs.trace import Trace
+from mjrun.outputs.trace import Trace, TraceOutput
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.formats.file_faults import MOST, fault
@@ -368,27 +369,35 @@ def test_an_event_that_never_happens_costs_its_own_output_only(swing: Path, tmp_
         perform([never])
 
 
-def test_nobody_else_publishes_between_two_outputs_of_one_pass(swing: Path, tmp_path: Path) -> None:
+def test_nobody_else_publishes_between_two_outputs_of_one_pass(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Else two runs at once could each leave one of the files."""
     simulation, refused = Simulation(swing, steps=2), list[bool]()
 
-    def published(*_: object) -> None:
+    def remarks(_: TraceOutput) -> Sequence[str]:  # of a published output
         descriptor = os.open(tmp_path, os.O_RDONLY)
         with pytest.raises(BlockingIOError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.close(descriptor)
         refused.append(True)
+        return ()
 
-    perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")], published=published)
+    monkeypatch.setattr(TraceOutput, "remarks", remarks)
+    perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")])
     assert refused == [True, True]
 
 
-def test_a_signal_between_two_outputs_of_one_pass_waits_for_both(swing: Path, tmp_path: Path) -> None:
-    def published(*_: object) -> None:
+def test_a_signal_between_two_outputs_of_one_pass_waits_for_both(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def remarks(_: TraceOutput) -> Sequence[str]:  # of a published output
         interrupt(KeyboardInterrupt())
+        return ()
 
+    monkeypatch.setattr(TraceOutput, "remarks", remarks)
     simulation = Simulation(swing, steps=2)
     with pytest.raises(KeyboardInterrupt):
-        perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")], published=published)
+        perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")])
     assert (tmp_path / "a.csv").exists()
     assert (tmp_path / "b.npz").exists()

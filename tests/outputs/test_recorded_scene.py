@@ -12,21 +12,29 @@ from mjrun.errors import MjrunError
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
 from mjrun.outputs.output import Context
-from mjrun.outputs.recorded_scene import RecordedFrames, camera_motions, check_scene, plan_scene
+from mjrun.outputs.recorded_scene import (
+    PlacedScene,
+    camera_motions,
+    check_scene,
+    open_states,
+    place_scene,
+    plan_scene,
+    state_taps,
+)
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.reporter import WarningReporter
 
 
-def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> RecordedFrames:
+def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> PlacedScene:
     """Returns the frames of an export, recorded up to a step."""
     simulation = mjrun.Simulation(model, duration=0.5)
     job = Export(simulation, "a.glb", fps=10, **options)  # type: ignore[arg-type]
     loaded = simulation.load()
     context = Context(simulation, loaded, simulation.timeline(loaded), WarningReporter())
-    frames = RecordedFrames(plan_scene(job, context, job.schedule, job.cameras), stack)
-    run_with_taps(simulation.stepper(loaded), frames.taps({}), until)
-    frames.place_scene()
-    return frames
+    plan = plan_scene(job, context, job.cameras)
+    schedule, states = job.schedule(plan, {}), open_states(plan, stack)
+    run_with_taps(simulation.stepper(loaded), state_taps(plan, schedule, states), until)
+    return place_scene(plan, schedule, states)
 
 
 def test_states_times_and_cameras_belong_to_the_frames(swing: Path) -> None:

@@ -177,7 +177,7 @@ def test_a_file_that_changes_during_the_run_leaves_no_record() -> None:
             job.run()
             if edited:
                 Path("meshes/a.obj").write_text(f"{MESH}\n")
-            last.finish(dict[str, object])
+            last.finish([], dict[str, object])
         return False
 
     assert not up_to_date(edited=True)

@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.outputs import drawn_frames, output
+from mjrun.outputs import drawn_frames, perform
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
@@ -121,7 +121,7 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     def stepped(*_: object) -> None:
         raise AssertionError("a step was taken")
 
-    monkeypatch.setattr(output, "run_with_taps", stepped)
+    monkeypatch.setattr(perform, "run_with_taps", stepped)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MjrunError) as caught:
         Video(**{"simulation": Simulation(swing), "output": "video.mp4", "size": SIZE, **wrong}).run()

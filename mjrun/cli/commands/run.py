@@ -17,7 +17,7 @@ from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
     from mjrun.document.run import RunRequest
-    from mjrun.outputs.perform import PassPreview, Published
+    from mjrun.outputs.perform import PassPreview, PublishedOutput
 
 ARGUMENTS = (
     ModelArgument("document", type=click.Path()),
@@ -63,18 +63,21 @@ def run(console: Console, command_line: CommandLine) -> None:
             tell_reason(console, last)
             with (
                 reported_failures(console, _report, form=form),
-                _page(requests, Path(document).name) as shown,
+                _page(requests, Path(document).name) as published,
             ):
-                results = perform(requests.jobs, console, last.adding(shown))
+                results = perform(requests.jobs, console, published)
             report = _report(results)
-            last.finish(report.json, report.cases)
+            last.finish(published, report.json, report.cases)
     console.answer(report, form)
 
 
-def _page(requests: "RunRequest", title: str) -> AbstractContextManager["Published | None"]:
-    """Returns a context that makes the page, if one is requested; the plotting library is imported only then."""
+def _page(requests: "RunRequest", title: str) -> "AbstractContextManager[list[PublishedOutput]]":
+    """Returns a context that makes the page about the outputs in its list, if one is requested.
+
+    The plotting library is imported only then.
+    """
     if requests.page.html is None:
-        return nullcontext()
+        return nullcontext([])
     from mjrun.outputs.run_report import run_page
 
     return run_page(requests.page, title, requests.jobs)
