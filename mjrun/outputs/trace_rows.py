@@ -16,7 +16,7 @@ from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
+from mjrun.physics.stepper import RK4, SHORT, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import (
     ContactProbe,
     CopiedContacts,
@@ -34,8 +34,7 @@ from mjrun.timeline import Timeline, rational, seconds
 TIME = Column("time", "s", "simulated time, exact")
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 ROWS = 256  # rows of a block that is read instant by instant, and the minimum of all other blocks but the last
-# The fewest steps that are taken in C; to read each instant of fewer takes less. `LONG` is for RK4 and flexes.
-SHORT, LONG = 3, 16
+LONG = 16  # the fewest steps of RK4 and of flexes that are taken in C; `SHORT` is for others
 
 
 @dataclass(frozen=True)

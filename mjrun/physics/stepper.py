@@ -2,14 +2,14 @@
 
 import copy
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import ContactMemoryError, ControllerError, FailedStepError, SimulationError, UnstableError
+from mjrun.errors import ContactMemoryError, FailedStepError, MjrunError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
 from mjrun.physics.control import NEVER, ControlSources, PeriodicController
@@ -19,6 +19,7 @@ from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
 READ_CHUNK = 256  # the same where Python reads every step, or a controller in Python sets its controls
+SHORT = 12  # the fewest steps that are taken together in C; Python takes fewer, one by one, in less time
 SHORTAGES = slice(int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1)
 BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -161,8 +162,8 @@ class PhysicsStepper:
         self._pushes = pushes or None
         self._unpushed = data.xfrc_applied.copy()
         self._sources = [source for source in (self.control.controller, self.control.inputs, pushes) if source]
-        # What a controller set at the next steps, until the step at which it failed, in a block that is repeated.
-        self._repeated = deque[Sequence[bytes] | ControllerError]()
+        # What was set each time a controller acted, in a block that is repeated; an error of the controller comes last.
+        self._repeated = deque[Any]()
         if self.control.controller:
             self.control.controller.reset(self.model, self._copied_instant())
             self._permit(self.control.controller.fields)
@@ -174,14 +175,13 @@ class PhysicsStepper:
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
-            count = step - self.step
-            if count > 1:
-                most = self.steps_together() if self._calls_within else min(CHUNK, self.steps_alike())
-                count = min(count, most)
-            if count > 1 and self._calls_within and self._computed != INSTANT:
+            count, alike = step - self.step, self.steps_alike()
+            if count > alike < SHORT and self._calls_within and self._computed != INSTANT:
+                count = min(count, self.steps_together())
                 if not self.read_steps(count, _read_nothing):
                     self._repeat_singly(count)
                 continue
+            count = min(count, CHUNK, alike)
             if count == 1 or (self._integrate and self._computed != STATE):
                 self._take_one()
                 continue
@@ -208,6 +208,40 @@ class PhysicsStepper:
         is_only = len(self._sources) == 1 and not self.control.varies
         return is_only and self.control.controller is not None and self._in_place and not self._may_move_poses
 
+    def _is_due(self, step: int) -> bool:
+        """Returns whether the controller is called at `step`."""
+        return self.control.controller is not None and self.control.controller.is_due(step)
+
+    def _act_within(self, step: int) -> bool:
+        """Calls the controller at a step within a block; returns False if that has become impossible."""
+        controller = self.control.controller
+        if controller is None or controller.fields is None:  # a function that it calls has been replaced
+            return False
+        mujoco.mj_step1(self.model, self._data)
+        controller.act(self.model, self._data, step, self._guarded)
+        return True
+
+    def _copier(self) -> Callable[[], Any]:
+        """Returns a function that copies what the controller has set, for `_put_back`."""
+        copies = [getattr(self._data, name).tobytes for name in self._set]
+        return lambda: [copy() for copy in copies]
+
+    def _put_back(self, copied: Any) -> None:
+        """Sets again what was copied."""
+        for name, content in zip(self._set, copied, strict=True):
+            values = getattr(self._data, name)
+            values[:] = np.frombuffer(content, values.dtype).reshape(values.shape)
+
+    def _repeats(self) -> bool:
+        """Sets again what the controller set at this step in a block, or raises its error; returns False if nothing."""
+        if not self._repeated:
+            return False
+        result = self._repeated.popleft()
+        if isinstance(result, MjrunError):
+            raise result
+        self._put_back(result)
+        return True
+
     def read_steps(self, count: int, read: Callable[[mujoco.MjData], object]) -> bool:
         """Takes `count` steps, at most `steps_together()`, and reads the instant before each.
 
@@ -223,20 +257,22 @@ class PhysicsStepper:
         model, data, integrate = self.model, self._data, self._integrate
         mujoco.mj_copyData(self._saved, model, data)
         controls = self.control.rows(self.step, count) if self.control.varies else None
-        controller = self.control.controller if self._calls_within else None
-        copies = [getattr(data, name).tobytes for name in self._set] if controller else []
+        copied = self._copier() if self._calls_within else None
+        before = copied() if copied else None
         computed, is_stable = self._computed, False
         try:
             for step in range(self.step, self.step + count):
                 if controls is not None:
                     data.ctrl[:] = controls[step - self.step]
-                if controller and step > self.step and controller.is_due(step):
-                    if controller.fields is None:
-                        count = step - self.step  # a function that it calls has been replaced
-                        break
-                    mujoco.mj_step1(model, data)
-                    controller.act(model, data, step, self._guarded)
-                    self._repeated.append([copy() for copy in copies])
+                if copied and step > self.step and self._is_due(step):
+                    try:
+                        if not self._act_within(step):
+                            count = step - self.step
+                            break
+                    except MjrunError as error:
+                        self._repeated.append(error)
+                        return False
+                    self._repeated.append(copied())
                     computed = MOTION
                 else:
                     mujoco.mj_checkPos(model, data)  # as mj_step does
@@ -247,13 +283,13 @@ class PhysicsStepper:
                 integrate(model, data)
                 computed = STATE
             is_stable = self._is_stable()
-        except ControllerError as error:
-            self._repeated.append(error)
         except mujoco.FatalError:
             pass
         finally:
             if not is_stable:
                 self._go_on_from_copy()
+                if copied:
+                    self._put_back(before)
         if is_stable:
             self._repeated.clear()
             self.step += count
@@ -343,9 +379,13 @@ class PhysicsStepper:
         self._computed = MOTION
 
     def _arrive(self) -> None:
-        """Applies the inputs of this step."""
-        control = self.control
+        """Begins at a new state."""
         self._computed = STATE
+        self._apply_inputs()
+
+    def _apply_inputs(self) -> None:
+        """Sets the inputs of this step."""
+        control = self.control
         if control.inputs:
             state.restore(self.model, self._data, control.inputs.at(self.step), state.INPUTS)
             self._unpushed[:] = self._data.xfrc_applied
@@ -375,8 +415,7 @@ class PhysicsStepper:
 
     def _call_controller(self, controller: PeriodicController) -> None:
         """Calls the controller, which sets the inputs. It reads and writes `xfrc_applied` without the pushes."""
-        if self._repeated:
-            self._repeat(self._repeated.popleft())
+        if self._repeats():
             return
         if self._in_place and controller.fields is None:  # a function that it calls has been replaced
             self._permit(None)
@@ -405,14 +444,6 @@ class PhysicsStepper:
         if self._pushes:
             self._unpushed[:] = self._data.xfrc_applied
             self._push()
-
-    def _repeat(self, result: Sequence[bytes] | ControllerError) -> None:
-        """Sets the inputs that the controller set before, or raises its error again."""
-        if isinstance(result, ControllerError):
-            raise result
-        for name, content in zip(self._set, result, strict=True):
-            values = getattr(self._data, name)
-            values[:] = np.frombuffer(content, values.dtype).reshape(values.shape)
 
     def _repeat_singly(self, count: int) -> None:
         """Takes steps one by one that have failed together, until the step that fails."""

@@ -18,7 +18,7 @@ from mjrun.model.table_column import Column
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
-from mjrun.task.mjdata_batch import MjDataBatch
+from mjrun.task.mjdata_batch import MjDataBatch, SingleMjData
 
 NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
 # Derived fields that are complete before the last stage; all others need the last.
@@ -115,6 +115,7 @@ class MeasurementPlan:
       can_sense: whether sensors can be appended to the model, which make MuJoCo compute what a step leaves out.
 
     Attributes:
+      names: the names of the columns.
       count: the number of columns.
       pieces: the pieces from which they are read.
       sensed: the fields that need such sensors.
@@ -126,7 +127,7 @@ class MeasurementPlan:
     def __init__(self, model: mujoco.MjModel, names: Sequence[str], can_sense: bool) -> None:
         self._model = model
         self._group = cache(self._group_of)
-        self.count = len(names)
+        self.names, self.count = names, len(names)
         self.pieces = list(self._pieces(names, can_sense))
         self.needs_data = any(piece.needs_data for piece in self.pieces)
         if self.needs_data:  # the MjData computes the rest too, without sensors
@@ -221,11 +222,13 @@ class BatchColumns:
     """
 
     def __init__(
-        self, batch: Batch | MjDataBatch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]
+        self,
+        batch: Batch | MjDataBatch | SingleMjData,
+        plan: MeasurementPlan,
+        model_of: Callable[[int], mujoco.MjModel],
     ) -> None:
         self._batch, self._model_of = batch, model_of
         self.count = plan.count
-        self._state_fields = state.fields(state.sizes(batch.model))
         self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that read them
         self._copied: list[tuple[slice, np.ndarray]] = []  # views `(n, …)` of adjacent numbers of a field
         self._reads: list[tuple[slice, Read]] = []
@@ -244,7 +247,7 @@ class BatchColumns:
                 case _ProbePiece(probe=InstantProbe() as probe):
                     examined.measured.append((place, probe))
         self._examined = None
-        if isinstance(batch, MjDataBatch):
+        if not isinstance(batch, Batch):
             values = np.zeros((batch.nsim, plan.count))
             rows = [*values]
             batch.examine = lambda world, model, data: examined.read(model, data, rows[world])
@@ -256,6 +259,11 @@ class BatchColumns:
     def memory(self) -> list[np.ndarray]:
         """The fields that it remembers of each world `(count, …)`."""
         return [*self._first.values()]
+
+    def begin_as(self, other: "BatchColumns") -> None:
+        """Takes the first instants of the episodes from the same columns of another batch."""
+        for field, first in self._first.items():
+            first[...] = other._first[field]
 
     def begin(self, rows: Rows) -> None:
         """Takes the current instant as the first of an episode in each of these worlds."""
@@ -296,12 +304,8 @@ class BatchColumns:
 
     def _gather(self, place: slice, piece: _FieldPiece) -> None:
         """Prepares reading numbers of a field into the columns `place`."""
-        if piece.field in state.FIELDS:  # these fields are views of the states, gathered from there
-            start = self._state_fields[piece.field].start
-            values, places = self._batch.state, piece.places + start
-        else:
-            values, places = self._batch.bind(piece.field), piece.places
-            values = values.reshape(self._batch.nsim, -1)
+        values, places = self._batch.bind(piece.field), piece.places
+        values = values.reshape(self._batch.nsim, -1)  # a view
         run = as_slice(places)
         if isinstance(run, slice):
             self._copied.append((place, values[:, run]))

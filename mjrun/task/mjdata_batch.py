@@ -142,6 +142,37 @@ class MjDataBatch:
         numbers[:] = 0
 
 
+class SingleMjData:
+    """The fields of one MjData, which others step, as the arrays of a batch of one simulation.
+
+    Args:
+      data: an MjData of the model.
+
+    Attributes:
+      examine: called with 0, the model and the MjData at every update.
+    """
+
+    nsim = 1
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.model, self.data = model, data
+        self.examine: Examine = _ignore
+        self._numbers = dict[str, np.ndarray]()
+
+    def bind(self, name: str) -> np.ndarray:
+        """Returns a view `(1, …)` of a field; an array of a single number, which is set by `update`."""
+        value: Any = getattr(self.data, name)
+        if isinstance(value, np.ndarray):
+            return value[None]
+        return self._numbers.setdefault(name, np.array([value]))
+
+    def update(self) -> None:
+        """Sets what are no views of the MjData; called before the arrays are read."""
+        for name, number in self._numbers.items():
+            number[0] = getattr(self.data, name)
+        self.examine(0, self.model, self.data)
+
+
 def _pool(threads: int) -> Any:
     if not threads:
         return None

@@ -22,12 +22,13 @@ class ObservationVector:
       rotations: the rotations of all bodies, a view `(n, nbody, 9)`; None if no term has a frame.
 
     Attributes:
+      rotations: the same; views of another MjData may take their place.
       has_inputs: whether an action, a command or a phase is observed.
       places_of_values: the places of expressions among the values of all terms, in their order.
     """
 
     def __init__(self, plan: ObservationPlan, count: int, control_dt: Fraction, rotations: np.ndarray | None) -> None:
-        self._plan, self._rotations = plan, rotations
+        self._plan, self.rotations = plan, rotations
         self._measured = _runs([each for each in plan.terms if each.is_measured])
         self._inputs = [each for each in plan.terms if not each.is_measured and not each.expression]
         self._values = [each for each in plan.terms if each.expression]
@@ -119,8 +120,8 @@ class ObservationVector:
         """Rotates all terms, adds noise, shifts, scales and clips them, in place."""
         plan = self._plan
         for each, body in self._frames:
-            assert self._rotations is not None
-            _turn(now[..., each.place], self._rotations[rows, body])
+            assert self.rotations is not None
+            _turn(now[..., each.place], self.rotations[rows, body])
         if self._noise:
             now[..., self._noise.columns] += self._noise.next(rows)
         if self._shifted:

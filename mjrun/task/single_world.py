@@ -8,13 +8,15 @@ import math
 from contextlib import nullcontext
 from typing import Any
 
+import mujoco
 import numpy as np
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.physics.step_stages import is_bounded
-from mjrun.task.batch_columns import ALL, NONE
+from mjrun.task.batch_columns import ALL, NONE, BatchColumns, MeasurementPlan
 from mjrun.task.expressions import RUNNING, Inputs
+from mjrun.task.mjdata_batch import SingleMjData
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskStep, TaskWorlds
 
@@ -29,6 +31,7 @@ class SingleWorld(TaskWorlds):
 
     Attributes:
       holds_targets: whether controls change at every step, to hold positions or velocities.
+      stage: the last stage that MuJoCo must compute for measurements in another MjData, `mjtStage`.
       whole_state: its integration state `(nstate,)`, which may be written.
       controls: the controls without noise `(nu,)`.
 
@@ -43,7 +46,9 @@ class SingleWorld(TaskWorlds):
         nact = len(self.action_names) if expressions.reads_actions else 0
         ncommands = len(self.commands.names) if expressions.reads_commands else 0
         row = np.zeros(columns + nact + ncommands)  # measurements for terms, then for expressions; actions; commands
-        self._read = self._measurement.reader(row[:columns])
+        self._columns = row[:columns]
+        self._read = self._read_own = self._measurement.reader(self._columns)
+        self._source: SingleMjData | None = None  # of another MjData that is read
         self._row_of_terms = row[: self._of_terms]
         self._action_read, self._commands_read = row[columns : columns + nact], row[columns + nact :]
         places = self._observations.places_of_values
@@ -57,6 +62,9 @@ class SingleWorld(TaskWorlds):
         self.whole_state, self.controls = self._state[0], self.disturbances.controls[0]
         self._controls = self._torques.controls_alone(self.controls)
         self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
+        plan = self._plan  # sensors that it appends are missing in another MjData
+        self._plan_alone = MeasurementPlan(self.model(0), plan.names, can_sense=False) if plan.sensed else plan
+        self.stage = max(self._plan_alone.stage, self._stage_of_frames)
         self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -78,6 +86,8 @@ class SingleWorld(TaskWorlds):
         self._counters[0] = 0
         self._forward(self._stage_at_start)
         self._measurement.begin(ALL)
+        self._read, self._source = self._read_own, None
+        self._observations.rotations = self._rotations
         self._read()
 
         judge, fill, uses_numpy = self._at_start
@@ -122,19 +132,33 @@ class SingleWorld(TaskWorlds):
         else:
             self._controls[:] = targets
 
-    def hold(self) -> None:
-        """Updates the controls that hold position and velocity targets from the current state, for the next step."""
+    def hold(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Updates the controls that hold position and velocity targets in this state, for the next step."""
         if self.holds_targets:
-            self._torques.hold(self._targets, self._qpos, self._qvel, self.disturbances.controls, ALL)
+            self._torques.hold(self._targets, qpos[None], qvel[None], self.disturbances.controls, ALL)
 
     def advance(self, steps: int) -> None:
         """Takes physics steps under the present controls and forces."""
         self._step_alike(steps, NONE)
 
     def conclude(self) -> TaskStep:
-        """Returns the results of the control period that ends in the current state, without an axis of worlds."""
-        if self._stage != NONE:
-            self._forward(self._stage)
+        """Returns the results of the control period that ends with the last step, without an axis of worlds."""
+        return self._results()
+
+    def conclude_in(self, model: mujoco.MjModel, data: mujoco.MjData) -> TaskStep:
+        """Returns the results of the control period that ends in the instant of `data`, as `conclude`.
+
+        Args:
+          model: the model of the world.
+          data: an MjData that was stepped in place of the world, in which all fields up to `stage` are computed.
+        """
+        if self._source is None or self._source.data is not data:
+            self._source = SingleMjData(model, data)
+            columns = BatchColumns(self._source, self._plan_alone, lambda world: model)
+            columns.begin_as(self._measurement)
+            self._read = columns.reader(self._columns)
+            self._observations.rotations = data.xmat[None]
+        self._source.update()
         return self._results()
 
     def resume(self) -> None:

@@ -1,5 +1,8 @@
 """A stepper through one episode of a task, to every physics step in it."""
 
+from collections.abc import Callable
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -7,6 +10,7 @@ from mjrun.model import state
 from mjrun.options.task import LAGGED
 from mjrun.physics.control import ControlSources
 from mjrun.physics.stepper import SLEEP, STATE, PhysicsStepper
+from mjrun.task.batch_columns import ACCELERATION, NONE
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeColumnNames, ask
 from mjrun.task.expressions import RUNNING
 from mjrun.task.single_world import SingleWorld
@@ -45,17 +49,18 @@ class TaskStepper(PhysicsStepper):
         observation = world.start(seed)
         model = world.model(0)
         self._timestep = model.opt.timestep
-        action = self._ask(observation)
+        action = self._ask(observation, 0)
         self._instant = (observation, action, 0.0, [0.0] * len(self.names.rewards), 0.0)
         self._now: ControlInstant | None = None  # made on demand
-        world.hold()
-        # A state does not include bodies that sleep, nor what contacts of flexes carry from step to step: the world
-        # takes all steps itself, or else the last one of a period if it measures what that step computes.
-        self._is_parallel = bool(model.opt.enableflags & SLEEP) or model.nflex > 0
-        self._is_lagged = world.task.derived == LAGGED and not self._is_parallel
+        # What the last step of a period computes is measured in the world, which takes that step in addition. A state
+        # does not include bodies that sleep, nor what contacts of flexes carry from step to step: it then takes all.
+        self._is_lagged = world.task.derived == LAGGED
+        self._is_parallel = self._is_lagged and (bool(model.opt.enableflags & SLEEP) or model.nflex > 0)
         self._world_step = 0
         data = mujoco.MjData(model)
         state.restore(model, data, world.state(0))
+        world.hold(data.qpos, data.qvel)
+        data.ctrl[:] = world.controls
         noise, pushes = world.disturbances.noise(0), world.disturbances.pushes(0)
         control = ControlSources(rational(model.opt.timestep), world.controls, noise=noise)
         super().__init__(model, data, control, pushes)
@@ -66,6 +71,15 @@ class TaskStepper(PhysicsStepper):
         left = self.control_steps - self.step % self.control_steps
         return min(super().steps_alike(), left - 1 if self._is_lagged and left > 1 else left)
 
+    @property
+    def _calls_within(self) -> bool:
+        """True if the policy is the only source of inputs, and its observations need only positions and velocities."""
+        return not (self._sources or self.control.varies or self._is_lagged) and self._is_measured_in_place
+
+    @property
+    def _is_measured_in_place(self) -> bool:
+        return self._integrate is not None and self._world.stage < ACCELERATION
+
     def edit(self, values: np.ndarray, spec: int) -> None:
         """Changes parts of the state at this step; the policy sets the controls again at the next control instant.
 
@@ -74,8 +88,7 @@ class TaskStepper(PhysicsStepper):
         """
         super().edit(values, spec)
         if self._world.holds_targets:
-            self._put()
-            self._world.hold()
+            self._world.hold(self._data.qpos, self._data.qvel)
             self._data.ctrl[:] = self.control.rows(self.step, 1)[0]
         self._lead()
 
@@ -85,30 +98,43 @@ class TaskStepper(PhysicsStepper):
             self._now = ControlInstant(observation, action, reward, np.array(terms), total, self._ending)
         return self._now
 
-    def _arrive(self) -> None:
-        self._computed = STATE
-        if self.step:
-            self._follow()
-        super()._arrive()
+    def _apply_inputs(self) -> None:
+        """Applies the inputs of this step; measurements at the end of a period belong to the forces before it."""
+        if self._is_parallel and self.step:
+            self._world.advance(self.step - self._world_step)
+            self._world_step = self.step
+        if self.step and self._is_due(self.step) and not self._repeats():
+            self._act(self.step)
+        super()._apply_inputs()
         self._lead()
 
-    def _follow(self) -> None:
-        """Lets the world follow to this step, and sets the controls.
+    def _is_due(self, step: int) -> bool:
+        return step % self.control_steps == 0 or self._world.holds_targets
 
-        The results of a control period belong to the forces before its end: pushes are applied after them.
+    def _act_within(self, step: int) -> bool:
+        mujoco.mj_step1(self.model, self._data)
+        self._act(step, is_computed=True)
+        return True
+
+    def _copier(self) -> Callable[[], Any]:
+        controls = self._world.controls
+        return lambda: (controls.copy(), self._instant, self.periods, self._ending)
+
+    def _put_back(self, copied: Any) -> None:
+        controls, self._instant, self.periods, self._ending = copied
+        self._world.controls[:] = self._data.ctrl[:] = controls
+        self._now = None
+
+    def _act(self, step: int, is_computed: bool = False) -> None:
+        """Sets the controls of a step: those of a new action, or those that hold the targets of the last one.
+
+        Args:
+          is_computed: whether positions and velocities are computed in the data of the step.
         """
-        world = self._world
-        if self._is_parallel:
-            world.advance(self.step - self._world_step)
-            self._world_step = self.step
-        if self.step % self.control_steps == 0:
-            self._finish_period()
-        elif world.holds_targets:
-            self._put()
-            world.hold()
-        else:
-            return
-        self._data.ctrl[:] = world.controls
+        if step % self.control_steps == 0:
+            self._finish_period(step, is_computed)
+        self._world.hold(self._data.qpos, self._data.qvel)
+        self._data.ctrl[:] = self._world.controls
 
     def _lead(self) -> None:
         """Prepares the world for the next step, once all inputs of this one are known."""
@@ -121,25 +147,35 @@ class TaskStepper(PhysicsStepper):
     def _put(self) -> None:
         mujoco.mj_getState(self.model, self._data, self._world.whole_state, state.STATE)
 
-    def _finish_period(self) -> None:
+    def _finish_period(self, step: int, is_computed: bool) -> None:
         """Computes the control instant at the end of a period; after the end of the episode the return stays."""
         world = self._world
-        if not (self._is_parallel or self._is_lagged):
-            self._put()
-        result = world.conclude()
+        if self._is_lagged:
+            result = world.conclude()
+        else:
+            result = world.conclude_in(self.model, self._data if is_computed else self._measured())
         reward, total = result.rewards, self._instant[-1]
         if self._ending is None:
             self.periods, total = self.periods + 1, total + reward
             if result.codes != RUNNING:
                 self._ending = result.endings[result.codes]
         world.resume()
-        action = self._ask(result.observations)
+        action = self._ask(result.observations, step)
         self._instant, self._now = (result.observations, action, reward, result.reward_terms, total), None
-        world.hold()
 
-    def _ask(self, observation: np.ndarray) -> np.ndarray:
+    def _measured(self) -> mujoco.MjData:
+        """Returns an MjData in which all fields that the world measures belong to this step."""
+        if self._world.stage == NONE:
+            return self._data
+        if self._is_measured_in_place:
+            self._derive_motion()
+            return self._data
+        instant = self._copied_instant()
+        self._computed = STATE  # as the controls change
+        return instant
+
+    def _ask(self, observation: np.ndarray, step: int) -> np.ndarray:
         """Calls the policy, and applies its action to the world."""
-        time = self.step * self._timestep
-        action = ask(self._actor, observation, self.names.actions, self.step, time, self._policy)
+        action = ask(self._actor, observation, self.names.actions, step, step * self._timestep, self._policy)
         self._world.apply(action)
         return action

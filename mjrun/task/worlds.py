@@ -314,7 +314,7 @@ class TaskWorlds:
         # RK4: a step computes sensors before its stages, and leaves everything else as of the last stage.
         is_rk4 = model.opt.integrator == RK4 or any(path == "opt.integrator" for path, _ in task.reset.vary)
         sensible = can_sense(spec, model) and not (is_rk4 and task.derived == LAGGED)
-        measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
+        measured = self._plan = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
         each = self._each  # a bound method would be a reference cycle, which only Python's collector frees
         self._measurement = BatchColumns(self._batch, measured, lambda world: each[world].model)
@@ -324,11 +324,12 @@ class TaskWorlds:
         self._counters = self._batch.warning
         self._warnings = self._counters[:, min(BAD) : max(BAD) + 1, 1]
         self._motion = self._state[:, 1 : 1 + model.nq + model.nv]  # qpos and qvel, after the time
-        rotations = self._batch.bind("xmat") if plan.frames else None
-        stage = max(measured.stage, POSITION if plan.frames else NONE)
+        self._rotations = self._batch.bind("xmat") if plan.frames else None
+        self._stage_of_frames = POSITION if plan.frames else NONE
+        stage = max(measured.stage, self._stage_of_frames)
         self._stage, at_start = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
         self._stage_at_start = max(at_start, POSITION)
-        self._observations = ObservationVector(plan, count, task.control_dt, rotations)
+        self._observations = ObservationVector(plan, count, task.control_dt, self._rotations)
         self._torques = TargetTorques(self.actions, model, count)
         self.disturbances = WorldDisturbances(task, model, self._state, self._ctrl, self._batch.bind("xfrc_applied"))
         self._has_delays = bool(self.actions.delays.any())

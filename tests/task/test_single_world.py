@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
 from mjrun.errors import ModelError, UsageError
+from mjrun.model import state
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
@@ -62,14 +64,19 @@ def test_a_control_period_can_be_stepped_in_parts(values: Mapping[str, object], 
     task = replace_model(cart(**values, derived=derived), tmp_path / "cart.xml")
     whole, parts = SingleWorld(task), SingleWorld(task)
     np.testing.assert_array_equal(whole.start(1), parts.start(1))
+    model = parts.model(0)
+    data = mujoco.MjData(model)
     for k in range(5):
         action = np.sin(k + np.arange(len(whole.action_names)))
         step = whole.act(action)
         parts.apply(action)
         for _ in range(whole.control_steps):
-            parts.hold()
+            state.restore(model, data, parts.state(0))
+            parts.hold(data.qpos, data.qvel)
             parts.advance(1)
-        other = parts.conclude()
+        state.restore(model, data, parts.state(0))
+        mujoco.mj_forward(model, data)
+        other = parts.conclude() if derived == "lagged" else parts.conclude_in(model, data)
         np.testing.assert_array_equal(step.observations, other.observations)
         np.testing.assert_array_equal([step.rewards, *step.reward_terms], [other.rewards, *other.reward_terms])
         np.testing.assert_array_equal(whole.state(0), parts.state(0))

@@ -99,6 +99,7 @@ CASES = pytest.mark.parametrize(
         pytest.param(DISTURBED, "lagged", EULER, id="disturbed Euler"),
         pytest.param(FORCED, "current", EULER, id="forced Euler"),
         pytest.param({}, "lagged", EULER, id="plain Euler"),
+        pytest.param({}, "current", EULER, id="current Euler"),
         pytest.param({}, "current", ASLEEP, id="plain asleep"),
         pytest.param(DISTURBED, "lagged", ASLEEP, id="disturbed asleep"),
     ],
@@ -251,3 +252,33 @@ def test_an_invalid_action_ends_rows_in_blocks_where_it_ends_the_simulation() ->
     with pytest.raises(InvalidActionError, match="at step 8"):
         collect()
     assert steps == [*range(8)]
+
+
+@pytest.mark.parametrize("actions", [MOTORS, POSITIONS])
+def test_a_block_that_fails_is_repeated_without_another_call_of_the_policy(actions: list[Action]) -> None:
+    """The simulation diverges in the period of the fifth action, in a block that goes on to further actions."""
+
+    class Diverging(Wave):
+        def __call__(self, observation: np.ndarray) -> np.ndarray:
+            return super().__call__(observation) * (1e9 if self.calls == 5 else 1)
+
+    def played(rows: bool) -> tuple[int, list[float], list[bytes]]:
+        actor, totals, states = Diverging(), list[float](), list[bytes]()
+        stepper = TaskStepper(SingleWorld(arm(actions=actions)), actor, 5)
+
+        def read(data: mujoco.MjData) -> None:
+            totals.append(stepper.now().total)
+            states.append(data.qpos.tobytes() + data.ctrl.tobytes())
+
+        if rows:
+            assert stepper.steps_together() > 20
+            assert not stepper.read_steps(30, read)
+            assert (stepper.step, stepper.now().total) == (0, 0.0)
+            totals, states = [], []
+        with pytest.raises(UnstableError, match=r"at step 1[67],"):
+            run_with_taps(stepper, [Tap(range(41), lambda _: stepper.instant(), read)], 40)
+        return actor.calls, totals, states
+
+    (calls, *singly), (calls_in_block, *in_block) = played(rows=False), played(rows=True)
+    assert singly == in_block
+    assert calls == 5 < calls_in_block <= 8  # of the steps 0, 4, …, 28 of the block
