@@ -77,7 +77,7 @@ class SimulationCommandOptions(RerunOptions):
         help="Also write the state of every step (.npz), for replay.",
     )
     save_key: str | None = option(
-        converter=optional(Text("FILE.xml[:NAME]")),
+        converter=optional(File("FILE.xml[:NAME]", written=True)),
         default=None,
         help="Also write the model's XML with the final state, or the state in the image, as a keyframe. FILE may "
         "be the model itself; the default NAME is end.",

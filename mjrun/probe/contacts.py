@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
-from mjrun.model.names import PLURALS, identify, names
+from mjrun.model.names import identify, names
 from mjrun.model.soft_bodies import carriers
 from mjrun.model.table_column import Column
 from mjrun.probe.fields import InstantProbe
@@ -223,8 +223,11 @@ def identify_party(text: str, model: mujoco.MjModel) -> tuple[str, int]:
     for kind in PARTIES:
         if text in known[kind]:
             return kind, known[kind].index(text)
-    plural = f"{PLURALS['body']} and geoms"
-    raise UnknownNameError("object", text, list(dict.fromkeys([*known["body"], *known["geom"]])), plural=plural)
+    flexes = [f"{FLEX}:{name.removeprefix(f'{FLEX}:')}" for name in names(model, FLEX)]
+    valid = list(dict.fromkeys([*known["body"], *known["geom"], *flexes]))
+    plural = "bodies, geoms and flexes" if flexes else "bodies and geoms"
+    meant = [flex for flex in flexes if flex == f"{FLEX}:{text}"]
+    raise UnknownNameError("object", text, valid, plural=plural, meant=meant)
 
 
 def pair(text: str, model: mujoco.MjModel) -> ContactProbe:

@@ -81,9 +81,11 @@ class SourceText:
         pointer = f"\n  {before}{after}\n  {' ' * len(before)}^" if self.text.strip() else ""
         return UsageError(f"{self.label}, character {position + 1}: found {found}, expected {expected}{pointer}")
 
-    def unknown(self, position: int, kind: str, name: str, valid: Sequence[str], plural: str = "") -> UnknownNameError:
+    def unknown(
+        self, position: int, kind: str, name: str, valid: Sequence[str], plural: str = "", meant: Sequence[str] = ()
+    ) -> UnknownNameError:
         """Returns the error of an unknown name at `position`."""
-        return UnknownNameError(kind, name, valid, where=self.place(position), plural=plural)
+        return UnknownNameError(kind, name, valid, where=self.place(position), plural=plural, meant=meant)
 
     def place(self, position: int) -> str:
         """Returns the text and the number of its character at `position`."""

@@ -72,7 +72,7 @@ class AvailableProbes(Vocabulary):
             return no_episode(name)
         error = self._unpaired(name) if name.startswith(self.beginnings) and name.count("/") > 1 else None
         if error:
-            return source.unknown(position, "object", error.name, error.valid)
+            return source.unknown(position, "object", error.name, error.valid, meant=error.meant)
         return super().missing(name, position, source)
 
     def accessed(self, accessor: ProbeReference, source: SourceText) -> str:
@@ -101,7 +101,7 @@ class AvailableProbes(Vocabulary):
             try:
                 identify_party(token.text, self._model)
             except UnknownNameError as error:
-                raise source.unknown(token.start, "object", error.name, error.valid) from None
+                raise source.unknown(token.start, "object", error.name, error.valid, meant=error.meant) from None
         name = "/".join([PAIRS, *(token.text for token in objects)])
         if component.text:
             raise _plain(name, component, source)

@@ -9,6 +9,8 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_copier, contact_rows, copy_contacts, pair
 from mjrun.probe.derived import contact_force
+from mjrun.probe.row_expression import parse_condition
+from mjrun.probe.vocabularies import AvailableProbes
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
 PILE = """
@@ -390,6 +392,17 @@ def test_a_contact_in_the_gap_counts_as_it_does_for_mujoco() -> None:
     model, data = forwarded(source)
     assert data.ncon == 1
     assert count("ball/floor", model, data) == 1
+
+
+def test_the_bare_name_of_a_flex_is_answered_with_its_full_name() -> None:
+    model, _ = forwarded(SHEET)
+    with pytest.raises(
+        UnknownNameError, match=r"^no object 'low' \(did you mean 'flex:low'\?\)\nbodies, geoms and flexes: "
+    ):
+        pair("low/floor", model)
+    for text in ("contact(low, floor)", "'contact/low/floor' > 0"):
+        with pytest.raises(UnknownNameError, match=r"character \d+ \(did you mean 'flex:low'\?\)"):
+            parse_condition(text, AvailableProbes(model), "when")
 
 
 def test_a_flex_counts_for_the_bodies_that_carry_all_of_it_and_a_vertex_for_its_own() -> None:

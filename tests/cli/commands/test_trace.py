@@ -194,6 +194,10 @@ def test_the_last_instant_is_saved_as_a_keyframe_that_the_next_run_starts_from(m
     assert "push: pendulum=0.1/0/0@0.01+0.02\n" in printed
     assert printed.endswith("keyframes:\n- {output: p.xml, name: later}\n")
 
+    done = mjrun_here("trace", PENDULUM, "--steps", "1", "--save-key", "-")
+    assert done.returncode == 2
+    assert b"--save-key: '-' is not the name of a file" in done.stderr
+
 
 def test_a_recording_is_verified_and_the_exit_code_is_the_verdict(mjrun_here: Command) -> None:
     assert mjrun_here("trace", PENDULUM, "--key", "level", "--steps", "100", "--recording", "r.npz").returncode == 0
