@@ -4,7 +4,6 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from typing import Any
 
 import mujoco
@@ -272,12 +271,12 @@ def timed_frames(
     watch, (motion,) = Stopwatch(clock), camera_motions(drawing.camera, drawing.size, model)
     (stream,) = (file.stream(drawing, Overlay()) for file in panel_files(drawing, "drawing"))
     compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
-    compositor.renderer = partial(TIMED[drawing.renderer], watch=watch)
+    timed, segmentation = TIMED[drawing.renderer], compositor.segmentation
     workload = ReferenceWorkload(clock, available_cores()) if backend.software else None
 
     try:
         with without_timers():
-            compositor.open()
+            compositor.use(timed(model, drawing.size, backend, compositor.visual, segmentation, watch=watch))
             costs, frames = _drawn(compositor, watch, states, budget, workload)
     finally:
         compositor.close()

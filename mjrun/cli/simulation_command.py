@@ -18,7 +18,7 @@ from mjrun.cli.console import Case, Console, Report, flag
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.model import ServoOptions
-from mjrun.options.output import LAST_INSTANT, SimulationCommandOptions
+from mjrun.options.output import LAST_INSTANT, RerunOptions, SimulationCommandOptions
 from mjrun.options.policy import ZERO
 from mjrun.options.trace import TraceOptions
 from mjrun.suffixes import is_yaml
@@ -165,7 +165,7 @@ def make(
       time, step: time of the keyframe; by default, the last instant.
       report: makes the report of the result.
     """
-    from mjrun.outputs.perform import PublishedOutput, perform
+    from mjrun.outputs.perform import perform
 
     options = command_line.make(SimulationCommandOptions)
     jobs: list[Job[OutputResult]] = [job]
@@ -184,22 +184,36 @@ def make(
 
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
-    from mjrun.outputs.up_to_date_check import UpToDateCheck
 
     try:
-        with UpToDateCheck(jobs, options) as last:  # does nothing unless the options ask for it
-            if earlier := last.up_to_date():
-                console.answer(unchanged(earlier))
-                raise click.exceptions.Exit(0)
-            tell_reason(console, last)
-            published = list[PublishedOutput]()
-            result = cast("R", perform(jobs, console, published)[0])
-            last.finish(published, (report or _report)(result).json)
-        return result
+        if options.if_changed or options.depfile:
+            return cast("R", _make_if_changed(console, jobs, options, report or _report))
+        return cast("R", perform(jobs, console)[0])
     except MjrunError as error:
         if console.document_form and error.results:
             console.answer(_report(error.results[0]))
         raise
+
+
+def _make_if_changed(
+    console: Console,
+    jobs: "Sequence[Job[OutputResult]]",
+    options: RerunOptions,
+    report: Callable[[Any], Report],
+) -> "OutputResult":
+    """Makes outputs unless they are up to date, which ends the command."""
+    from mjrun.outputs.perform import PublishedOutput, perform
+    from mjrun.outputs.up_to_date_check import UpToDateCheck
+
+    with UpToDateCheck(jobs, options) as last:
+        if earlier := last.up_to_date():
+            console.answer(unchanged(earlier))
+            raise click.exceptions.Exit(0)
+        tell_reason(console, last)
+        published = list[PublishedOutput]()
+        result = perform(jobs, console, published)[0]
+        last.finish(published, report(result).json)
+    return result
 
 
 def unchanged(earlier: "EarlierReport") -> Report:

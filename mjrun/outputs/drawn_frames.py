@@ -47,10 +47,10 @@ from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, split
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, lacks_gpu
-from mjrun.rendering.classic import ClassicRenderer, check_size
+from mjrun.rendering.classic import check_size
 from mjrun.rendering.compositor import DrawingCosts, FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
-from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
+from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
@@ -224,8 +224,6 @@ TRIED = 2  # frames after which the cost of one is known: the first also compile
 WORTHWHILE = 0.7  # share of the cost of a frame above which a draft is not recommended
 WORTH = 2.0  # [s] of rendering above which more processes save more time than they take to start
 FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
-
-RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
 
 
 @options
@@ -449,7 +447,7 @@ def scene_compositor(
         segmentation=Segmentation(model, options.seg_by) if "seg" in options.view else None,
         decorations=decorations,
         ranges=[options.depth_range] * len(options.camera) if options.depth_range else [],
-        renderer=RENDERERS[options.renderer],
+        renderer=options.renderer,
     )
 
 

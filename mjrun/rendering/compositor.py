@@ -2,11 +2,10 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import prod
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -22,32 +21,14 @@ from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
+from mjrun.rendering.filament import FilamentRenderer
 from mjrun.rendering.graph import Graph
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.text import BACKGROUND, stamp
 from mjrun.rendering.visual import Visual
 
 NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
-
-
-class StateRenderer(Protocol):
-    """A renderer of one model's states."""
-
-    def set_state(self, state: np.ndarray, index: int = 0) -> None:
-        """Moves the model to an integration `state`, which belongs to the frame `index`."""
-        ...
-
-    def render(self, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """Renders the views of that instant from `pose`."""
-        ...
-
-    def draft_cost(self) -> float | None:
-        """Returns the wall time to render the last scene as a draft [s]; None if it cannot be rendered as one."""
-        ...
-
-    def close(self) -> None:
-        """Frees the driver's resources."""
-        ...
+RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
 
 
 @dataclass(frozen=True)
@@ -156,7 +137,7 @@ class SceneCompositor:
       segmentation: the grouping of ids; None if no view is a segmentation.
       decorations: geoms added to colour images.
       ranges: the depths [m] of the first and the last colour for each camera; required for depth in colour.
-      renderer: creates the renderer, with the arguments of `ClassicRenderer`.
+      renderer: the name of the renderer.
     """
 
     model: mujoco.MjModel
@@ -169,10 +150,10 @@ class SceneCompositor:
     segmentation: Segmentation | None
     decorations: Sequence[Decoration] = ()
     ranges: Sequence[tuple[float, float]] = ()
-    renderer: Callable[..., StateRenderer] = ClassicRenderer
+    renderer: str = "classic"
 
     def __post_init__(self) -> None:
-        self._open_renderer: StateRenderer | None = None
+        self._open_renderer: ClassicRenderer | FilamentRenderer | None = None
         self._frame_cost = 0.0  # [s]
 
     @cached_property
@@ -189,16 +170,20 @@ class SceneCompositor:
     def open(self) -> None:
         """Creates a renderer unless one is open. `CompositorPool` calls this in the process that renders."""
         if self._open_renderer is None:
-            self._open_renderer = self.renderer(
+            self._open_renderer = RENDERERS[self.renderer](
                 self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations
             )
+
+    def use(self, renderer: ClassicRenderer | FilamentRenderer) -> None:
+        """Renders with an open renderer, which is closed with the compositor."""
+        self._open_renderer = renderer
 
     def continue_from(self, other: "SceneCompositor") -> None:
         """Takes over the renderer of another compositor, or closes it if it cannot render this model."""
         renderer, other._open_renderer = other._open_renderer, None
         if isinstance(renderer, ClassicRenderer) and renderer.can_show(self.model):
             renderer.show(self.model, self.segmentation)
-            self._open_renderer = renderer
+            self.use(renderer)
         elif renderer:
             renderer.close()
 

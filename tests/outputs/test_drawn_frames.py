@@ -13,7 +13,6 @@ from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.rendering import RENDERERS as NAMES
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.drawn_frames import (
-    RENDERERS,
     FramePlan,
     check_drawing,
     check_view,
@@ -28,6 +27,7 @@ from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import RENDERERS
 from mjrun.rendering.graph import graph_size
 from mjrun.rendering.segment_ids import check_segmentation_name, groupings
 from mjrun.rendering.visual import visual_of
