@@ -18,7 +18,7 @@ from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workl
 from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
-from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
+from mjrun.bench.step_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import UsageError, file_errors, option
 from mjrun.experiment.design import SHORT_PATHS, value_list
 from mjrun.formats.destinations import StagedFile

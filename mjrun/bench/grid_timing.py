@@ -12,8 +12,7 @@ import numpy as np
 from mjrun.bench.block_timing import Clock, RolloutInputs
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
-from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
-from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
+from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget, WarpOptions, WarpStepTimer
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members

@@ -17,8 +17,7 @@ from mjrun.bench.block_timing import Phase
 from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
-from mjrun.bench.step_timing import ThreadScaling
-from mjrun.bench.warp_timing import WARP, C, WarpOptions
+from mjrun.bench.step_timing import WARP, C, ThreadScaling, WarpOptions
 from mjrun.dataclass import dataclass
 from mjrun.platform.cores import available_cores
 

@@ -13,7 +13,7 @@ import pytest
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.grid_timing import noisy_controls
-from mjrun.bench.warp_timing import WarpOptions, WarpRoller
+from mjrun.bench.step_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from tests.bench.bench_clocks import BlockClock, FakeClock

@@ -1,12 +1,12 @@
 """Options of `mjrun bench`."""
 
-from mjrun.bench import warp_timing
+from mjrun.bench import step_timing
 from mjrun.experiment.design import value_list
 from mjrun.options.bench import ENGINES, BenchOptions
 
 
 def test_engines_are_those_that_bench_knows() -> None:
-    assert ENGINES == (warp_timing.C, warp_timing.WARP)
+    assert ENGINES == (step_timing.C, step_timing.WARP)
 
 
 def test_a_grid_of_values_is_text_by_path() -> None:

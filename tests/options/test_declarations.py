@@ -12,7 +12,7 @@ import click
 import pytest
 
 import mjrun.options
-from mjrun.bench import warp_timing
+from mjrun.bench import step_timing
 from mjrun.cli.main import COMMANDS, group
 from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.codecs import CODECS
@@ -209,7 +209,7 @@ def test_invalid_values_are_refused(make: Any, name: str, value: object, message
     [
         (KeyframeOptions, {"output", "name", "time", "step", "manifest"}),
         (RecordingOptions, {"output", "keep_partial", "manifest"}),
-        (EngineOptions, {"engine", *signature(warp_timing.WarpOptions).parameters}),
+        (EngineOptions, {"engine", *signature(step_timing.WarpOptions).parameters}),
         (InfoOptions, {"columns", "xml"}),
     ],
 )

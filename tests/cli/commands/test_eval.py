@@ -11,9 +11,8 @@ import pandas as pd
 import pytest
 
 from mjrun.cli.commands.eval import evaluation_markdown, evaluation_report
-from mjrun.evaluation.evaluation import EvaluationResult
+from mjrun.evaluation.evaluation import EpisodeVideo, EvaluationResult
 from mjrun.evaluation.summaries import PointSummary, compared, summary_of
-from mjrun.evaluation.videos import EpisodeVideo
 from tests.cases import cases
 from tests.evaluation.episodes import episodes, played
 from tests.evaluation.tasks import XML, write_policies
