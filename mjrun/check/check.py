@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from mjrun.check.codes import codes, matching_codes
-from mjrun.check.model_result import Copy, FixedFile, FixOutcome, ModelResult
-from mjrun.check.rule import SEVERITIES, Finding, Fix
+from mjrun.check.rule import SEVERITIES, Copy, Finding, Fix, FixedFile, FixOutcome, ModelResult
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, TaskQueue, WorkerOutput, WorkerTask

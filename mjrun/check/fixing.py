@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from mjrun.check.model_result import Copy, FixedFile, FixOutcome, ModelResult
-from mjrun.check.rule import Finding, Fix, short_path
+from mjrun.check.rule import Copy, Finding, Fix, FixedFile, FixOutcome, ModelResult, short_path
 from mjrun.check.rules.process_failures import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass

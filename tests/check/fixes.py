@@ -6,7 +6,7 @@ from pathlib import Path
 from mjrun.check.check import _of_original
 from mjrun.check.context import LintContext
 from mjrun.check.fixing import Fixing, changed_fields
-from mjrun.check.model_result import Copy, FixOutcome, ModelResult
+from mjrun.check.rule import Copy, FixOutcome, ModelResult
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.errors import ModelError

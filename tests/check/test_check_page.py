@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjrun.check import finding_pictures
+from mjrun.check import check_page
 from mjrun.check.check import CheckResult, ModelCheck
-from mjrun.check.check_page import FindingCards, write_check_page
-from mjrun.check.finding_pictures import PicturedModel
-from mjrun.check.model_result import ModelResult
-from mjrun.check.rule import Finding
+from mjrun.check.check_page import FindingCards, PicturedModel, write_check_page
+from mjrun.check.rule import Finding, ModelResult
 from mjrun.errors import NoRendererError, UsageError
 from mjrun.reporter import WarningReporter
 from tests.check.models import hinged, keyed, mjcf, write
@@ -22,7 +20,7 @@ from tests.check.rules.test_meshes import TRAY, TRAY_FACES, asset
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(finding_pictures, "SIZE", (140, 105))
+    monkeypatch.setattr(check_page, "SIZE", (140, 105))
 
 
 PAIR = mjcf(

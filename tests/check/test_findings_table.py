@@ -5,8 +5,7 @@ from pathlib import Path
 
 from mjrun.check.check import CheckResult
 from mjrun.check.findings_table import write_findings
-from mjrun.check.model_result import ModelResult
-from mjrun.check.rule import Finding
+from mjrun.check.rule import Finding, ModelResult
 from mjrun.plotting.table_and_study_plot import TablePlot
 
 

@@ -9,8 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
-from mjrun.check.model_result import Copy, FixOutcome
-from mjrun.check.rule import NOT_CERTAIN
+from mjrun.check.rule import NOT_CERTAIN, Copy, FixOutcome
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option

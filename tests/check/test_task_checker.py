@@ -1,11 +1,18 @@
-"""Theorems about checking one task."""
+"""Theorems about checking one task: where its parts are written, and what is seen in its episodes."""
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 
-from mjrun.check.rule import Finding
-from mjrun.errors import spelled
+from mjrun.check.rule import Finding, Place
+from mjrun.check.task_checker import COUNT, NotFinite, TaskPlaces, place_of, watch
+from mjrun.document.task import read_task
+from mjrun.errors import Problem, spelled
+from mjrun.policy.load import load_policy
+from mjrun.task.task import Action, Observation, Task
+from mjrun.task.worlds import TaskWorlds
 from tests.check.tasks import HEAD, SLIDER, checked
 
 
@@ -95,3 +102,74 @@ def test_a_policy_that_answers_nan_or_is_not_there_is_found() -> None:
 
 def test_no_steps_are_taken_where_none_are_wanted() -> None:
     assert checked("rewards: {bad: log(-1 - abs(qpos/rail))}", steps=0) == []
+
+
+def worlds(text: str = "", head: str = HEAD) -> TaskWorlds:
+    Path("slider.xml").write_text(SLIDER)
+    Path("t.yaml").write_text(head + text)
+    return TaskWorlds(read_task("t.yaml"), COUNT, threads=1)
+
+
+def test_episodes_are_played_to_their_ends() -> None:
+    assert watch(worlds(), load_policy("random")).periods == COUNT * 50
+    ended = watch(worlds("terminations: {late: {when: time > 0.19, as: success}}"), load_policy("random"))
+    assert ended.periods == COUNT * 10
+
+
+def test_what_stays_the_same_depends_on_what_acts() -> None:
+    text = HEAD.replace("duration: 1", "duration: 1\nset: {opt.gravity: [0, 0, 0]}")
+    assert watch(worlds(head=text), load_policy("random")).constant == []
+    still = watch(worlds(head=text), load_policy("zero"))
+    assert still.constant == [("place", "place"), ("speed", "speed")]
+    assert still.acting == "zero"
+
+
+def test_the_first_value_that_is_not_finite_is_kept_with_its_instant() -> None:
+    """The logarithm fails where the position, which a bare simulation gives as well, is no longer positive."""
+    made = worlds("rewards: {bad: log(qpos/rail + 0.01), good: 1}")
+    made.reset(range(COUNT))
+    period = 0
+    while (made.step(np.zeros((COUNT, 1))).observations[:, 0] > -0.01).all():
+        period += 1
+    (fault,) = watch(made, load_policy("zero")).not_finite
+    assert (fault.kind, fault.name, fault.time, fault.seed) == ("rewards", "bad", (period + 1) * 0.02, 0)
+    assert np.isnan(fault.value)
+    assert isinstance(fault, NotFinite)
+
+
+def test_terminations_at_the_start_are_by_their_names_and_seeds() -> None:
+    text = "reset: {set: {qpos/rail: 'uniform(-1, 1)'}}\nterminations: {far: {when: qpos/rail > 0, as: failure}}"
+    made = worlds(text)
+    positive = np.flatnonzero(made.reset(range(COUNT))[:, 0] > 0).tolist()
+    assert watch(made, load_policy("zero")).ended_at_start == {"far": positive}
+
+
+def test_parts_are_found_at_their_lines() -> None:
+    Path("slider.xml").write_text(SLIDER)
+    Path("t.yaml").write_text(HEAD + "rewards:\n  near: 1\n  far: {value: time}\n")
+    task = read_task("t.yaml")
+    places = TaskPlaces(task, Path("t.yaml"))
+    lines = {path: places.at(*path).line for path in [("model",), ("observations", 1), ("rewards", "far", "value")]}
+    assert lines == {("model",): 1, ("observations", 1): 6, ("rewards", "far", "value"): 11}
+    assert list(places.numbers_of_actions(TaskWorlds(task, 1))) == [[0]]
+
+
+def test_a_task_without_a_document_is_at_the_file_as_a_whole() -> None:
+    model = mujoco.MjModel.from_xml_string(SLIDER)
+    seen, acts = [Observation(name="a", probe="qpos/rail")], [Action(actuators="push")]
+    places = TaskPlaces(Task(model, control_dt=0.02, duration=1, observations=seen, actions=acts), Path("t.py"))
+    assert places.at("observations", 0) == Place(Path("t.py"))
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [
+        ("t.yaml:3:7", Place(Path("t.yaml"), 3)),
+        ("a:b/t.yaml:3:7", Place(Path("a:b/t.yaml"), 3)),
+        ("duration=2", Place(Path("own.yaml"))),
+        ("a:b:c", Place(Path("own.yaml"))),
+        ("", Place(Path("own.yaml"))),
+    ],
+)
+def test_the_place_of_a_problem_is_its_file_and_line(place: str, expected: Place) -> None:
+    assert place_of(Problem(place, "", "lost"), Path("own.yaml")) == expected

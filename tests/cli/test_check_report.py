@@ -10,8 +10,7 @@ import pytest
 from mjrun.check import codes
 from mjrun.check.check import CheckResult, ModelResult
 from mjrun.check.codes import explanation
-from mjrun.check.model_result import FixedFile
-from mjrun.check.rule import SEVERITIES, Finding
+from mjrun.check.rule import SEVERITIES, Finding, FixedFile
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
 from mjrun.cli.report_formats import github, junit, markdown

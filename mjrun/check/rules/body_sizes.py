@@ -8,7 +8,6 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.meshes import convex_volume
-from mjrun.check.rules.unnamed_objects import flex_bodies
 
 MIN_DENSE_MASS = 0.05  # [kg]; placeholders between two joints are lighter
 SAME_BOX = 0.8  # of the box of all geoms that those that collide fill, if the others repeat them
@@ -148,3 +147,8 @@ def _mass(model: mujoco.MjModel, body: int) -> float:
 def _sides(context: LintContext, body: int) -> str:
     low, high = box(context, body, moving_geoms(context.model)[body])
     return " × ".join(f"{side:.3g}" for side in high - low)
+
+
+def flex_bodies(model: mujoco.MjModel) -> set[int]:
+    """Returns the bodies that carry a flex."""
+    return {int(b) for b in np.concatenate([model.flex_vertbodyid, model.flex_nodebodyid])}

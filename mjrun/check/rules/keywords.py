@@ -6,7 +6,7 @@ MuJoCo stops at the first unknown keyword, and does not list the valid ones.
 from collections.abc import Iterator
 
 from mjrun.check.rule import Finding, Rule
-from mjrun.check.rules.removed_from_mjcf import REMOVED_VALUES, SYNONYMS
+from mjrun.check.rules.mjcf_schema import REMOVED_VALUES, SYNONYMS
 from mjrun.errors import clean, listing, near, quoted
 from mjrun.model.xml_source import Element, XmlSource
 

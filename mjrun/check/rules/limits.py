@@ -1,4 +1,7 @@
-"""Ranges of joints, tendons and actuators that are missing, reversed or violated at the start."""
+"""Ranges of joints, tendons and actuators that are missing, reversed, improbable or violated at the start.
+
+MuJoCo rejects ranges in the text of a model one by one; their fixes change all of them.
+"""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -8,19 +11,33 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import option
-from mjrun.model.class_defaults import holder
+from mjrun.model.class_defaults import ACTUATORS, holder
 from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS
-from mjrun.model.text_edits import number_word
+from mjrun.model.text_edits import ElementEditor, number_word
+from mjrun.model.xml_source import Element, XmlSource
 
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
 # MuJoCo's enums equal integers, but numpy does not find them among integers.
-ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+ROTATING = (HINGE, int(mujoco.mjtJoint.mjJNT_BALL))
 FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
 FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
 ENDINGS = ("range", "limited")
 INHERITED = tuple(f"actuator_{kind}{ending}" for kind in ("ctrl", "act") for ending in ENDINGS)  # with inheritrange
+# The attributes with ranges, and those that enable them, of joints and tendons, and of actuators.
+LIMITS = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
+ACTUATOR_LIMITS = {"ctrlrange": "ctrllimited", "forcerange": "forcelimited", "actrange": "actlimited"}
+RANGES = {
+    **dict.fromkeys(("joint", "tendon", "spatial", "fixed"), tuple(LIMITS.items())),
+    **dict.fromkeys(ACTUATORS, tuple(ACTUATOR_LIMITS.items())),
+    "position": (*ACTUATOR_LIMITS.items(), ("inheritrange", "ctrllimited")),
+    "intvelocity": (*ACTUATOR_LIMITS.items(), ("inheritrange", "actlimited")),
+}
+INNER = 0.75  # part of a box that is well inside; links may touch beside the hinge
+SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
 
 
 @rule("MJ301", "note", "actuator without limits")
@@ -196,3 +213,110 @@ def beyond_span(value: float, span: np.ndarray, unit: str = "") -> str:
     if low - slack <= value <= high + slack:
         return ""
     return f"at {f'{value:.4g} {unit}'.rstrip()}, outside [{low:.4g}, {high:.4g}]"
+
+
+def enabled_ranges(source: XmlSource) -> Fix | str:
+    """Returns the fix that enables every range of which the text does not state whether it applies."""
+    editor = ElementEditor(source.mjcf_texts)
+    edits = [
+        editor.with_value(element, limit, "true")
+        for element, span, limit in _ranges(source)
+        if holder(element, limit) is None and any(_numbers(element, span))
+    ]
+    return Fix(tuple(edits)) if edits else NOT_CERTAIN
+
+
+def swapped_ranges(source: XmlSource) -> Fix | str:
+    """Returns the fix that swaps the numbers of every reversed range."""
+    editor = ElementEditor(source.mjcf_texts)
+    edits = [
+        edit
+        for element, span in elements_with_reversed_range(source)
+        for edit in editor.with_words(element, span, dict(enumerate(reversed(element.attributes[span].split()))))
+    ]
+    return Fix(tuple(edits)) if edits else NOT_CERTAIN
+
+
+def elements_with_reversed_range(source: XmlSource) -> list[tuple[Element, str]]:
+    """Returns each element with a reversed range, and the attribute with the range."""
+    numbers = ((element, span, _numbers(element, span)) for element, span, _ in _ranges(source))
+    return [(element, span) for element, span, values in numbers if len(values) == 2 and values[0] > values[1]]
+
+
+def _ranges(source: XmlSource) -> Iterator[tuple[Element, str, str]]:
+    """Yields each element with a range, and the names of the attributes with the range and with what enables it."""
+    for element in source.elements():
+        for span, limit in RANGES.get(element.tag, ()):
+            if span in element.attributes:
+                yield element, span, limit
+
+
+def _numbers(element: Element, attribute: str) -> tuple[float, ...]:
+    """Returns the numbers of an attribute; none if it holds something else."""
+    try:
+        return tuple(map(float, element.attributes[attribute].split()))
+    except ValueError:
+        return ()
+
+
+@rule("MJ313", "note", "hinge that turns its link through its parent")
+def links_through_parents(context: LintContext) -> Iterator[Violation]:
+    """Yields the first hinge that turns a colliding geom into one of its parent, and out of it again on the other side.
+
+    The others are counted. A geom is inside another one if its centre is well inside the other one's box.
+    """
+    model, found = context.model, dict[int, tuple[int, int]]()
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return
+    for joint in map(int, np.flatnonzero(model.jnt_type == HINGE)):
+        if not model.jnt_limited[joint] and model.jnt_range[joint].any():
+            continue  # MJ302 or MJ303 says why its range has no effect
+        low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.pi, np.pi)
+        if high - low >= context.thresholds.link_turn and (pair := _entered(context, joint, low, high)):
+            found[joint] = pair
+    if found:
+        joint, (geom, other) = next(iter(found.items()))
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        limits = "its range allows" if model.jnt_limited[joint] else "without a range, it can turn"
+        message = (
+            f"{limits} {context.object('geom', geom)} through {context.object('geom', other)}, "
+            f"with which MuJoCo does not collide it{more}"
+        )
+        yield context.violation("joint", joint, message, 'limit it: range="-90 90" (in the unit of <compiler angle=…>)')
+
+
+def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple[int, int] | None:
+    """Returns a geom that a hinge turns through a geom of the parent, and that one; None if all stay outside."""
+    model = context.model
+    link = int(model.body_weldid[model.jnt_bodyid[joint]])
+    parent = int(model.body_weldid[model.body_parentid[link]])
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    collides &= ~np.isin(model.geom_type, INFINITE)
+    owners = model.body_weldid[model.geom_bodyid]
+    own, others = (np.flatnonzero(collides & (owners == body)) for body in (link, parent))
+    if not (parent and own.size and others.size):
+        return None
+
+    data = mujoco.MjData(model)
+    address, is_closed = int(model.jnt_qposadr[joint]), not model.jnt_limited[joint]
+    positions = np.linspace(low, high, SAMPLES, endpoint=not is_closed)
+    centres = np.empty((SAMPLES + 1, own.size, 3))
+    for i, position in enumerate([*positions, model.qpos0[address]]):
+        data.qpos[address] = position
+        mujoco.mj_kinematics(model, data)
+        centres[i] = _centres(model, data, own)
+    # The hinge does not move the parent. Offsets are relative to the half sizes of its boxes: up to 1 inside.
+    frames, sizes = data.geom_xmat[others].reshape(-1, 3, 3), np.maximum(model.geom_aabb[others, 3:], mujoco.mjMINVAL)
+    along = np.einsum("sabj,bji->sabi", centres[:, :, None] - _centres(model, data, others), frames)
+    offsets = (abs(along) / sizes).max(axis=3)
+    ends = offsets[[-1]] if is_closed else offsets[[0, -2, -1]]
+    turn_inside = (offsets[:-1] < INNER).sum(axis=0) * (high - low) / SAMPLES
+    passes = (ends > 1).all(axis=0) & (turn_inside > context.thresholds.link_overlap)
+    pairs = np.argwhere(passes)
+    return (int(own[pairs[0, 0]]), int(others[pairs[0, 1]])) if pairs.size else None
+
+
+def _centres(model: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
+    """Returns the centres of the boxes of geoms in the world, `(n, 3)` [m]."""
+    frames = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    return data.geom_xpos[geoms] + (frames @ model.geom_aabb[geoms, :3, None])[:, :, 0]

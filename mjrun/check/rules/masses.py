@@ -7,17 +7,18 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import UNSAFE, Violation, rule
-from mjrun.check.rules.body_sizes import INFINITE
-from mjrun.check.rules.fused_links import fused_links, loses_its_shape
+from mjrun.check.rule import GENERATED, UNSAFE, Fix, Violation, rule
+from mjrun.check.rules.body_sizes import INFINITE, flex_bodies
 from mjrun.check.rules.meshes import geom_mass
-from mjrun.check.rules.physical_fixes import inferred_inertia
-from mjrun.check.rules.unnamed_objects import flex_bodies
 from mjrun.errors import listing
+from mjrun.model.xml_source import Element
 
 NEGLIGIBLE = 1e-4  # mass and inertia of a body relative to the largest in the model
 EQUAL = 1e-3  # relative difference of equal inertias
+ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
 ROUND = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID))
+SHAPES = {"visual", "collision"}  # the elements with the geoms of a link
 
 
 @rule("MJ203", "note", "geom without mass")
@@ -108,15 +109,15 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
         inert = model.body_inertia[body].max() > NEGLIGIBLE * most_inert
         if not (moves[body] and model.body_mass[body] > 0 and (heavy or inert)):
             continue
-        links = fused_links(context, body)
-        if any(loses_its_shape(context, link) for link in links):
+        links = _fused_links(context, body)
+        if any(_loses_its_shape(context, link) for link in links):
             continue
         if problem := _inertia_problem(context, body):
             fixed = [link.attributes["name"] for link in links[1:] if any(e.tag == "inertial" for e in link.children)]
             others = f" or those of the links fixed to it ({listing(fixed)})" if fixed else ""
             removal = "or remove it so that MuJoCo infers it from the geoms; units are kg and m"
             remedy = f"correct its <inertial>{others}, {removal}"
-            fix = partial(inferred_inertia, context, body)
+            fix = partial(_inferred_inertia, context, body)
             yield context.violation("body", body, problem, remedy, fix=fix)
 
 
@@ -223,3 +224,64 @@ def _rotates(model: mujoco.MjModel, dof: int) -> bool:
 
 def _ratio(high: float, low: float) -> str:
     return f"{high / low:.2g}" if low > 0 else "infinity"
+
+
+def _inferred_inertia(context: LintContext, body: int) -> Fix | str:
+    """Returns the fix that gives a body the inertia of its geoms, of which the mass is scaled to that of the body."""
+    element = context.element("body", body)
+    inertial = next((child for child in element.children if child.tag == "inertial"), None) if element else None
+    model = _model_with_inferred_inertia(context, body)
+    if inertial is None:
+        return GENERATED
+    if model is None or not model.body_mass[body] > 0:
+        return "its geoms have no mass from which its inertia could be inferred"
+    scale = context.model.body_mass[body] / model.body_mass[body]
+    quat = model.body_iquat[body]
+    values = {"pos": model.body_ipos[body], "diaginertia": scale * model.body_inertia[body]}
+    values |= {} if np.allclose(quat, IDENTITY, atol=1e-9) else {"quat": quat}
+    outdated = [name for name in (*ORIENTATIONS, "fullinertia") if name in inertial.attributes and name not in values]
+    edits = [context.editor.without(inertial, name) for name in outdated]
+    edits += [context.editor.with_value(inertial, name, _numbers(value)) for name, value in values.items()]
+    return Fix(tuple(edits), ("body_inertia", "body_ipos", "body_iquat"))
+
+
+def _model_with_inferred_inertia(context: LintContext, body: int) -> mujoco.MjModel | None:
+    """Returns the model with the inertia of one body inferred from its geoms; None if they have none."""
+    if context.spec is None:
+        return None
+    spec = context.spec.copy()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    changed = spec.bodies[[each.id for each in context.spec.bodies].index(body)]
+    changed.explicitinertial, changed.mass, changed.inertia[:], changed.ipos[:] = False, 0, 0, np.nan
+    try:
+        return spec.compile()
+    except ValueError:
+        return None
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.9g}" for value in values.tolist())
+
+
+def _fused_links(context: LintContext, body: int) -> list[Element]:
+    """Returns the links that a body consists of, that of its name first; none unless they are those of a URDF."""
+    root = context.source.root
+    if root is None or root.tag != "robot" or context.spec is None or not context.spec.compiler.fusestatic:
+        return []
+    links = {element.attributes.get("name", ""): element for element in root.children if element.tag == "link"}
+    fixed = [e for e in root.children if e.tag == "joint" and e.attributes.get("type") == "fixed"]
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in fixed]
+    names = [context.name("body", body)]
+    for name in names:
+        names += [child for parent, child in ends if parent == name and child not in names]
+    return [links[name] for name in filter(None, names) if name in links]
+
+
+def _loses_its_shape(context: LintContext, link: Element) -> bool:
+    """Returns whether MuJoCo discards all geoms of a link, which are only visual ones."""
+    tags = {child.tag for child in link.children}
+    return context.spec is not None and bool(context.spec.compiler.discardvisual) and tags & SHAPES == {"visual"}
+
+
+def _end(joint: Element, tag: str) -> str:
+    return next((child.attributes.get("link", "") for child in joint.children if child.tag == tag), "")

@@ -1,6 +1,7 @@
-"""Violations of MuJoCo's own XML schema, all of them, with suggestions.
+"""Violations of MuJoCo's own XML schema, all of them, with suggestions, and what MJCF no longer has.
 
-MuJoCo stops at the first violation, and does not check attributes inside `<frame>` and `<replicate>`.
+MuJoCo stops at the first violation, and does not check attributes inside `<frame>` and `<replicate>`. Elements and
+values that were removed, or never existed, have their replacements from MuJoCo's changelog.
 """
 
 import re
@@ -12,13 +13,76 @@ from functools import cache, partial
 import mujoco
 
 from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, Place, Rule
-from mjrun.check.rules import removed_from_mjcf
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
 from mjrun.model.class_defaults import holder
 from mjrun.model.text_edits import ElementEditor
 from mjrun.model.xml_source import Element, XmlSource
 
+FLEXCOMP = 'use <flexcomp type="grid" dim="1" …> with <elasticity young=… shear=…/> or <edge equality="true"/>'
+
+# The version without the element, alone or in its parent, and the remedy.
+REMOVED_ELEMENTS = {
+    "composite": ("in MuJoCo 4.0.0", f"{FLEXCOMP}; cloth and soft bodies are <flexcomp> of dim 2 and 3"),
+    "flexvert": (
+        "in MuJoCo 4.0.0",
+        'use continuum <elasticity> with integrator="discrete", or <edge equality="true"/> for cloth',
+    ),
+    "equality/distance": (
+        "in MuJoCo 2.2.2",
+        "connect sites of both bodies by a <spatial> tendon, and keep its length by <tendon> in <equality>",
+    ),
+}
+
+REMOVED_PLUGINS = {
+    "mujoco.elasticity.cable": ("in MuJoCo 4.0.0", FLEXCOMP),
+    "mujoco.elasticity.shell": ("in MuJoCo 3.3.3", 'use <flexcomp dim="2"> with <elasticity>'),
+    "mujoco.elasticity.solid": ("in MuJoCo 3.2.4", 'use <flexcomp dim="3"> with <elasticity>'),
+    "mujoco.elasticity.membrane": ("in MuJoCo 3.2.4", 'use <flexcomp dim="2"> with <elasticity>'),
+    "mujoco.sdf.sdflib": ("in MuJoCo 3.3.5", 'use a separate mesh: <geom type="sdf" mesh=…>'),
+}
+
+# The version without the attribute of an element, and the remedy.
+REMOVED_ATTRIBUTES = {
+    ("option", "collision"): (
+        "in MuJoCo 3.0.0",
+        'delete collision="all"; for "predefined" write <default><geom contype="0" conaffinity="0"/></default>',
+    ),
+    ("option", "apirate"): ("in MuJoCo 3.3.7", "delete it; it had no effect"),
+    ("option", "mpr_iterations"): ("in MuJoCo 3.2.3", "write ccd_iterations"),
+    ("option", "mpr_tolerance"): ("in MuJoCo 3.2.3", "write ccd_tolerance"),
+    ("compiler", "convexhull"): ("in MuJoCo 3.2.5", "delete it; convex hulls are made where they are needed"),
+    ("compiler", "exactmeshinertia"): ("in MuJoCo 3.2.5", 'write <mesh inertia="exact"> on the meshes that need it'),
+    ("joint", "actuatorforcerange"): ("in MuJoCo 3.0.0", "write actuatorfrcrange"),
+    ("joint", "actuatorforcelimited"): ("in MuJoCo 3.0.0", "write actuatorfrclimited"),
+    ("camera", "orthographic"): ("in MuJoCo 3.5.0", 'write projection="orthographic"'),
+    ("flag", "passive"): ("in MuJoCo 3.3.6", "write spring and damper"),
+    ("flag", "sensornoise"): ("in MuJoCo 3.1.4", "delete it; add noise where sensors are read"),
+    ("contact", "internal"): ("in MuJoCo 3.15.0", "write selfcollide"),
+}
+
+# Attributes that have another name now, and values that are written as other attributes, or no longer needed.
+RENAMED_ATTRIBUTES = {
+    ("option", "mpr_iterations"): "ccd_iterations",
+    ("option", "mpr_tolerance"): "ccd_tolerance",
+    ("joint", "actuatorforcerange"): "actuatorfrcrange",
+    ("joint", "actuatorforcelimited"): "actuatorfrclimited",
+}
+REWRITTEN_VALUES: dict[tuple[str, str, str], dict[str, str]] = {
+    ("option", "collision", "all"): {},
+    ("compiler", "convexhull", "true"): {},
+    ("compiler", "convexhull", "false"): {},
+    ("compiler", "exactmeshinertia", "false"): {},
+    ("flag", "sensornoise", "enable"): {},
+    ("flag", "sensornoise", "disable"): {},
+    ("flag", "passive", "enable"): {},
+    ("flag", "passive", "disable"): {"spring": "disable", "damper": "disable"},
+    ("camera", "orthographic", "true"): {"projection": "orthographic"},
+    ("camera", "orthographic", "false"): {"projection": "perspective"},
+    ("contact", "internal", "false"): {},
+}
+# The fields of the compiled model on which they act, where MuJoCo ignores what it does not know, as in <frame>.
+REWRITTEN_FIELDS = {"joint": ("jnt_actfrc*",), "camera": ("cam_projection",)}
 UNKNOWN_ELEMENT = Rule("MJ102", "error", "unknown element")
 MISPLACED_ELEMENT = Rule("MJ103", "error", "element in the wrong place")
 UNKNOWN_ATTRIBUTE = Rule("MJ104", "error", "unknown attribute")
@@ -36,6 +100,62 @@ UNLISTED: dict[str, frozenset[str]] = {
     "include": frozenset({"file"}),
 }
 UNLIKELY_PARENTS = ("default", "frame", "replicate")  # valid, but seldom what was meant
+
+
+def rewritten(tag: str, attribute: str, value: str) -> dict[str, str] | None:
+    """Returns the attributes that replace a removed one; None if that is not certain."""
+    if name := RENAMED_ATTRIBUTES.get((tag, attribute)):
+        return {name: value}
+    if (tag, attribute) == ("option", "apirate"):
+        return {}
+    return REWRITTEN_VALUES.get((tag, attribute, value))
+
+
+# The version without the value of an attribute, and the remedy.
+REMOVED_VALUES = {
+    ("edge", "equality", "vert"): ("in MuJoCo 4.0.0", REMOVED_ELEMENTS["flexvert"][1]),
+    ("compiler", "coordinate", "global"): (
+        "in MuJoCo 2.3.4",
+        "load and save the model in MuJoCo 2.3.3 to convert it to local coordinates",
+    ),
+}
+
+# Keywords of MJCF, and words of other formats and languages with the same meaning.
+SYNONYMS = {
+    "true": ("yes", "on", "1", "enabled"),
+    "enable": ("yes", "on", "1", "true"),
+    "false": ("no", "off", "0", "disabled"),
+    "disable": ("no", "off", "0", "false"),
+    "radian": ("rad",),
+    "degree": ("deg",),
+    "box": ("cube", "cuboid"),
+    "sphere": ("ball",),
+    "capsule": ("rod",),
+    "cylinder": ("tube",),
+    "plane": ("ground",),
+    "hinge": ("revolute", "continuous"),
+    "slide": ("prismatic", "linear"),
+    "ball": ("spherical",),
+    "free": ("floating",),
+    "directional": ("sun",),
+    "RK4": ("rungekutta",),
+    "PGS": ("gauss-seidel",),
+}
+
+# Elements that MJCF never had, but that people write.
+FOREIGN_ELEMENTS = {
+    "solver": 'the solver is chosen in <option>: <option solver="Newton" iterations="100" tolerance="1e-8"/>',
+    "world": "the world is called <worldbody>",
+    "restitution": 'MJCF has none; for bouncing, lower the damping: <geom solref="-STIFFNESS -DAMPING">',
+    "gravity": 'gravity is an option: <option gravity="0 0 -9.81"/>',
+    "physics": 'physics is in <option>: <option timestep="0.002" gravity="0 0 -9.81"/>',
+    "link": "a link is a <body>, with its <geom> and <joint> inside",
+    "robot": "a file with <robot> as its root is URDF and needs the suffix .urdf",
+    "collision": "a <geom> collides; contype and conaffinity say with what",
+    "visual": 'a geom that is only seen is <geom contype="0" conaffinity="0">; <visual> is for rendering options',
+    "actuators": "write <actuator>, directly in <mujoco>",
+    "sensors": "write <sensor>, directly in <mujoco>",
+}
 
 
 @dataclass
@@ -123,15 +243,15 @@ def violations(source: XmlSource) -> Iterator[Finding]:
 
 def _attributes(source: XmlSource, element: Element, node: SchemaElement) -> Iterator[Finding]:
     for name, value in element.attributes.items():
-        removed = removed_from_mjcf.REMOVED_VALUES.get((element.tag, name, value))
-        if name == "plugin" and value in removed_from_mjcf.REMOVED_PLUGINS:
-            removed = removed_from_mjcf.REMOVED_PLUGINS[value]
+        removed = REMOVED_VALUES.get((element.tag, name, value))
+        if name == "plugin" and value in REMOVED_PLUGINS:
+            removed = REMOVED_PLUGINS[value]
         if removed:
             message = f"{name}={quoted(value)} of <{element.tag}> was removed {removed[0]}"
             yield REMOVED.in_element(element, message, removed[1])
         if name in node.attributes:
             continue
-        if removed := removed_from_mjcf.REMOVED_ATTRIBUTES.get((element.tag, name)):
+        if removed := REMOVED_ATTRIBUTES.get((element.tag, name)):
             message = f"the attribute {quoted(name)} of <{element.tag}> was removed {removed[0]}"
             yield REMOVED.in_element(element, message, removed[1], partial(_rewritten, source, element, name))
             continue
@@ -146,15 +266,11 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | str:
         meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
         exact = [editor.with_value(e, "inertia", "exact") for e in meshes if not holder(e, "inertia")]
         return Fix((editor.without(element, name, {name}), *exact), ("body_*", "mesh_*"))
-    new = removed_from_mjcf.rewritten(element.tag, name, value)
+    new = rewritten(element.tag, name, value)
     if new is None:
         return NOT_CERTAIN
     if not new:
-        removed = [
-            each
-            for each, value in element.attributes.items()
-            if removed_from_mjcf.rewritten(element.tag, each, value) == {}
-        ]
+        removed = [each for each, value in element.attributes.items() if rewritten(element.tag, each, value) == {}]
         return Fix((editor.without(element, name, removed),))
     missing = [other for other in new if other not in element.attributes]
     if len(missing) == 1:
@@ -162,7 +278,7 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | str:
         edits += [editor.with_value(element, name, new[missing[0]])] if new[missing[0]] != value else []
     else:
         edits = [editor.without(element, name), *(editor.with_value(element, other, new[other]) for other in missing)]
-    return Fix(tuple(edits), removed_from_mjcf.REWRITTEN_FIELDS.get(element.tag, ()))
+    return Fix(tuple(edits), REWRITTEN_FIELDS.get(element.tag, ()))
 
 
 def _attribute_remedy(element: Element, name: str, node: SchemaElement) -> str:
@@ -193,19 +309,19 @@ def _unknown(element: Element, node: SchemaElement) -> Finding:
     tag, parent = element.tag, element.parent
     assert parent is not None
     for name in (tag, f"{parent.tag}/{tag}"):
-        if name not in removed_from_mjcf.REMOVED_ELEMENTS:
+        if name not in REMOVED_ELEMENTS:
             continue
-        since, remedy = removed_from_mjcf.REMOVED_ELEMENTS[name]
+        since, remedy = REMOVED_ELEMENTS[name]
         return REMOVED.in_element(element, f"<{tag}> was removed {since}", remedy)
     if value := _as_attribute(element, node):
         return value
     parents = [tag for tag, _ in valid_parents().get(tag, [])]
-    if parents and tag not in removed_from_mjcf.FOREIGN_ELEMENTS:
+    if parents and tag not in FOREIGN_ELEMENTS:
         homes = " or ".join(f"<{home}>" for home in parents[:3])
         message = f"<{tag}> is inside <{clean(parent.tag)}>, but must be directly inside {homes}"
         return MISPLACED_ELEMENT.in_element(element, message, _move(tag, parent, parents[0]))
     message = f"<{clean(parent.tag)}> has no element <{clean(tag)}>{suggestion(tag, node.children)}"
-    remedy = removed_from_mjcf.FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
+    remedy = FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
     return UNKNOWN_ELEMENT.in_element(element, message, remedy)
 
 

@@ -8,13 +8,16 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import UNSAFE, Fix, Violation, rule
+from mjrun.check.rule import UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.rules.contacts import deep_penetrations, filled_mesh
 from mjrun.check.rules.decomposition_fix import decomposed
 from mjrun.check.rules.limits import joints_beyond_range
-from mjrun.check.rules.penetrations import deep_penetrations, filled_mesh
-from mjrun.check.rules.physical_fixes import without_contacts
 from mjrun.errors import clean
+from mjrun.model.names import FREE, KINDS
+from mjrun.model.text_edits import escaped, number_word
 
+UPRIGHT = 0.99  # the least vertical part of the normal of a floor
+DECIMALS = 6  # of heights [m]
 GRAVITY = 9.81  # [m/s²] for models without gravity
 ROUNDING = 1e-9  # relative, of a timestep
 DECOMPOSE = "replace it by convex parts, as `obj2mjcf --decompose` and CoACD make them, or by primitive geoms"
@@ -63,7 +66,7 @@ def _separated(
             return decomposition
         reason = decomposition
     apart = {pair for pair in pairs if filled_mesh(context, start, pair) is None}
-    others = without_contacts(context, start, apart)
+    others = _without_contacts(context, start, apart)
     return others if isinstance(others, Fix) or not reason else reason
 
 
@@ -218,3 +221,46 @@ def _softer(model: mujoco.MjModel, springs: list[ConstraintSpring]) -> str:
         return "use a smaller timestep, or less stiffness and damping"
     step = model.opt.timestep
     return f"write a time constant of at least {2 * step:g}, or a timestep of at most {min(positive) / 2:g}"
+
+
+def _without_contacts(context: LintContext, start: int | None, pairs: Collection[tuple[int, int]]) -> Fix | str:
+    """Returns the fix of geoms that penetrate each other at a start.
+
+    In the initial state, moving bodies exclude each other. In a keyframe, floating bodies are lifted out of the floor.
+    """
+    return _excluded(context, pairs) if start is None else _lifted(context, start, pairs)
+
+
+def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix | str:
+    model, root = context.model, context.source.root
+    bodies = {tuple(sorted(int(model.geom_bodyid[geom]) for geom in pair)) for pair in pairs}
+    moving = sorted(pair for pair in bodies if model.body_weldid[list(pair)].all())
+    names = [[mujoco.mj_id2name(model, KINDS["body"], body) or "" for body in pair] for pair in moving]
+    excludes = [f'<exclude body1="{escaped(a)}" body2="{escaped(b)}"/>' for a, b in names if a and b]
+    if root is None or not excludes:
+        return "only contacts between moving bodies with names can be excluded"
+    contact = next((e for e in root.children if e.tag == "contact" and e.file == context.path), None)
+    if contact:
+        edits = [context.editor.with_child(contact, exclude) for exclude in excludes]
+    else:
+        edits = [context.editor.with_child(root, "\n  ".join(["<contact>", *excludes]) + "\n</contact>")]
+    return Fix(tuple(edits), ("exclude", "exclude_*", "nexclude"))
+
+
+def _lifted(context: LintContext, key: int, pairs: Collection[tuple[int, int]]) -> Fix | str:
+    model, heights = context.model, dict[int, float]()
+    for contact in context.data_at(key).contact:
+        pair = tuple(map(int, contact.geom))
+        floors = [geom for geom in pair if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE]
+        if pair not in pairs or len(floors) != 1 or abs(contact.frame[2]) < UPRIGHT:
+            continue
+        body = int(model.geom_bodyid[next(geom for geom in pair if geom != floors[0])])
+        joint = int(model.body_jntadr[model.body_rootid[body]])
+        if joint >= 0 and model.jnt_type[joint] == FREE:
+            address = int(model.jnt_qposadr[joint]) + 2
+            heights[address] = max(heights.get(address, 0.0), -float(contact.dist))
+    lifted = {address: model.key_qpos[key, address] + height for address, height in heights.items()}
+    if not heights:
+        return "only a floating body that penetrates a horizontal plane can be lifted"
+    words = {address: number_word(round(height + 0.5 * 10**-DECIMALS, DECIMALS)) for address, height in lifted.items()}
+    return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")

@@ -11,7 +11,7 @@ from mjrun.model.names import names
 from mjrun.options.task import CONTROL
 
 if TYPE_CHECKING:  # the rules are loaded for every check, tasks and policies for few
-    from mjrun.check.task_episodes import NotFinite, TaskEpisodeFaults, TaskPlaces
+    from mjrun.check.task_checker import NotFinite, TaskEpisodeFaults, TaskPlaces
     from mjrun.task.worlds import TaskWorlds
 
 MISTAKE = Rule("MJ801", "error", "mistake in a task document")

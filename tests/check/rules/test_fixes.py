@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.check.rules import mjcf_schema, removed_from_mjcf
+from mjrun.check.rules import mjcf_schema
 from tests.cases import cases
 from tests.check.fixes import fixed
 from tests.check.models import hinged, keyed, mjcf
@@ -34,10 +34,10 @@ def test_removed_attributes_are_written_as_mujoco_reads_them_now(before: str, af
 
 def test_every_rewritten_attribute_is_one_that_was_removed_and_its_replacement_exists() -> None:
     nodes = {tag: [node for _, node in parents] for tag, parents in mjcf_schema.valid_parents().items()}
-    rewritten = [(*key, {new: ""}) for key, new in removed_from_mjcf.RENAMED_ATTRIBUTES.items()]
-    rewritten += [(tag, name, new) for (tag, name, _), new in removed_from_mjcf.REWRITTEN_VALUES.items()]
+    rewritten = [(*key, {new: ""}) for key, new in mjcf_schema.RENAMED_ATTRIBUTES.items()]
+    rewritten += [(tag, name, new) for (tag, name, _), new in mjcf_schema.REWRITTEN_VALUES.items()]
     for tag, name, new in rewritten:
-        assert (tag, name) in removed_from_mjcf.REMOVED_ATTRIBUTES
+        assert (tag, name) in mjcf_schema.REMOVED_ATTRIBUTES
         assert all(name not in node.attributes for node in nodes[tag])
         assert all(any(other in node.attributes for node in nodes[tag]) for other in new)
 

@@ -1,13 +1,26 @@
-"""Theorems about violations of the schema."""
+"""Theorems about MuJoCo's schema, and about what MJCF no longer has: the installed MuJoCo does not have it either."""
 
 from pathlib import Path
 
 import mujoco
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjrun.check.rules import mjcf_schema
+from mjrun.check.rules.keywords import SEVERAL, SINGLE, invalid_keywords
+from mjrun.check.rules.mjcf_schema import (
+    FOREIGN_ELEMENTS,
+    REMOVED_ATTRIBUTES,
+    REMOVED_ELEMENTS,
+    REMOVED_PLUGINS,
+    REMOVED_VALUES,
+    SYNONYMS,
+    valid_parents,
+    violations,
+)
 from mjrun.model.xml_source import read_xml
+from tests.check.models import mjcf, write
 
 NODES = {tag: node for tag, places in mjcf_schema.valid_parents().items() for _, node in places}
 
@@ -19,6 +32,7 @@ TAGS = sorted(set(NODES) - set(SPECIAL))
 
 
 NAMES = sorted({name for node in NODES.values() for name in node.attributes})
+KEYWORDS = {keyword for choices in (*SINGLE.values(), *SEVERAL.values()) for keyword in choices}
 
 
 @st.composite
@@ -46,3 +60,47 @@ def test_the_schema_is_violated_exactly_where_mujoco_says_so(text: str) -> None:
     assume("can be specified" not in said and "must be specified" not in said)  # combinations, which no schema lists
     found = list(mjcf_schema.violations(read_xml(path)))
     assert bool(found) == ("Schema violation" in said), (found, said)
+
+
+def test_removed_elements_are_in_no_schema() -> None:
+    for name in REMOVED_ELEMENTS:
+        *parent, tag = name.split("/")
+        homes = {home for home, _ in valid_parents().get(tag, [])}
+        assert not (homes & set(parent) if parent else homes), name
+
+
+def test_a_removed_constraint_is_not_mistaken_for_the_sensor_of_the_same_name() -> None:
+    distance = '<equality><distance geom1="a" geom2="b" distance="0.1"/></equality>'
+    path = Path(write("model.xml", mjcf('<geom name="a" size="1"/><body><geom name="b" size="1"/></body>', distance)))
+    (found,) = (finding for finding in violations(read_xml(path)) if finding.code == "MJ105")
+    assert found.message == "<distance> was removed in MuJoCo 2.2.2"
+
+
+def test_removed_attributes_are_in_the_schema_of_none_of_their_elements() -> None:
+    for tag, attribute in REMOVED_ATTRIBUTES:
+        assert all(attribute not in node.attributes for _, node in valid_parents()[tag]), (tag, attribute)
+
+
+@pytest.mark.parametrize("plugin", REMOVED_PLUGINS)
+def test_removed_plugins_are_refused_by_mujoco(plugin: str) -> None:
+    with pytest.raises(ValueError, match="not found"):
+        mujoco.MjModel.from_xml_string(mjcf("", f'<extension><plugin plugin="{plugin}"/></extension>'))
+
+
+@pytest.mark.parametrize(("tag", "attribute", "value"), REMOVED_VALUES)
+def test_removed_values_are_reported_as_removed_and_not_as_unknown(tag: str, attribute: str, value: str) -> None:
+    homes = [parent for parent, node in valid_parents()[tag] if attribute in node.attributes]
+    assert homes
+    text = f'<{tag} {attribute}="{value}"/>'
+    text = mjcf("", text) if "mujoco" in homes else mjcf(f"<{homes[0]}>{text}</{homes[0]}>")
+    source = read_xml(Path(write("model.xml", text)))
+    assert [finding.code for finding in (*violations(source), *invalid_keywords(source))] == ["MJ105"]
+
+
+def test_elements_of_other_formats_are_not_children_of_mujoco_or_of_bodies() -> None:
+    parents = {tag: {parent for parent, _ in valid_parents().get(tag, [])} for tag in FOREIGN_ELEMENTS}
+    assert all(not homes & {"body", "worldbody"} for homes in parents.values()), parents
+
+
+def test_synonyms_stand_for_keywords_of_mjcf() -> None:
+    assert set(SYNONYMS) <= KEYWORDS

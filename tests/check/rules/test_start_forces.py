@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.check.context import LintContext
-from mjrun.check.rules import penetrations, start_forces
+from mjrun.check.rules import contacts, start_forces
 from mjrun.model.xml_source import read_xml
 from tests.check.models import hinged, lint, mjcf
 
@@ -78,7 +78,7 @@ def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
     path = Path("deep.xml")
     path.write_text(apart(-depth))
     context = LintContext.load(path, read_xml(path))
-    ((deepest, share),) = penetrations.penetration_depths(context, None).values()
+    ((deepest, share),) = contacts.penetration_depths(context, None).values()
     np.testing.assert_allclose([deepest, share], [depth, depth / 0.1], rtol=1e-6)
 
 

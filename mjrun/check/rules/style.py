@@ -1,4 +1,4 @@
-"""Attributes of a model that loads which are better written in another way."""
+"""Attributes of a model that loads which are better written in another way, and objects without a name."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -6,12 +6,15 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import SAFE, Fix, Place, Violation, rule
 from mjrun.check.rules.asset_files import FOLDER_ATTRIBUTES, asset_folders, file_attributes
+from mjrun.check.rules.body_sizes import flex_bodies
 from mjrun.errors import quoted
+from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.text_edits import number_word
 from mjrun.model.xml_source import Element, with_slashes
 
@@ -27,6 +30,8 @@ DEPRECATED = {
 ROUNDED, INTENDED = 1e-3, 0.02  # differences of a length from 1: of few digits, and of a vector meant to have length 1
 DIRECTIONS = {"quat": 4, "axis": 3}  # attributes that MuJoCo normalizes, and their numbers
 FOLDERS = ("meshdir", "texturedir", "assetdir")
+ADDRESSED = ("joint", "actuator", "sensor", "camera")
+LISTED = 8  # numbers in one message
 
 
 @rule("MJ116", "note", "deprecated attribute", fix=SAFE)
@@ -108,3 +113,29 @@ def _elements(context: LintContext) -> Iterator[Element]:
 
 def _violation(element: Element, message: str, remedy: str, fix: partial[Fix]) -> Violation:
     return Violation(message, remedy, Place(element.file, element.line), str(element), fix=fix)
+
+
+@rule("MJ201", "note", "object without a name")
+def unnamed_objects(context: LintContext) -> Iterator[Violation]:
+    """Yields joints, actuators, sensors and cameras without a name, one violation for each kind.
+
+    The only joint of a body can be addressed by the name of its body, and the parts of a flexcomp cannot be named.
+    """
+    for kind in ADDRESSED:
+        count = getattr(context.model, COUNTS[kind])
+        unnamed = [i for i in range(count) if not mujoco.mj_id2name(context.model, KINDS[kind], i)]
+        if kind == "joint":
+            generated = flex_bodies(context.model)
+            unnamed = [joint for joint in unnamed if not _needs_no_name(context.model, joint, generated)]
+        if not unnamed:
+            continue
+        numbers = [str(i) for i in unnamed[:LISTED]] + ["…"] * (len(unnamed) > LISTED)
+        message = f"{len(unnamed)} {kind}{'s' * (len(unnamed) > 1)} without a name: {kind}:{', '.join(numbers)}"
+        remedy = "name the objects that you want to address: numbers shift whenever the model changes"
+        yield context.violation(kind, unnamed[0], message, remedy)
+
+
+def _needs_no_name(model: mujoco.MjModel, joint: int, generated: set[int]) -> bool:
+    body = int(model.jnt_bodyid[joint])
+    only_joint = model.body_jntnum[body] == 1 and bool(mujoco.mj_id2name(model, KINDS["body"], body))
+    return only_joint or body in generated
