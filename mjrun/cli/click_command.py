@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from mjrun.cli.colors import HelpContext, shown_help
-from mjrun.cli.console import Console, flag
+from mjrun.cli.console import Console, HelpContext, flag, shown_help
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import DOCUMENT_FORMS, ConsoleOptions, OpenOptions
+from mjrun.options.command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
@@ -310,12 +308,7 @@ def command(
                 console.guard_stdout()
                 body(console, command_line)
             if command_line.value("open"):
-                from mjrun.cli.open_in_desktop import files_in, open_first
-
-                page, report = command_line.value("html"), console.report
-                made = [str(page)] if page else []
-                if warning := open_first([*made, *(files_in(report.json()) if report else ())]):
-                    console.warn(warning)
+                console.open_file(cast("str | None", command_line.value("html")))
 
         declared = {each.name: each for cls in (*classes, ConsoleOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]

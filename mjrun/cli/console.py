@@ -1,26 +1,46 @@
-"""Reports of commands, and their output: the payload on stdout, everything else on stderr."""
+"""Reports of commands and their output: the payload on stdout, everything else on stderr, in colours where wanted."""
 
-import contextlib
 import json
 import os
+import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO, cast
+
+import click
+
+from mjrun.cli.standard_streams import STDERR, STDOUT, PayloadStream, text_stream
+from mjrun.confinement.confinement import confinement
+from mjrun.dataclass import dataclass
+from mjrun.errors import FailureReport, clean, flag, option, spelled
+from mjrun.shared_status import note_answered
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-from mjrun.cli.colors import coloured_message, is_coloured
-from mjrun.cli.standard_streams import STDERR, STDOUT, PayloadStream, text_stream
-from mjrun.confinement.confinement import confinement
-from mjrun.dataclass import dataclass
-from mjrun.errors import FailureReport, flag, spelled
-from mjrun.shared_status import note_answered
-
+PAGES = (".html", ".htm")
+VIDEOS = (".mp4", ".webm", ".mkv", ".mov", ".gif", ".apng", ".webp")
+IMAGES = (".png", ".jpg", ".jpeg", ".tiff", ".svg", ".pdf")
+PATHS = ("path", "paths", "html", "files")  # keys of reports
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
+HELP_COLUMNS = 100  # most columns of help
+HEADING = r"(?m)^(Usage:|\S.*:$)"  # patterns are compiled when they are used
+OPTION = r"(?m)^(  )((?:-\w, )?--?[\w-]+(?:, ?--?[\w-]+|/--?[\w-]+)*)"
+COMMAND = r"(?m)^(  )([a-z]+)(?=  )"
+# Variables and values by which terminals make themselves known that show hyperlinks (OSC 8).
+LINKING_PROGRAMS = ("iTerm.app", "WezTerm", "vscode", "Hyper", "ghostty", "Tabby", "rio")
+LINKING_TERMS = ("xterm-kitty", "xterm-ghostty", "alacritty", "foot", "foot-extra", "wezterm")
+LINKING_VARIABLES = ("WT_SESSION", "KONSOLE_VERSION", "KITTY_WINDOW_ID", "DOMTERM")
+LINKING_VTE = 5000  # the first version of the library of GNOME's and other terminals
+PREFIX = r"^(mjrun: )(error|warning)(:)"
+LEVELS = {"error": "red", "warning": "yellow"}
 
 
 def document_form(arguments: Sequence[str]) -> str:
@@ -128,7 +148,7 @@ class Console:
         payload, sys.stdout = sys.stdout, self._stdout
         self._stdout = None
         os.dup2(payload.fileno(), STDOUT)
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             payload.close()
 
     def result(self, text: str) -> None:
@@ -225,6 +245,12 @@ class Console:
             self._progress.stop()
             self._progress = None
 
+    def open_file(self, page: str | None) -> None:
+        """Opens `page`, or else the most telling file in the report, in the program of the desktop for it."""
+        paths = [*([page] if page else []), *(_files_in(self.report.json()) if self.report else ())]
+        if warning := _opened(paths):
+            self.warn(warning)
+
     def _bar(self, what: str, done: int, total: int) -> None:
         if self._progress is None:
             from rich.console import Console as Terminal
@@ -248,3 +274,96 @@ class Console:
         else:
             text = coloured_message(text) if is_coloured(sys.stderr) else text
             print(text, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def is_coloured(stream: TextIO) -> bool:
+    """Returns whether a stream is a terminal that shows colours: see no-color.org."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def shows_links(stream: TextIO) -> bool:
+    """Returns whether a stream is a terminal that is known to show hyperlinks; FORCE_HYPERLINK overrides that."""
+    given = os.environ.get
+    if forced := given("FORCE_HYPERLINK"):
+        return forced != "0"
+    if not stream.isatty() or given("TMUX") or given("STY") or given("TERM") == "dumb":
+        return False
+    version = given("VTE_VERSION", "")
+    return (
+        any(map(given, LINKING_VARIABLES))
+        or given("TERM_PROGRAM") in LINKING_PROGRAMS
+        or given("TERM") in LINKING_TERMS
+        or (version.isdigit() and int(version) >= LINKING_VTE)
+    )
+
+
+def linked(text: str, address: str) -> str:
+    """Returns a text that a terminal shows as a hyperlink: see https://gist.github.com/egmontkob/eb114294efbcd5adb1944c9f3cb5feda."""
+    return f"\x1b]8;;{address}\x1b\\{text}\x1b]8;;\x1b\\"
+
+
+class HelpContext(click.Context):
+    """A context whose help is as wide as the terminal; click asks `shutil` for that, which is slow to import."""
+
+    def make_formatter(self) -> click.HelpFormatter:
+        return click.HelpFormatter(width=max(min(_columns(), HELP_COLUMNS) - 2, 50))
+
+
+def _columns() -> int:
+    """Returns the width of the terminal as `shutil.get_terminal_size` does."""
+    with suppress(ValueError):
+        if (columns := int(os.environ.get("COLUMNS", "0"))) > 0:
+            return columns
+    with suppress(AttributeError, ValueError, OSError):  # standard output is no terminal
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or 80  # type: ignore[union-attr]
+    return 80
+
+
+def shown_help(text: str) -> str:
+    """Returns help as standard output shows it."""
+    return coloured_help(text) if is_coloured(sys.stdout) else text
+
+
+def coloured_help(text: str) -> str:
+    """Returns help with bold headings, and coloured options and commands."""
+    text = re.sub(HEADING, lambda match: click.style(match[0], bold=True), text)
+    for pattern in (OPTION, COMMAND):
+        text = re.sub(pattern, lambda match: match[1] + click.style(match[2], fg="cyan"), text)
+    return text
+
+
+def coloured_message(text: str) -> str:
+    """Returns an error or a warning with its first words coloured."""
+    return re.sub(PREFIX, lambda match: click.style(match[0], fg=LEVELS[match[2]], bold=True), text)
+
+
+def _files_in(document: object) -> Iterator[str]:
+    """Yields the paths in the JSON document of a report."""
+    if isinstance(document, Mapping):
+        for key, value in cast("Mapping[str, object]", document).items():
+            if key not in PATHS:
+                yield from _files_in(value)
+            elif isinstance(value, str):
+                yield value
+            elif isinstance(value, list | tuple):
+                yield from map(str, cast("Sequence[object]", value))
+    elif isinstance(document, list | tuple):
+        for value in cast("Sequence[object]", document):
+            yield from _files_in(value)
+
+
+def _opened(paths: Sequence[str]) -> str:
+    """Opens the most telling of `paths`: a page, else a video, an image or any other; returns a warning, or nothing."""
+    existing = [path for path in paths if Path(path).exists()]
+    ranked = [path for suffixes in (PAGES, VIDEOS, IMAGES) for path in existing if path.lower().endswith(suffixes)]
+    chosen = next(iter([*ranked, *existing]), None)
+    if chosen is None:
+        return f"{option('open')}: no file was made"
+    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in DISPLAYS):
+        return f"{option('open')}: {clean(chosen)} is not shown: this session has no display"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # click does not wait for the program
+        failed = click.launch(chosen)
+    if failed:
+        return f"{option('open')}: no program opens {clean(chosen)}; on Linux, install xdg-utils"
+    return ""

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli.console import Case, Report
-from mjrun.cli.result_summary import golden_summary
+from mjrun.cli.simulation_command import golden_summary
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.diff import sentences

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.colors import HelpContext, shown_help
-from mjrun.cli.console import Console, document_form
+from mjrun.cli.console import Console, HelpContext, document_form, shown_help
 from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,

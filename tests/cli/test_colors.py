@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
-from mjrun.cli.colors import HELP_COLUMNS, HelpContext, coloured_help, coloured_message, shows_links
+from mjrun.cli.console import HELP_COLUMNS, HelpContext, coloured_help, coloured_message, shows_links
 from tests.cases import cases
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjrun.cli.result_summary import SUMMARIES, summary
+from mjrun.cli.simulation_command import SUMMARIES, summary
 from mjrun.outputs.export import ExportResult
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult

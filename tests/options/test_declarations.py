@@ -18,8 +18,7 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.codecs import CODECS
 from mjrun.options.bench import BenchOptions, BenchReportOptions, EngineOptions
 from mjrun.options.check import CheckOptions
-from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.console import ConsoleOptions
+from mjrun.options.command import ConfinementOptions, ConsoleOptions
 from mjrun.options.diff import DiffOptions
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.fit import FitOptions

@@ -11,7 +11,7 @@ from mjrun.cli.console import Console, Report
 from mjrun.cli.info_sections import SECTIONS, LineSection, demonstrations_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
-from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.command import ConfinementOptions
 from mjrun.options.model import InfoOptions, ServoOptions
 from mjrun.suffixes import is_hdf5
 

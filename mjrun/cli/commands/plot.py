@@ -8,7 +8,6 @@ import click
 
 from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
-from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make,
@@ -16,6 +15,7 @@ from mjrun.cli.simulation_command import (
     reported_failures,
     simulation,
     stem,
+    summary,
     varied_controllers,
 )
 from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted

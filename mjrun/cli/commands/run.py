@@ -9,8 +9,14 @@ import click
 
 from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Case, Console, Report
-from mjrun.cli.result_summary import summary
-from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, tell_reason, unchanged
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    load_controller,
+    reported_failures,
+    summary,
+    tell_reason,
+    unchanged,
+)
 from mjrun.errors import clean
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunOptions

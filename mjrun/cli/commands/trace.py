@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console, Report, flag
-from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make,
@@ -16,6 +15,7 @@ from mjrun.cli.simulation_command import (
     simulation,
     source,
     stem,
+    summary,
 )
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.output import SimulationCommandOptions

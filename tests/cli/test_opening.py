@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.cli.open_in_desktop import files_in
+from mjrun.cli.console import _files_in
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -69,4 +69,4 @@ def test_nothing_is_opened_if_no_file_was_made_or_no_program_may_start(mjrun_her
 
 def test_paths_are_found_anywhere_in_a_report() -> None:
     document = {"results": [{"path": "a", "size": [1, 2]}, {"paths": ["b", "c"]}], "html": None, "name": "d"}
-    assert list(files_in(document)) == ["a", "b", "c"]
+    assert list(_files_in(document)) == ["a", "b", "c"]

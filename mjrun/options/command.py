@@ -1,9 +1,13 @@
-"""Options for messages, which every command accepts."""
+"""Options that every command accepts: messages, opening of the files that were made, and confinement."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag
+from mjrun.options.kinds import File, Flag, optional
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
+from mjrun.options.setting_kinds import NamedNumbers
+
+TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
 
 
 @options
@@ -52,3 +56,32 @@ class ConsoleOptions(DocumentFormOptions):
         help="Print more details, such as timings.",
     )
     debug: bool = option(converter=Flag(), default=False, help="Print a traceback with every error.")
+
+
+@options
+class ConfinementOptions(Options):
+    """Confinement of untrusted models, documents and tables; only the command line sets it."""
+
+    section: ClassVar[str] = "Trust"
+    places: ClassVar[FrontEnd] = FrontEnd.COMMAND
+
+    untrusted: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Treat all files as untrusted: read only files beside the model and files that you name, write only to "
+        "the folders of the outputs, use no network, run no code, load no .mjb, and limit time, memory and "
+        "file size.",
+    )
+    root: str | None = option(
+        converter=optional(File("DIR")),
+        default=None,
+        usual="the model's folder",
+        help="Folder from which files may be read; requires --untrusted.",
+    )
+    limit: Mapping[str, tuple[float, ...]] = option(
+        converter=NamedNumbers("NAME=N"),
+        default=dict[str, tuple[float, ...]](),
+        usual="time=3600, memory=8192, file=16384",
+        help="Limit of an untrusted run: time, the wall time [s]; memory, that of each process [MiB]; or file, the "
+        "size of each written file [MiB]. Requires --untrusted.",
+    )
