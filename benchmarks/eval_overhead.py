@@ -20,7 +20,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mjrun.document.task import read_task
-from mjrun.evaluation.player import SIDE_BY_SIDE, TaskPlayer
+from mjrun.evaluation.episode import SIDE_BY_SIDE, TaskPlayer
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Policy
 from mjrun.task.task import Task

@@ -18,7 +18,7 @@ from typing import cast
 
 from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEvent
 from mjrun.document.reader import read
-from mjrun.document.scalars import number
+from mjrun.document.tree import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import AnyKind, Key, ReadingContext, Text, optional

@@ -14,10 +14,10 @@ from mjrun.document.camera_and_ghost_forms import CAMERA
 from mjrun.document.evaluation import EVALUATION
 from mjrun.document.fit import FIT
 from mjrun.document.paths import DocumentContext
+from mjrun.document.reader import DEFAULTS, VARS
 from mjrun.document.run import RUN
 from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
-from mjrun.document.vars_and_defaults import DEFAULTS, VARS
 from mjrun.errors import FailureReport, UnknownNameError
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
 from mjrun.model.info import InfoResult

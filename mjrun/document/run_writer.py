@@ -5,8 +5,7 @@ from fractions import Fraction
 from typing import Protocol, cast, runtime_checkable
 
 from mjrun.document.paths import refusal
-from mjrun.document.scalars import exact, meaning, number
-from mjrun.document.tree import Mapped, Plain
+from mjrun.document.tree import Mapped, Plain, exact, meaning, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, File

@@ -29,8 +29,7 @@ from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read, unchecked_document
-from mjrun.document.scalars import number
-from mjrun.document.tree import MappingNode, Place, document_error, option_fault
+from mjrun.document.tree import MappingNode, Place, document_error, number, option_fault
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source

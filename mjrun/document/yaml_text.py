@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import NoReturn, cast
 
 from mjrun.document import tree
-from mjrun.document.scalars import meaning
+from mjrun.document.tree import meaning
 from mjrun.errors import UsageError, clean, quoted
 from mjrun.packages import cause_of
 

@@ -1,25 +1,48 @@
-"""Episodes to play and records of episodes that were played: picklable values."""
+"""Episodes: specifications, players and records. A policy acts on a task in many worlds side by side, or in an external
+environment.
+"""
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
+from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.errors import InvalidActionError, MjrunError, SimulationError, flag
+from mjrun.experiment.results_table import column_units, metric_columns, metric_units, parse_metrics
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import Source
+from mjrun.model.sources.gym import GymSource
+from mjrun.model.variants import BYTES
 from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import is_code
+from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import load_policy
-from mjrun.policy.policy import Policy
+from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.probe.metric import MetricEvaluation
+from mjrun.simulation.episode import UNLIMITED, require_undisturbed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, Status
+from mjrun.task.batch_columns import ALL, Rows
+from mjrun.task.episode import Ending, EpisodeStepper
+from mjrun.task.external_environment import ExternalEnvironment
+from mjrun.task.task import TIMED_OUT, Task
+from mjrun.task.worlds import TaskWorlds
+from mjrun.timeline import Timeline, rational
 
 FAILURE = "failure"
 OUTCOMES = ("success", FAILURE, "timeout")
+TERMINATED = "terminated"  # the only termination that external environments report
+SIDE_BY_SIDE = 128  # most worlds, unless fewer take `BYTES` of memory
 
 
 @dataclass(frozen=True)
@@ -190,3 +213,322 @@ class PlayedEpisodes:
     def successes(self) -> np.ndarray:
         """Success of each episode, bool `(n,)`."""
         return np.array([episode.outcome == OUTCOMES[0] for episode in self.episodes])
+
+
+class EpisodePlayer(ABC):
+    """A player of episodes of one task under one policy.
+
+    Attributes:
+      rewards: names of the terms of the reward.
+      endings: names of the ways in which an episode can end.
+      can_succeed: whether one of them is a success.
+    """
+
+    rewards: Sequence[str]
+    endings: Sequence[str]
+    can_succeed: bool
+
+    def metric_units(self) -> Mapping[str, str]:
+        """Returns the units of metrics that follow from those of columns, by name; empty where unknown."""
+        return {}
+
+    @abstractmethod
+    def first_action(self, seed: int) -> np.ndarray:
+        """Returns the action at the start of the episode of `seed`, `(nact,)`."""
+
+    @abstractmethod
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
+        """Plays the episodes of `seeds`, and returns their records in order.
+
+        An episode has failed if its policy failed, returned an action that is not finite, or if the simulation of its
+        environment failed; the other episodes are not affected.
+        """
+
+
+def player_of(spec: GroupSpec) -> EpisodePlayer:
+    """Creates the player of the episodes of `spec`: loads the policy, and checks that it fits the task.
+
+    Raises:
+      UsageError: the source is not a task, or the policy does not fit it.
+      FileError: the policy cannot be read.
+      ModelError: the model cannot be loaded.
+    """
+    policy, task = spec.chosen.load(), spec.source
+    player: EpisodePlayer
+    if isinstance(task, GymSource):
+        require_undisturbed(spec.disturbances)
+        player = _EnvironmentPlayer(task, policy)
+    elif isinstance(task, Task):
+        player = TaskPlayer(task.with_disturbances(spec.disturbances), policy)
+    else:
+        from mjrun.policy.inferred_task import inferred_task
+
+        player = TaskPlayer(inferred_task(policy, task).with_disturbances(spec.disturbances), policy)
+    return _MeasuringPlayer(player, spec, policy) if spec.metrics else player
+
+
+class _Tallies:
+    """Rewards of the episodes that are being played in `count` worlds.
+
+    Attributes:
+      steps: number of control periods of each `(count,)`.
+    """
+
+    def __init__(self, count: int, names: Sequence[str], control_dt: float) -> None:
+        self.steps = np.zeros(count, int)
+        self._totals, self._terms = np.zeros(count), np.zeros((count, len(names)))
+        self._names, self._control_dt = names, control_dt
+
+    def begin(self, world: int) -> None:
+        """Begins an episode."""
+        self.steps[world] = self._totals[world] = self._terms[world] = 0
+
+    def add(self, worlds: Rows | int, rewards: np.ndarray | float, terms: np.ndarray) -> None:
+        """Adds the rewards `(k,)` and their terms `(k, nterms)` of a control period in some worlds, or in one."""
+        self._totals[worlds] += rewards
+        self._terms[worlds] += terms
+        self.steps[worlds] += 1
+
+    def ended(self, world: int, seed: int, ending: Ending) -> EpisodeRecord:
+        """Returns the record of the episode of `seed`, which has ended in a world."""
+        steps, sums = int(self.steps[world]), tuple(self._terms[world].tolist())
+        length, total = steps * self._control_dt, float(self._totals[world])
+        return EpisodeRecord(seed, total, steps, length, ending.name, ending.kind, self._names, sums)
+
+
+class _Running(NamedTuple):
+    """An episode that a policy is playing."""
+
+    seed: int
+    actor: Actor
+
+
+def failed(error: MjrunError, seed: int, steps: int, rewards: Sequence[str], metrics: int = 0) -> EpisodeRecord:
+    """Returns the record of an episode that failed with an error after a number of control periods."""
+    result = PointResult(-1, "failed", (), steps, error.exit_code, error.spelled(flag))
+    return EpisodeRecord.failed(seed, result, rewards, metrics)
+
+
+class TaskPlayer(EpisodePlayer):
+    """A player of a task in worlds side by side; when an episode ends, its world starts the next."""
+
+    def __init__(self, task: Task, policy: Policy) -> None:
+        self._task, self._policy = task, policy
+        with task.located():
+            check_agreement(task, policy)
+            self._worlds = TaskWorlds(task, 1, threads=1)
+        self._actions = ActionSpace(self._worlds.action_names, self._worlds.actions.low, self._worlds.actions.high)
+        self._fitting = max(1, BYTES // max(1, self._worlds.world_bytes))
+        self.rewards = tuple(self._worlds.reward_names)
+        self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
+        self.can_succeed = any(ending.kind == "success" for ending in self._worlds.endings)
+
+    def first_action(self, seed: int) -> np.ndarray:
+        with self._task.located():
+            return self._policy.episode(seed, self._actions)(self._worlds.reset([seed], [0])[0])
+
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
+        count = min(len(seeds), SIDE_BY_SIDE, self._fitting)
+        if self._worlds.count < count:
+            self._worlds = TaskWorlds(self._task, count, threads=1)
+        with self._task.located():
+            episodes = {episode.seed: episode for episode in self._played(seeds, count)}
+        return [episodes[seed] for seed in seeds]
+
+    def _played(self, seeds: Sequence[int], count: int) -> Iterator[EpisodeRecord]:
+        """Yields the episodes as they end or fail, in `count` worlds."""
+        worlds, waiting, running = self._worlds, deque(seeds), dict[int, _Running]()
+        tallies = _Tallies(worlds.count, self.rewards, float(self._task.control_dt))
+        observations = np.empty((worlds.count, len(worlds.observed)))
+        actions = np.empty((worlds.count, len(self._actions.names)))
+        for world in range(count):
+            yield from self._begun(world, waiting, running, observations)
+        while running:
+            failures = self._act(running, observations, actions, tallies)
+            acting = sorted({*running} - {*failures})
+            for world, error in failures.items():
+                yield failed(error, running.pop(world).seed, int(tallies.steps[world]), self.rewards)
+                tallies.begin(world)
+                yield from self._begun(world, waiting, running, observations)
+            if not acting:
+                continue
+            ids = None if len(acting) == worlds.count else np.array(acting)
+            rows = ALL if ids is None else ids
+            step = worlds.step(actions[rows], ids)
+            observations[rows] = step.observations
+            tallies.add(rows, step.rewards, step.reward_terms)
+            for index in np.flatnonzero(step.over).tolist():
+                world = index if ids is None else int(ids[index])
+                yield tallies.ended(world, running.pop(world).seed, step.endings[int(step.codes[index])])
+                tallies.begin(world)
+                yield from self._begun(world, waiting, running, observations)
+
+    def _begun(
+        self, world: int, waiting: deque[int], running: dict[int, _Running], observations: np.ndarray
+    ) -> Iterator[EpisodeRecord]:
+        """Begins the next episode in a world, if one waits; yields those that fail at their beginning."""
+        while waiting:
+            seed = waiting.popleft()
+            try:
+                actor = self._policy.episode(seed, self._actions)
+                observations[world] = self._worlds.reset([seed], [world])[0]
+            except MjrunError as error:
+                yield failed(error, seed, 0, self.rewards)
+            else:
+                running[world] = _Running(seed, actor)
+                return
+
+    def _act(
+        self, running: Mapping[int, _Running], observations: np.ndarray, actions: np.ndarray, tallies: _Tallies
+    ) -> dict[int, MjrunError]:
+        """Writes the action of each episode into the row of its world; returns the errors of those that fail."""
+        failures = dict[int, MjrunError]()
+        for world, episode in running.items():
+            try:
+                actions[world] = action = episode.actor(observations[world])
+                if not (math.isfinite(sum(action.tolist())) or np.isfinite(action).all()):
+                    periods = int(tallies.steps[world])
+                    step, time = periods * self._worlds.control_steps, periods * self._task.control_dt
+                    raise _invalid(self._policy, self._actions, action, step, float(time))
+            except MjrunError as error:
+                failures[world] = error
+        return failures
+
+
+class _EnvironmentPlayer(EpisodePlayer):
+    """A player of a Gymnasium environment, which resets, steps and rewards itself, one episode after the other.
+
+    An episode that never ends is cut at the length of its video.
+    """
+
+    def __init__(self, source: GymSource, policy: Policy) -> None:
+        self._policy, self._environment = policy, ExternalEnvironment(source)
+        environment = self._environment
+        self._actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
+        self._periods = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)
+        environment.reset(0)
+        first = environment.step(np.zeros(len(self._actions.names)))
+        self.rewards = tuple(environment.names(first).rewards)
+        self.endings = [TERMINATED, TIMED_OUT.name]
+        self.can_succeed = False  # it does not announce successes
+
+    def first_action(self, seed: int) -> np.ndarray:
+        return self._policy.episode(seed, self._actions)(self._environment.reset(seed))
+
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
+        return [self._played(seed) for seed in seeds]
+
+    def _played(self, seed: int) -> EpisodeRecord:
+        tally = _Tallies(1, self.rewards, float(self._environment.control_dt))
+        try:
+            return self._ended(seed, tally)
+        except MjrunError as error:
+            return failed(error, seed, int(tally.steps[0]), self.rewards)
+
+    def _ended(self, seed: int, tally: _Tallies) -> EpisodeRecord:
+        """Plays an episode up to its end, and adds its rewards to `tally`.
+
+        Raises:
+          MjrunError: the policy or the environment failed.
+        """
+        environment, control_dt = self._environment, float(self._environment.control_dt)
+        actor, periods = self._policy.episode(seed, self._actions), 0
+        observation = environment.reset(seed)
+        while True:
+            action = actor(observation)
+            if not np.isfinite(action).all():
+                step, time = periods * environment.control_steps, periods * control_dt
+                raise _invalid(self._policy, self._actions, action, step, time)
+            result = environment.step(action)
+            terms = [result.reward_terms.get(name, np.nan) for name in self.rewards]
+            tally.add(0, result.reward, np.array(terms))
+            periods += 1
+            ending = result.ending or (TIMED_OUT if periods == self._periods else None)
+            if ending:
+                return tally.ended(0, seed, ending)
+            observation = result.observation
+
+
+class _MeasuringPlayer(EpisodePlayer):
+    """A player that measures episodes one after the other, step by step, bit for bit as `player` plays them.
+
+    Raises:
+      UsageError: a metric is malformed, or contains an unknown name.
+    """
+
+    def __init__(self, player: EpisodePlayer, spec: GroupSpec, policy: Policy) -> None:
+        self._player, self._policy = player, policy
+        self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
+        self._task, self._disturbances = spec.source, spec.disturbances
+        simulation = self._simulation(0)
+        assert simulation.episode
+        model = simulation.load()
+        self._named_metrics, self._model, self._episode_columns = spec.metrics, model, simulation.episode.columns
+        self._metrics = parse_metrics(spec.metrics, model, simulation.episode.columns)
+        self._columns = metric_columns(self._metrics)
+
+    def metric_units(self) -> Mapping[str, str]:
+        columns = column_units(self._model, metric_columns(self._metrics), self._episode_columns)
+        return metric_units(self._named_metrics, self._metrics, columns)
+
+    def first_action(self, seed: int) -> np.ndarray:
+        return self._player.first_action(seed)
+
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
+        return [self._played(seed) for seed in seeds]
+
+    def _simulation(self, seed: int) -> Simulation:
+        return Simulation(self._task, policy=self._policy, seed=seed, **vars(self._disturbances))
+
+    def _played(self, seed: int) -> EpisodeRecord:
+        """Plays an episode, and measures its metrics over the rows at every control instant, including the end."""
+        simulation = self._simulation(seed)
+        assert simulation.episode
+        model = simulation.load()
+        timeline = Timeline.of_steps(rational(model.opt.timestep), simulation.episode.longest)
+        sampler = ProbeSampler(model, self._columns, timeline, simulation.episode.columns)
+        evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
+        try:
+            with collected_warnings():  # which plain episodes do not report either
+                episode = self._stepped(simulation, model, sampler, evaluation)
+            return replace(episode, metrics=evaluation.values())
+        except MjrunError as error:
+            failure = error
+        # An unstable simulation has no last instant. Any other error is that of the plain episode, if it has one.
+        (episode,) = self._player.play([seed])
+        if episode.status != "ok":
+            return replace(episode, metrics=(math.nan,) * len(self._metrics))
+        if not isinstance(failure, SimulationError):
+            return failed(failure, seed, episode.steps, self.rewards, len(self._metrics))
+        return replace(episode, metrics=evaluation.values())
+
+    def _stepped(
+        self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluation
+    ) -> EpisodeRecord:
+        """Plays an episode and feeds its rows to `evaluation`; returns its record without the metrics."""
+        stepper = simulation.stepper(model)
+        assert isinstance(stepper, EpisodeStepper)
+        assert simulation.episode
+        period, longest = stepper.control_steps, simulation.episode.longest
+        tally, ending = _Tallies(1, self.rewards, float(simulation.episode.control_dt)), None
+        evaluation.feed(_row(sampler, stepper))
+        while ending is None:
+            stepper.advance(stepper.step + period)
+            tally.add(0, stepper.now().reward, self._terms(stepper))
+            evaluation.feed(_row(sampler, stepper))
+            ending = stepper.now().ending or (TIMED_OUT if stepper.step >= longest else None)
+        return tally.ended(0, simulation.seed, ending)
+
+    def _terms(self, stepper: EpisodeStepper) -> np.ndarray:
+        """Returns the terms of the reward of the last control period, in the order of `rewards`."""
+        terms = dict(zip(stepper.names.rewards, stepper.now().reward_terms, strict=True))
+        return np.array([terms.get(name, np.nan) for name in self.rewards])
+
+
+def _row(sampler: ProbeSampler, stepper: EpisodeStepper) -> np.ndarray:
+    return sampler.stack([stepper.step], [sampler.read(stepper)]).values
+
+
+def _invalid(policy: Policy, actions: ActionSpace, action: np.ndarray, step: int, time: float) -> InvalidActionError:
+    values = {name: float(value) for name, value in zip(actions.names, action, strict=True) if not np.isfinite(value)}
+    return InvalidActionError(step, time, policy.name, values)

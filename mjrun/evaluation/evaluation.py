@@ -28,8 +28,15 @@ from mjrun.errors import (
 from mjrun.evaluation.episode import FAILURE, GroupSpec, PlayedEpisodes
 from mjrun.evaluation.execution import forget_code, play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
-from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison, summaries
-from mjrun.evaluation.table import FILES, episode_table, point_table
+from mjrun.evaluation.summaries import (
+    FILES,
+    EpisodeSummary,
+    PointSummary,
+    PolicyComparison,
+    episode_table,
+    point_table,
+    summaries,
+)
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.atomic_output import OutputWriter, publish_together

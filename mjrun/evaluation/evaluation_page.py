@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.errors import clean
-from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, doubts
-from mjrun.evaluation.table import FILES, LENGTH, RETURN, seed_column
+from mjrun.evaluation.summaries import FILES, LENGTH, RETURN, EpisodeSummary, PairedDifference, doubts, seed_column
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page_parts import (
     interval,

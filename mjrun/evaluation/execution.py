@@ -18,10 +18,9 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, counted, option
-from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, GroupSpec, PlayedEpisodes
-from mjrun.evaluation.player import EpisodePlayer, player_of
+from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, EpisodeRecord, GroupSpec, PlayedEpisodes, player_of
 from mjrun.evaluation.prepared import EpisodeGroup, PreparedEvaluation
-from mjrun.evaluation.table import LENGTH, RETURN, REWARD
+from mjrun.evaluation.summaries import LENGTH, RETURN, REWARD
 from mjrun.experiment.design import Design
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import Source

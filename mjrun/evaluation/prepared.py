@@ -8,9 +8,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.evaluation.episode import OUTCOMES, GroupSpec, PolicyChoice
-from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.table import IQM, OWN, RETURN, REWARD, PassCriteria, seed_column
+from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, GroupSpec, PolicyChoice, player_of
+from mjrun.evaluation.summaries import IQM, OWN, RETURN, REWARD, PassCriteria, seed_column
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.experiment.sample_designs import SAMPLES

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mjrun.document import vars_and_defaults
+from mjrun.document import reader
 from tests.cases import cases
 from tests.document.documents import Anything, Film, Run, problems, put, read
 
@@ -60,7 +60,7 @@ def test_what_a_variable_says_is_reported_where_it_does_not_fit() -> None:
 
 
 def test_variables_cannot_make_a_document_explode(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vars_and_defaults, "LARGEST", 10)
+    monkeypatch.setattr(reader, "MOST_INSERTED", 10)
     assert resolved("vars: {x: abcde}\na: '${x}${x}'") == "abcde" * 2
     (line,) = problems(lambda: resolved("vars: {x: abcde}\na: ['${x}${x}', '${x}!']"))
     assert line == "d.yaml:2:17: a[1]: variables insert more than 10 characters"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mjrun.document.scalars import exact, number
+from mjrun.document.tree import exact, number
 from mjrun.document.yaml_text import yaml_text
 from mjrun.errors import UsageError
 from mjrun.timeline import rational

@@ -15,7 +15,7 @@ from mjrun.document.json_schema import report_schema
 from mjrun.errors import FailedAssertionError, FailedEpisodesError, FileError, MjrunWarning, TerminatedError
 from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
 from mjrun.evaluation.execution import play_all
-from mjrun.evaluation.table import FILES
+from mjrun.evaluation.summaries import FILES
 from mjrun.options.sweep import PARTS
 from mjrun.study import executors
 from mjrun.study.spec import ChunkResult, PointChunk

@@ -9,7 +9,7 @@ import scipy
 
 from mjrun.errors import UnknownNameError
 from mjrun.evaluation.evaluation import Evaluation
-from mjrun.evaluation.table import FILES
+from mjrun.evaluation.summaries import FILES
 from tests.evaluation.tasks import cart_task
 from tests.page_cells import PageCells
 from tests.study.in_process import simulate_here

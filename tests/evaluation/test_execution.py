@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.evaluation import player
-from mjrun.evaluation.episode import EpisodeRecord
+from mjrun.evaluation.episode import EpisodeRecord, player_of
 from mjrun.evaluation.execution import PreparedEpisodes, play_all
-from mjrun.evaluation.player import player_of
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.sweep import ExecutionOptions
@@ -59,7 +57,7 @@ def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
     assert play(some, range(5, 16), tmp_path / "out", progress, jobs=2, chunk=3) == (expected, 22)
     assert progress.reported[-1] == (22, 22)
     assert progress.reported == sorted(progress.reported)
-    monkeypatch.setattr(player, "SIDE_BY_SIDE", 2)
+    monkeypatch.setattr("mjrun.evaluation.episode.SIDE_BY_SIDE", 2)
     assert [player_of(group.spec).play(range(5, 16)) for group in some.groups] == expected
 
 

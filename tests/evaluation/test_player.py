@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.evaluation import player
-from mjrun.evaluation.episode import GroupSpec, PolicyChoice
-from mjrun.evaluation.player import player_of
+from mjrun.evaluation.episode import GroupSpec, PolicyChoice, player_of
 from mjrun.formats.table_reader import read_table
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
@@ -102,7 +100,7 @@ def test_models_of_worlds_take_no_more_memory_than_the_budget(tmp_path: Path, mo
         real(self, task, count, threads)
 
     monkeypatch.setattr(TaskWorlds, "__init__", counted)
-    monkeypatch.setattr(player, "BYTES", 7 * mujoco.mj_sizeModel(varied.task.load()))
+    monkeypatch.setattr("mjrun.evaluation.episode.BYTES", 7 * mujoco.mj_sizeModel(varied.task.load()))
     assert player_of(varied).play(SEEDS) == expected
     assert counts == [1, 3]  # each with a compiled model and a copy
 
@@ -117,7 +115,7 @@ def test_an_action_that_is_no_number_is_reported_with_its_step(tmp_path: Path) -
 @pytest.mark.parametrize("worlds", [1, 3, 128])
 def test_an_episode_that_fails_costs_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, worlds: int) -> None:
     """Each policy of a seed acts as if it were alone, also in a world whose last episode failed."""
-    monkeypatch.setattr(player, "SIDE_BY_SIDE", worlds)
+    monkeypatch.setattr("mjrun.evaluation.episode.SIDE_BY_SIDE", worlds)
     endless = replace(cart_task(tmp_path), terminations={})
     late = player_of(GroupSpec(endless, PolicyChoice(f"{write_policies(tmp_path)}:NotNumber"))).play(range(4, 12))
     zero = player_of(GroupSpec(endless, PolicyChoice("zero"))).play(range(4, 12))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 
-from mjrun.evaluation.player import EpisodePlayer
+from mjrun.evaluation.episode import EpisodePlayer
 from mjrun.evaluation.summaries import compared, doubts, summaries, summary_of
 from mjrun.experiment.design import Design
 from mjrun.experiment.statistics import iqm_difference_interval, paired_share_interval

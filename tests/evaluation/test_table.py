@@ -11,8 +11,15 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.evaluation.episode import EpisodeRecord, PlayedEpisodes
-from mjrun.evaluation.summaries import PointSummary, compared, summary_of
-from mjrun.evaluation.table import FILES, PassCriteria, episode_table, point_table
+from mjrun.evaluation.summaries import (
+    FILES,
+    PassCriteria,
+    PointSummary,
+    compared,
+    episode_table,
+    point_table,
+    summary_of,
+)
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import ResultsTable
 from mjrun.experiment.statistics import mean_interval, wilson_interval

@@ -97,7 +97,7 @@ def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluatio
 
 
 def _report(results: "Sequence[EvaluationResult]") -> Report:
-    from mjrun.evaluation.table import FILES
+    from mjrun.evaluation.summaries import FILES
 
     result = results[0]
     table = Path(result.path, FILES[1])
