@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.policy.mjlab_metadata import is_mjlab, mjlab_facts
+from mjrun.policy.loaders.onnx import is_mjlab, mjlab_facts
 from mjrun.policy.policy import ObservationFacts
 
 PATH = Path("walk.onnx")
