@@ -22,8 +22,8 @@ from mjrun.options.rendering import (
     VIEWS,
     ViewOptions,
 )
-from mjrun.outputs.drawn_frames import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering import backend, text
+from mjrun.rendering.compositor import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering.compositor import columns
 from mjrun.rendering.segment_ids import groupings
 from mjrun.rendering.visual import GROUPS, Visual, flags, frames, labels
