@@ -2,7 +2,7 @@
 
 import math
 import string
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 
@@ -55,6 +55,7 @@ from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import Reporter
+from mjrun.shared_status import doing
 from mjrun.timeline import Timeline
 
 # The values of each table at one frame.
@@ -504,33 +505,58 @@ class DrawingProcesses:
             self.count = jobs_for(self._asked, software, frames, cost or self._cost, cores)
             self._processes = self._renderers.workers(self.count) if self.count > 1 else None
 
-    def frames(self, compositor: SceneCompositor, states: StateBuffer, backend: Backend) -> Iterator[np.ndarray]:
+    def frames(self, compositor: SceneCompositor, states: StateBuffer, backend: Backend) -> Generator[np.ndarray]:
         """Yields every frame in order, the files of a frame one after the other in flat bytes."""
-        total, done, reported = len(states), 0, not backend.software
+        total, done = len(states), 0
         self.start(total, software=backend.software)
-        early = self._processes
-        if early:
-            compositor.close()  # the processes render instead
-        with closing(self._pool(compositor)) as pool:
-            for frame in pool.frames(states[k] for k in range(total)):
+        if self._processes is None:
+            done = yield from self._drawn_here(compositor, states, backend)
+        if self._processes:
+            compositor.close()
+            yield from self._drawn_by_processes(compositor, states, backend, done)
+
+    def _drawn_here(
+        self, compositor: SceneCompositor, states: StateBuffer, backend: Backend
+    ) -> Generator[np.ndarray, None, int]:
+        """Yields the frames that this process renders: all, unless the cost of the first ones justifies processes.
+
+        Returns:
+          The number of these frames.
+        """
+        total, frame = len(states), np.empty(compositor.bytes, np.uint8)
+        try:
+            with doing("drawing"):
+                compositor.open()
+            for index in range(total):
+                with doing("drawing"):
+                    compositor.compose(states[index], index, frame)
                 yield frame
-                done += 1
-                if done == TRIED and not reported:
+                if index + 1 == TRIED and backend.software:
+                    costs = compositor.costs()
+                    self.start(total - TRIED, software=True, cost=costs.frame)
+                    self._report_costs(backend, total, costs, alone=True)
+                    if self._processes:
+                        return TRIED
+        finally:
+            compositor.close()
+        return total
+
+    def _drawn_by_processes(
+        self, compositor: SceneCompositor, states: StateBuffer, backend: Backend, first: int
+    ) -> Generator[np.ndarray]:
+        """Yields the frames from the `first` one on, and reports their cost unless that is known already."""
+        total, reported = len(states), first > 0 or not backend.software
+        pool = CompositorPool(compositor, (compositor.bytes,), self.count, workers=self._processes)
+        with closing(pool):
+            for index, frame in enumerate(pool.frames((states[k] for k in range(first, total)), first)):
+                yield frame
+                if index + 1 == TRIED and not reported:
                     pool.ask(SceneCompositor.costs)
                 if isinstance(pool.answer, DrawingCosts) and not reported:
-                    self.start(total - done, software=True, cost=pool.answer.frame)
-                    self._report_costs(backend, total, pool.answer, alone=early is None)
+                    self._report_costs(backend, total, pool.answer, alone=False)
                     reported = True
-                if self._processes is not early:
-                    break
         if isinstance(pool.answer, DrawingCosts) and not reported:
-            self._report_costs(backend, total, pool.answer, alone=early is None)
-        if done < total:
-            with closing(self._pool(compositor)) as pool:
-                yield from pool.frames((states[k] for k in range(done, total)), done)
-
-    def _pool(self, compositor: SceneCompositor) -> CompositorPool[SceneCompositor]:
-        return CompositorPool(compositor, (compositor.bytes,), self.count, workers=self._processes)
+            self._report_costs(backend, total, pool.answer, alone=False)
 
     def _report_costs(self, backend: Backend, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
         """Reports the cost of slow software rendering: of a frame, of all, and of a draft."""

@@ -25,7 +25,6 @@ from mjrun.child_process import ENVIRONMENT, ExitStatus, memory_file
 from mjrun.dataclass import dataclass
 from mjrun.errors import DrawError, option
 from mjrun.rendering.backend import may_draw_in_fork
-from mjrun.shared_status import doing
 from mjrun.worker import PicklableException, Worker, WorkerEndedError
 
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
@@ -177,9 +176,9 @@ class CompositorProcesses:
 
 
 class CompositorPool(Generic[P]):
-    """A pool that renders frames in `jobs` processes, or in this process if that is 1. To be closed.
+    """A pool that renders frames in `jobs` processes. To be closed.
 
-    The constructor opens the compositor, or requests it from the processes, without waiting for them.
+    The constructor requests the processes to open the compositor, without waiting for them.
 
     Args:
       shape, dtype: the shape and the type of a frame.
@@ -192,7 +191,6 @@ class CompositorPool(Generic[P]):
 
     Raises:
       DrawError: processes cannot be started.
-      MjrunError: the compositor cannot be opened in this process.
     """
 
     answer: object = None
@@ -207,20 +205,13 @@ class CompositorPool(Generic[P]):
     ) -> None:
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, not {jobs}")
-        self._compositor, self._frame = compositor, (shape, np.dtype(dtype))
+        self._frame = shape, np.dtype(dtype)
         self._is_open = True
         self._resources = contextlib.ExitStack()
         self._slots: list[Slot] = []
         self._drawn: dict[int, PicklableException | None] = {}  # frames whose turn has not come
         self._warnings: set[str] = set()
         self._workers: list[Worker] = []
-
-        if jobs == 1:
-            with doing("drawing"):
-                compositor.open()
-            self._resources.callback(compositor.close)
-            return
-
         self._group = workers or self._resources.enter_context(contextlib.closing(CompositorProcesses(jobs)))
         with contextlib.ExitStack() as stack:
             stack.callback(self.close)
@@ -248,7 +239,7 @@ class CompositorPool(Generic[P]):
         """
         try:
             self._check_open()
-            for frame in self._together(iter(states), first) if self._workers else self._alone(states, first):
+            for frame in self._drawn_frames(iter(states), first):
                 yield frame
                 self._check_open()
         except BaseException:
@@ -260,9 +251,6 @@ class CompositorPool(Generic[P]):
 
         The result becomes the pool's `answer`.
         """
-        if not self._workers:
-            self.answer = question(self._compositor)
-            return
         self.answer = None
         self._workers[0].send("ask", question)
 
@@ -281,14 +269,7 @@ class CompositorPool(Generic[P]):
         if not self._is_open:
             raise ValueError("the pool is closed")
 
-    def _alone(self, states: Iterable[np.ndarray], first: int) -> Iterator[np.ndarray]:
-        frame = np.empty(*self._frame)
-        for index, state in enumerate(states, first):
-            with doing("drawing"):
-                self._compositor.compose(state, index, frame)
-            yield frame
-
-    def _together(self, states: Iterator[np.ndarray], first: int) -> Iterator[np.ndarray]:
+    def _drawn_frames(self, states: Iterator[np.ndarray], first: int) -> Iterator[np.ndarray]:
         assigned = first
         for turn in itertools.count(first):
             assigned = self._assign(states, assigned, turn)

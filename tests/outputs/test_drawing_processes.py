@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import wraps
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -15,7 +16,7 @@ from mjrun.outputs.output import BackendsAndWorkers, Context
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.compositor import DrawingCosts
+from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
@@ -46,15 +47,14 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     ) -> tuple[VideoResult, str, list[int]]:
         started: list[int] = []
 
-        class MeasuredPool(CompositorPool):
-            """A pool on a machine where frames cost what this test says, however busy this one is."""
+        def assumed(costs: DrawingCosts) -> DrawingCosts:
+            """Returns the costs on a machine where frames cost what this test says, however busy this one is."""
+            return DrawingCosts(measured, None if costs.draft is None else draft)
 
+        class MeasuredPool(CompositorPool):
             @property
             def answer(self) -> object:  # type: ignore[override]
-                costs = self._answer
-                if not isinstance(costs, DrawingCosts):
-                    return costs
-                return DrawingCosts(measured, None if costs.draft is None else draft)
+                return assumed(self._answer) if isinstance(self._answer, DrawingCosts) else self._answer
 
             @answer.setter
             def answer(self, answer: object) -> None:
@@ -68,7 +68,9 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
                 super().__init__(count, module)
 
         monkeypatch.setattr(drawn_frames, "estimated_cost", lambda size, panels: estimated)
+        measure = SceneCompositor.costs
         monkeypatch.setattr(drawn_frames, "CompositorPool", MeasuredPool)
+        monkeypatch.setattr(SceneCompositor, "costs", wraps(measure)(lambda self: assumed(measure(self))))
         monkeypatch.setattr(compositor_pool, "CompositorProcesses", CountedWorkers)
         notes = Notes()
         simulation = Simulation(swing, duration=duration)
