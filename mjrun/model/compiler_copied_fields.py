@@ -19,6 +19,7 @@ OPTIONS += ("ccd_tolerance", *VECTORS)
 COPIED = {f"geom.{name}": f"geom_{name}" for name in ("friction", "solref", "solimp")}
 COPIED |= {f"actuator.{name}": f"actuator_{name}" for name in ("gainprm", "biasprm")}
 COPIED |= {f"opt.{name}": f"opt.{name}" for name in OPTIONS}
+COPIED_ARRAYS = frozenset(COPIED.values())
 STATISTICS = ("center", "extent", "meaninertia", "meanmass", "meansize")
 AFFINE = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 Rows = tuple[Sequence[int] | np.ndarray, np.ndarray]  # of an array, and their values
@@ -29,7 +30,7 @@ class _Place:
     """An array of the compiled model, and the rows of it that a path refers to."""
 
     array: str
-    rows: list[int]
+    rows: np.ndarray
 
 
 class CompilerCopiedFields:
@@ -43,17 +44,20 @@ class CompilerCopiedFields:
     def changed(self, overrides: Sequence[Override]) -> dict[str, Rows] | None:
         """Returns the changed rows of each array and their values; None if the model must be compiled for them."""
         changed: dict[str, np.ndarray] = {}
-        rows: dict[str, list[int]] = {}
+        rows: dict[str, np.ndarray] = {}
         for override in overrides:
             place = self._place(override)
             if place is None:
                 return None
-            values = changed.setdefault(place.array, self._in_source(place.array).copy())
+            if place.array not in changed:
+                changed[place.array], rows[place.array] = self._in_source(place.array).copy(), place.rows
+            elif place.rows is not rows[place.array]:
+                rows[place.array] = np.union1d(rows[place.array], place.rows)
+            values = changed[place.array]
             new = new_values(values[place.rows], override)
             if new is None:
                 return None
             values[place.rows] = new
-            rows.setdefault(place.array, []).extend(place.rows)
         return {array: (rows[array], values[rows[array]]) for array, values in changed.items()}
 
     def _place(self, override: Override) -> _Place | None:
@@ -65,7 +69,7 @@ class CompilerCopiedFields:
     def _found_place(self, override: Override) -> _Place | None:
         array, field = COPIED[field_name(override)], field_of(override)
         if array.startswith("opt."):
-            return _Place(array, [0]) if field != "timestep" or self._has_free_timestep else None
+            return _Place(array, np.array([0])) if field != "timestep" or self._has_free_timestep else None
         try:
             elements, fields = elements_at(self._spec, override)
         except MjrunError:  # the compilation raises it again
@@ -74,7 +78,8 @@ class CompilerCopiedFields:
             is_copied = self._has_simple_contacts
         else:
             is_copied = all(_has_plain_gains(element) for element in elements)
-        return _Place(array, [element.id for element in elements]) if is_copied and fields == [field] else None
+        rows = np.array([element.id for element in elements])
+        return _Place(array, rows) if is_copied and fields == [field] else None
 
     def _in_source(self, array: str) -> np.ndarray:
         """Returns the values in the specification, `(rows, size)`; one row for options."""
@@ -167,28 +172,3 @@ def new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
         return None
     values[:, chosen] = changed
     return values
-
-
-def read_array(model: mujoco.MjModel, array: str) -> np.ndarray:
-    """Returns a copy of an array, `(rows, size)`; of `opt.NAME` or `stat.NAME` as one row."""
-    group, dot, field = array.rpartition(".")
-    if dot:
-        return np.array(getattr(getattr(model, group), field), float).reshape(1, -1)
-    return getattr(model, field).copy()
-
-
-def write_array(model: mujoco.MjModel, array: str, values: np.ndarray) -> None:
-    """Writes an array, the reverse of `read_array`."""
-    group, dot, field = array.rpartition(".")
-    if dot:
-        setattr(getattr(model, group), field, values[0] if values.shape[1] > 1 else float(values[0, 0]))
-    else:
-        getattr(model, field)[...] = values
-
-
-def restore_array(model: mujoco.MjModel, array: str, source: mujoco.MjModel) -> None:
-    """Writes an array of another model."""
-    if "." in array:
-        write_array(model, array, read_array(source, array))
-    else:
-        getattr(model, array)[...] = getattr(source, array)

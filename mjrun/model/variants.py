@@ -12,24 +12,25 @@ from collections import OrderedDict
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
 from operator import is_
+from types import MappingProxyType
 
 import mujoco
+import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.model.body_recompilation import BodyCompiler
 from mjrun.model.compiler_copied_fields import (
+    COPIED_ARRAYS,
     CompilerCopiedFields,
     Rows,
     field_of,
     may_be_copied,
-    read_array,
-    restore_array,
-    write_array,
 )
 from mjrun.model.compiler_derived_fields import DerivedNumbers
 from mjrun.model.copied_element_values import CopiedElementNumbers
 from mjrun.model.fingerprint import model_fingerprint
+from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
 from mjrun.model.override import Override
 from mjrun.model.recompilation import Recompiler, may_be_recompiled
 from mjrun.model.source import Source
@@ -40,24 +41,61 @@ BYTES = 2**27  # memory for models: of remembered compilations, and of simulatio
 SPEC_SIZE = 3  # a specification with its processed meshes takes up to 2.4 times the memory of its model, as measured
 
 
-@dataclass(frozen=True, eq=False)
 class ModelVariant:
-    """A model, and the compilation from which it differs only in numbers.
+    """A model that differs from a compilation only in numbers.
+
+    Args:
+      model: the model, if it exists already.
 
     Attributes:
-      copied: the arrays of the model with other numbers, except those of a recompilation.
+      compilation: the compilation.
+      arrays: the arrays with other numbers, whole, by name, except those of a recompilation.
       is_recompiled: whether it was recompiled, so that any array may differ.
     """
 
-    model: mujoco.MjModel
-    compilation: "SharedCompilation"
-    copied: frozenset[str] = frozenset()
-    is_recompiled: bool = False
+    def __init__(
+        self,
+        compilation: "SharedCompilation",
+        arrays: Mapping[str, np.ndarray] = MappingProxyType({}),
+        model: mujoco.MjModel | None = None,
+        *,
+        is_recompiled: bool = False,
+    ) -> None:
+        self.compilation, self.arrays, self.is_recompiled = compilation, arrays, is_recompiled
+        self._model = compilation.model if model is None and not arrays else model
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model, which may be the compiled one; otherwise it is made when it is first asked for."""
+        if self._model is None:
+            self._model = self.compilation.model_with(self.arrays)
+        return self._model
 
     @property
     def compiled(self) -> mujoco.MjModel:
         """The compiled model, which may be `model` itself."""
         return self.compilation.model
+
+    @property
+    def has_copy(self) -> bool:
+        """True once a copy of the compiled model has been made for it."""
+        return self._model is not None and self._model is not self.compiled
+
+    @property
+    def differs_as_copied(self) -> bool:
+        """True if it equals the compiled model except in copied fields."""
+        return self.arrays.keys() <= COPIED_ARRAYS and not self.is_recompiled
+
+
+def models_side_by_side(variants: Sequence[ModelVariant]) -> Sequence[mujoco.MjModel] | VariedModel:
+    """Returns the models of variants, as arrays of one model where they differ in copied fields only."""
+    first = variants[0].compilation
+    names = dict.fromkeys(name for variant in variants for name in variant.arrays)
+    if not names or not all(each.compilation is first and each.differs_as_copied for each in variants):
+        return [variant.model for variant in variants]
+    compiled = {name: read_array(first.model, name) for name in names}
+    arrays = {name: np.array([variant.arrays.get(name, compiled[name]) for variant in variants]) for name in names}
+    return VariedModel(first.model, arrays)
 
 
 class VariantLoader:
@@ -85,7 +123,7 @@ class VariantLoader:
           UsageError: an override refers to nothing, or its value does not fit.
         """
         if self._same and self._same[0] is source:
-            return ModelVariant(self._same[1].model, self._same[1])
+            return ModelVariant(self._same[1])
         last = self._last
         if last and last.fits(source) and (variant := last.variant(source)):
             return variant
@@ -93,13 +131,12 @@ class VariantLoader:
             return variant
         compilation = self._compilation(source)
         self._same = source, compilation
-        return ModelVariant(compilation.model, compilation)
+        return ModelVariant(compilation)
 
     def reuse(self, variant: ModelVariant) -> None:
         """Returns a variant that is no longer used: a later one of the same compilation may overwrite it."""
         home = variant.compilation
-        is_copy = variant.model is not home.model
-        if is_copy and home.spec and self._bytes + home.size <= BYTES:
+        if variant.has_copy and home.spec and self._bytes + home.size <= BYTES:
             home.unused.append(variant)
 
     def _copied(self, source: Source) -> ModelVariant | None:
@@ -236,11 +273,14 @@ class SharedCompilation:
     def with_values(self, overrides: Sequence[Override]) -> ModelVariant | None:
         """Returns the model with overrides of copied fields; None if it must be compiled."""
         changed = self._copied.changed(overrides) if self._copied else None
-        if changed is None:
-            return None
-        model = self._copy(changed)
-        self._write(changed, model)
-        return ModelVariant(model, self, frozenset(changed))
+        return None if changed is None else ModelVariant(self, self._whole(changed))
+
+    def model_with(self, arrays: Mapping[str, np.ndarray]) -> mujoco.MjModel:
+        """Returns a copy of the model with other arrays."""
+        model = self._copy(arrays)
+        for name, values in arrays.items():
+            write_array(model, name, values)
+        return model
 
     def with_parts(self, options: Sequence[Override], rest: Sequence[Override]) -> ModelVariant | None:
         """Returns the model with overrides of copied options and of numbers in a few bodies; None if that fails."""
@@ -254,15 +294,15 @@ class SharedCompilation:
             of_bodies = self._part_compiler.changed(rest)
         if of_bodies is None:
             return None
-        changed |= of_bodies
-        model = self._copy(changed)
-        self._write(changed, model)
+        arrays = self._whole(changed | of_bodies)
+        model = self.model_with(arrays)
         if not has_effects:
-            return ModelVariant(model, self, frozenset(changed))
+            return ModelVariant(self, arrays, model)
         self._derived = self._derived or DerivedNumbers(self.spec, self.model)
         if not self._derived.compute(model):
             return None
-        return ModelVariant(model, self, frozenset([*changed, *self._derived.arrays]))
+        derived = {name: read_array(model, name) for name in self._derived.arrays}
+        return ModelVariant(self, arrays | derived, model)
 
     def recompiled(self, options: Sequence[Override], rest: Sequence[Override]) -> ModelVariant | None:
         """Returns the model with overrides of copied options, recompiled with all others; None if that fails."""
@@ -270,10 +310,12 @@ class SharedCompilation:
         compiled = self._whole_compiler.model(rest) if self.spec else None
         if changed is None or compiled is None:
             return None
-        model = self._copy(changed, of_arrays=False)
+        arrays = self._whole(changed)
+        model = self._copy(arrays, of_arrays=False)
         self._whole_compiler.write(compiled, model)
-        self._write(changed, model)
-        return ModelVariant(model, self, frozenset(changed), is_recompiled=True)
+        for name, values in arrays.items():
+            write_array(model, name, values)
+        return ModelVariant(self, arrays, model, is_recompiled=True)
 
     @property
     def _whole_compiler(self) -> Recompiler:
@@ -301,17 +343,17 @@ class SharedCompilation:
         unused = self.unused.pop()
         if unused.is_recompiled and of_arrays:
             self._whole_compiler.write(self.model, unused.model)
-        for array in unused.copied:
+        for array in unused.arrays:
             if array not in overwritten:
                 restore_array(unused.model, array, self.model)
         return unused.model
 
-    def _write(self, changed: Mapping[str, Rows], model: mujoco.MjModel) -> None:
-        """Writes changed rows of arrays, whose other rows are those of the compiled model."""
-        for array, (rows, values) in changed.items():
-            merged = read_array(self.model, array)
-            merged[rows] = values
-            write_array(model, array, merged)
+    def _whole(self, changed: Mapping[str, Rows]) -> dict[str, np.ndarray]:
+        """Returns whole arrays of which some rows are changed; the others are those of the compiled model."""
+        arrays = {name: read_array(self.model, name) for name in changed}
+        for name, (rows, values) in changed.items():
+            arrays[name][rows] = values
+        return arrays
 
 
 def _parted(

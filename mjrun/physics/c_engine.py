@@ -7,6 +7,7 @@ states instead.
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -16,8 +17,9 @@ from mujoco.batch import SimulationError as BatchError  # pyright: ignore[report
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
+from mjrun.model.model_arrays import VariedModel
 from mjrun.physics.control import ControlArray, ControlSources
-from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, RolloutBlock, block_steps, models_of
+from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, Models, RolloutBlock, block_steps, models_of
 from mjrun.physics.step_stages import is_bounded
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper
 from mjrun.timeline import rational
@@ -40,7 +42,7 @@ class CEngine:
 
     def rollout(
         self,
-        models: mujoco.MjModel | Sequence[mujoco.MjModel],
+        models: Models,
         starts: np.ndarray,
         controls: np.ndarray | None,
         steps: int,
@@ -53,7 +55,7 @@ class CEngine:
         Raises:
           UsageError: the models have different sizes.
         """
-        run = _Run(models_of(models, len(starts)), np.array(starts, float), controls, record, self._threads, running)
+        run = _Run(models, np.array(starts, float), controls, record, self._threads, running)
         longest = block_steps(run.models[0], record, len(starts))
         size = min(longest if running is None else SHORT_BLOCK_STEPS, longest, max(steps, 1))
         for first in range(0, steps, size):
@@ -89,15 +91,24 @@ class RecordingBatch:
       record: names of MjData fields.
       size: maximum number of steps per call.
       threads: as in `CEngine`.
+      arrays: arrays of the models that differ between simulations; see `VariedModel`.
     """
 
-    def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], size: int, threads: int = 0) -> None:
+    def __init__(
+        self,
+        models: Sequence[mujoco.MjModel],
+        record: Sequence[str],
+        size: int,
+        threads: int = 0,
+        arrays: Mapping[str, np.ndarray] = MappingProxyType({}),
+    ) -> None:
         self._models, self._record = models, record
         self._derived: DerivedFields | None = None
         if any(model.opt.integrator == RK4 for model in models):
-            self._derived = DerivedFields(_batch([*models] * size, threads), record, len(models))
+            repeated = {name: np.concatenate([values] * size) for name, values in arrays.items()}
+            self._derived = DerivedFields(_batch([*models] * size, threads, repeated), record, len(models))
             models = with_flags(models, leave_out=ENERGY)
-        self._batch = _batch(models, threads)
+        self._batch = _batch(models, threads, arrays)
         self._states = {name: self._batch.bind(name) for name in record if name in STATE_FIELDS}
         self._motion = self._batch.state[:, state.moving(models[0])]  # a view
 
@@ -236,21 +247,24 @@ class _Run:
 
     def __init__(
         self,
-        models: Sequence[mujoco.MjModel],
+        models: Models,
         starts: np.ndarray,
         controls: np.ndarray | None,
         record: Sequence[str],
         threads: int,
         running: np.ndarray | None,
     ) -> None:
-        self.models = with_flags(models, disable=AUTORESET)
+        self._arrays: Mapping[str, np.ndarray] = {}
+        if isinstance(models, VariedModel):
+            models, self._arrays = models.model, models.arrays
+        self.models = with_flags(models_of(models, len(starts)), disable=AUTORESET)
         self._states, self._controls, self._record, self._threads = starts, controls, record, threads
-        self.running = np.ones(len(models), bool) if running is None else running
+        self.running = np.ones(len(starts), bool) if running is None else running
         self._failures: dict[int, SimulationError] = {}  # since the last block
         self._initial: Fields = {}
         self._batch: RecordingBatch | None = None
         # States do not include which bodies sleep: these simulations stay in an MjData each, outside the batch.
-        sleepy = [index for index, model in enumerate(models) if model.opt.enableflags & SLEEP]
+        sleepy = [index for index, model in enumerate(self.models) if model.opt.enableflags & SLEEP]
         self._awake = with_flags(self.models, leave_out=SLEEP) if sleepy else self.models
         self._sleepers = {index: self._stepper(index, 0) for index in sleepy}
 
@@ -294,7 +308,7 @@ class _Run:
 
     def _recording(self, size: int) -> RecordingBatch:
         """Returns the batch, which takes at most `size` steps per call if it does not exist yet."""
-        self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads)
+        self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads, self._arrays)
         return self._batch
 
     def _ids(self) -> np.ndarray:
@@ -303,7 +317,8 @@ class _Run:
 
     def _stepper(self, index: int, step: int) -> PhysicsStepper:
         """Returns a stepper for simulation number `index`, from `step`."""
-        model, data = self.models[index], mujoco.MjData(self.models[index])
+        model = VariedModel(self.models[index], self._arrays).at(index) if self._arrays else self.models[index]
+        data = mujoco.MjData(model)
         state.restore(model, data, self._states[index])
         control = None
         if self._controls is not None and self._controls.shape[1]:
@@ -341,14 +356,23 @@ def with_flags(models: Sequence[mujoco.MjModel], disable: int = 0, leave_out: in
     return [changed[id(model)] for model in models]
 
 
-def _batch(models: Sequence[mujoco.MjModel], threads: int) -> Batch:
-    """Creates a batch with a simulation of each of `models`."""
+def _batch(
+    models: Sequence[mujoco.MjModel], threads: int, arrays: Mapping[str, np.ndarray] = MappingProxyType({})
+) -> Batch:
+    """Creates a batch with a simulation of each of `models`.
+
+    Args:
+      arrays: arrays that differ between simulations of one model; see `VariedModel`.
+    """
     batch = Batch(models[0], len(models), threads if len(models) > 1 else 1)
     if any(model is not models[0] for model in models):
         try:
             batch.set_models(models)
         except (ValueError, mujoco.FatalError) as error:
             raise UsageError(f"models of different sizes cannot be simulated side by side: {error}") from None
+    for name, values in arrays.items():
+        expanded = batch.expand(name)
+        expanded[...] = values.reshape(expanded.shape)
     return batch
 
 

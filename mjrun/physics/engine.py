@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
@@ -10,12 +11,16 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError
 from mjrun.model import state
+from mjrun.model.model_arrays import VariedModel
 
 BLOCK_STEPS = 4096  # the most steps in a block
 SHORT_BLOCK_STEPS = 256  # the most steps between two instants at which the caller may end simulations
 BLOCK_BYTES = 64 * 2**20  # memory for the rows of a block, unless a single row needs more
 
+_rows = WeakKeyDictionary[mujoco.MjModel, dict[tuple[str, ...], int]]()  # bytes of rows, by recorded fields
+
 Fields = Mapping[str, np.ndarray]
+Models = mujoco.MjModel | Sequence[mujoco.MjModel] | VariedModel  # one for all simulations, or one for each
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ class Engine(Protocol):
 
     def rollout(
         self,
-        models: mujoco.MjModel | Sequence[mujoco.MjModel],
+        models: Models,
         starts: np.ndarray,
         controls: np.ndarray | None,
         steps: int,
@@ -93,7 +98,7 @@ def _joined(one: RolloutBlock, other: RolloutBlock) -> RolloutBlock:
     return RolloutBlock(steps, fields, one.initial, one.counts + other.counts, failures)
 
 
-def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> Sequence[mujoco.MjModel]:
+def models_of(models: Models, count: int) -> Sequence[mujoco.MjModel]:
     """Returns the model of each of `count` simulations.
 
     Raises:
@@ -101,6 +106,8 @@ def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> 
     """
     if isinstance(models, mujoco.MjModel):
         return [models] * count
+    if isinstance(models, VariedModel):
+        return [models.at(simulation) for simulation in range(count)]
     if len(models) != count:
         raise ValueError(f"{len(models)} models for {count} simulations")
     return models
@@ -108,6 +115,13 @@ def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> 
 
 def block_steps(model: mujoco.MjModel, record: Sequence[str], count: int) -> int:
     """Returns the number of steps of `count` simulations that fit in a block."""
-    data = mujoco.MjData(model)
-    row = 8 * state.size(model) + sum(np.asarray(getattr(data, name)).nbytes for name in record)
-    return int(np.clip(BLOCK_BYTES // max(1, count * row), 1, BLOCK_STEPS))
+    return int(np.clip(BLOCK_BYTES // max(1, count * _row_bytes(model, tuple(record))), 1, BLOCK_STEPS))
+
+
+def _row_bytes(model: mujoco.MjModel, record: tuple[str, ...]) -> int:
+    """Returns the size of a row of one simulation, and remembers it: an MjData takes longer than a short simulation."""
+    sizes = _rows.setdefault(model, {})
+    if record not in sizes:
+        data = mujoco.MjData(model)
+        sizes[record] = 8 * state.size(model) + sum(np.asarray(getattr(data, name)).nbytes for name in record)
+    return sizes[record]

@@ -17,7 +17,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UnstableWorldError, UsageError, option, quoted
 from mjrun.model import state
-from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, RolloutBlock, block_steps, models_of
+from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, Models, RolloutBlock, block_steps, models_of
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 
 CHEAPER = "the omitted ones make a step cheaper than a complete one"
@@ -287,7 +287,7 @@ class WarpEngine:
 
     def rollout(
         self,
-        models: mujoco.MjModel | Sequence[mujoco.MjModel],
+        models: Models,
         starts: np.ndarray,
         controls: np.ndarray | None,
         steps: int,
@@ -303,7 +303,8 @@ class WarpEngine:
           UsageError: mujoco_warp cannot simulate such models, or record a field.
           DeviceMemoryError: these simulations do not fit in the memory of the device together.
         """
-        model = models_of(models, len(starts))[0]
+        models = models_of(models, len(starts))
+        model = models[0]
         size = (model.nbody, model.nv, model.ngeom, model.nflex)
 
         def opened(starts: np.ndarray, nconmax: int | None, njmax: int | None) -> WarpWorlds:

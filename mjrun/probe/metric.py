@@ -64,7 +64,7 @@ class MetricBatch:
     """
 
     def __init__(self, metrics: Sequence[Metric], table: Sequence[str], count: int) -> None:
-        self._table = table
+        self._table, self._count = table, count
         self._metrics = [(metric, _is_joint(metric)) for metric in metrics]
         joint = [metric for metric, is_joint in self._metrics if is_joint]
         self._joint = {call: _JointAggregate(call, count) for metric in joint for call in metric.aggregates}
@@ -88,15 +88,17 @@ class MetricBatch:
                 holds = np.True_ if call.condition is None else evaluate_truth(call.condition, columns, {})
                 aggregate.add(values, np.broadcast_to(holds, math.prod(shape)).reshape(shape) & is_valid, counts)
 
-    def values(self, index: int) -> tuple[float, ...]:
-        """Returns the metrics of the table `index`, after the last rows."""
+    def values(self) -> list[tuple[float, ...]]:
+        """Returns the metrics of each table, after the last rows."""
+        with np.errstate(all="ignore"):
+            return [self._values(index) for index in range(self._count)]
+
+    def _values(self, index: int) -> tuple[float, ...]:
         known: KnownValues = {call: aggregate.value(index) for call, aggregate in self._joint.items()}
         alone = iter(self._alone[index].values() if self._alone else ())
-        with np.errstate(all="ignore"):
-            return tuple(
-                float(evaluate(metric.root, {}, known)) if is_joint else next(alone)
-                for metric, is_joint in self._metrics
-            )
+        return tuple(
+            float(evaluate(metric.root, {}, known)) if is_joint else next(alone) for metric, is_joint in self._metrics
+        )
 
 
 class _JointAggregate:

@@ -4,6 +4,7 @@ Points whose simulations are of one kind run side by side in one batch; every nu
 alone.
 """
 
+import copy
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -14,11 +15,13 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import DeviceMemoryError, MjrunError, SimulationError, UsageError, option
+from mjrun.experiment.design_points import ABSENT
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
-from mjrun.model.compiler_copied_fields import COPIED
+from mjrun.model.compiler_copied_fields import may_be_copied
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader
+from mjrun.model.override import Override
+from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader, models_side_by_side
 from mjrun.outputs.event_detection import EndCondition
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
@@ -31,7 +34,7 @@ from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricBatch
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.spec import PointResult, StudyPoint, StudySpec
+from mjrun.study.spec import PointResult, StudyPoint, StudySpec, is_path
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -39,7 +42,6 @@ if TYPE_CHECKING:
     from mjrun.study.point_images import PointImageMaker
 
 STARTS = [each.name for each in fields(InitialState)]  # options of simulations that their initial states depend on
-NOT_IN_STARTS = frozenset(COPIED.values())  # arrays of models that their initial states do not depend on
 WORLDS = 8192  # most points that Warp simulates at once
 WORLD_BYTES = 2**31  # memory of their models
 NOT_IN_WARP = (
@@ -47,6 +49,7 @@ NOT_IN_WARP = (
     "supported, nor are metrics that no recorded field contains\n"
     f"{option('engine')} local simulates them"
 )
+TIMESTEP = "opt.timestep"
 ENOUGH = 512  # rows that are measured at once
 SIDE_BY_SIDE = 1024  # most simulations in a batch
 ROWS = 2**15  # that the simulations of a batch may have in memory, of at most `ENOUGH` each
@@ -62,6 +65,8 @@ class PointSimulator:
         self._variants = VariantLoader(self._prepare)
         self._compiled = WeakKeyDictionary[SharedCompilation, _CompiledModel]()
         self._parsed = dict[tuple[object, ...], _Expressions]()  # by the structure of the model
+        self._similar: _SimilarPoints | None = None
+        self._start: tuple[_ReadyPoint, np.ndarray] | None = None  # of the last point that started in a compiled model
         self._files: PointImageMaker | EpisodeFileMaker | None = None
         self._engine: Engine
         self._world_fields: PerWorldFields | None = None
@@ -119,6 +124,8 @@ class PointSimulator:
         return min(SIDE_BY_SIDE, ROWS // min(ENOUGH, ready.timeline.steps + 1))
 
     def _ready(self, point: StudyPoint) -> "_ReadyPoint":
+        if self._similar and (similar := self._similar.ready(point)):
+            return similar
         simulation = self._spec.simulation(point.values)
         episode = simulation.episode
         if episode is None:
@@ -130,10 +137,7 @@ class PointSimulator:
             if self._spec.engine == "warp":
                 raise UsageError(NOT_IN_WARP)
             model = episode.model()
-            variant, compiled = (
-                ModelVariant(model, SharedCompilation(None, model)),
-                self._measured(model, simulation),
-            )
+            variant, compiled = ModelVariant(SharedCompilation(None, model)), self._measured(model, simulation)
 
         ready = _ReadyPoint(point, simulation, variant, compiled)
         if self._world_fields:
@@ -144,6 +148,8 @@ class PointSimulator:
             else:
                 group = compiled.world_group = compiled.world_group or self._world_fields.group(variant.model)
             ready.kind = (*ready.kind, group)
+        elif ready.may_have_similar(self._spec.names):
+            self._similar = _SimilarPoints(ready, self._spec.names)
         return ready
 
     def _prepare(self, model: mujoco.MjModel) -> None:
@@ -176,7 +182,7 @@ class PointSimulator:
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)
-        return ready.result(measured.values(0), int(measured.steps[0]), time.perf_counter() - start)
+        return ready.result(measured.values()[0], int(measured.steps[0]), time.perf_counter() - start)
 
     def _with_files(self, point: StudyPoint) -> PointResult:
         """Simulates a point of a dataset, and makes its files."""
@@ -194,18 +200,21 @@ class PointSimulator:
         begin = time.perf_counter()
         started = list[_ReadyPoint]()
         starts = list[np.ndarray]()
-        data = mujoco.MjData(batch[0].variant.model)  # all are of one size
-        known = dict[tuple[int, ...], np.ndarray]()
+        data: mujoco.MjData | None = None
+        known = {self._start[0].start_key: self._start[1]} if self._start else {}
         for ready in batch:
             try:
                 key = ready.start_key
                 start = known.get(key)
                 if start is None:
-                    model = ready.variant.model
+                    model = ready.start_model
+                    data = mujoco.MjData(model) if data is None else data  # all are of one size
                     ready.simulation.start.reset(model, data)
                     start = known[key] = state.save(model, data)
                 starts.append(start)
                 started.append(ready)
+                if ready.start_model is ready.variant.compiled:  # which no later variant overwrites
+                    self._start = ready, start
             except MjrunError as error:
                 yield self._failed(ready.point, error, 0, ready.wall)
         if not started:
@@ -225,12 +234,13 @@ class PointSimulator:
                 yield from self._side_by_side(half)
             return
 
+        metrics = measured.values()
         wall = (time.perf_counter() - begin) / len(started)
         for index, ready in enumerate(started):
             if failure := failures.get(index):
                 yield self._failed(ready.point, failure, failure.step, ready.wall + wall)
             else:
-                yield ready.result(measured.values(index), int(measured.steps[index]), wall)
+                yield ready.result(metrics[index], int(measured.steps[index]), wall)
         for ready in batch:
             self._variants.reuse(ready.variant)
 
@@ -239,7 +249,7 @@ class PointSimulator:
     ) -> dict[int, SimulationError]:
         """Measures the rows of every simulation; returns the errors of those that failed, by index."""
         first = points[0]
-        models = [ready.variant.model for ready in points]
+        models = models_side_by_side([ready.variant for ready in points])
         steps, running = first.timeline.steps, measured.running if first.compiled.end else None
         failures = dict[int, SimulationError]()
         blocks = self._engine.rollout(models, starts, None, steps, first.sampler.fields, measured.read_every, running)
@@ -264,6 +274,7 @@ class _CompiledModel:
       structure: key of models whose simulations can run side by side; see `structure`.
       metrics: metrics in the names of this model.
       end: the condition that ends simulations, in the names of this model.
+      reads_model: whether columns of metrics depend on numbers of each model, once there is a sampler.
       world_group: see `PerWorldFields.group`; empty until it is needed.
     """
 
@@ -280,15 +291,15 @@ class _CompiledModel:
         self._model = model
         self._timeline: Timeline | None = None
         self._sampler: ProbeSampler | None = None
-        self._reads_model = False
+        self.reads_model = False
 
-    def sampler(self, variant: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
+    def sampler(self, variant: ModelVariant, timeline: Timeline) -> ProbeSampler:
         """Returns the sampler of the columns of all metrics; variants share it if it does not read their numbers."""
         if self._sampler is None or self._timeline != timeline:
             self._timeline, self._sampler = timeline, self._new_sampler(self._model, timeline)
             probes = self._sampler.probes
-            self._reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in probes)
-        return self._new_sampler(variant, timeline) if self._reads_model else self._sampler
+            self.reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in probes)
+        return self._new_sampler(variant.model, timeline) if self.reads_model else self._sampler
 
     def _new_sampler(self, model: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
         names = dict.fromkeys([*metric_columns(self.metrics), *(self.end.columns if self.end else ())])
@@ -299,6 +310,7 @@ class _ReadyPoint:
     """A point that is ready to be simulated.
 
     Attributes:
+      simulation: its simulation, or one with different numbers in the model.
       compiled: its compilation.
       timeline, sampler: its steps, and the columns of its metrics.
       kind: key of points that can run side by side; None for a point that can only run alone.
@@ -309,9 +321,10 @@ class _ReadyPoint:
         self, point: StudyPoint, simulation: Simulation, variant: ModelVariant, compiled: _CompiledModel
     ) -> None:
         self.point, self.simulation, self.variant = point, simulation, variant
-        self.timeline = simulation.timeline(variant.model)
+        has_own_time = TIMESTEP in variant.arrays or not variant.differs_as_copied
+        self.timeline = simulation.timeline(variant.model if has_own_time else variant.compiled)
         self.compiled = compiled
-        self.sampler = compiled.sampler(variant.model, self.timeline)
+        self.sampler = compiled.sampler(variant, self.timeline)
         self.kind: tuple[object, ...] | None = None
         if self._can_share():
             self.kind = (compiled.structure, self.timeline.steps)
@@ -320,14 +333,24 @@ class _ReadyPoint:
     @property
     def start_key(self) -> tuple[int, ...]:
         """A key of points that start in the same state, as long as these points exist."""
-        variant, values = self.variant, vars(self.simulation)
-        shares_start = variant.copied <= NOT_IN_STARTS and not variant.is_recompiled and not variant.model.nplugin
-        model = variant.compiled if shares_start else variant.model
-        return (id(model), *(id(values[name]) for name in STARTS))
+        values = vars(self.simulation)
+        return (id(self.start_model), *(id(values[name]) for name in STARTS))
+
+    @property
+    def start_model(self) -> mujoco.MjModel:
+        """A model in which this point starts: copied fields do not change the start."""
+        shares_start = self.variant.differs_as_copied and not self.variant.compiled.nplugin
+        return self.variant.compiled if shares_start else self.variant.model
 
     def result(self, metrics: tuple[float, ...], steps: int, wall: float) -> PointResult:
         """Returns the result of a simulation that has reached its end, `wall` seconds after it was ready."""
         return PointResult(self.point.index, "ok", metrics, steps, wall=self.wall + wall)
+
+    def may_have_similar(self, names: Sequence[str]) -> bool:
+        """Returns whether points with other values of the parameters `names` may be `_SimilarPoints`."""
+        has_paths = ABSENT not in self.point.values and all(map(_changes_numbers, names))
+        is_shared = self.kind is not None and not self.compiled.reads_model
+        return bool(names) and has_paths and is_shared and self.variant.differs_as_copied
 
     def _can_share(self) -> bool:
         simulation = self.simulation
@@ -336,6 +359,36 @@ class _ReadyPoint:
             return False
         model = self.sampler.model
         return not model.opt.enableflags & SLEEP and self.sampler.reads_fields_only
+
+
+class _SimilarPoints:
+    """Points that differ from one only in copied fields of its model, without the timestep.
+
+    Preparing them from that point is many times faster, as it takes no other simulation, source or model.
+
+    Args:
+      first: that point, whose model differs in copied fields only.
+      names: names of the parameters, which are paths.
+    """
+
+    def __init__(self, first: _ReadyPoint, names: Sequence[str]) -> None:
+        overrides = first.simulation.source.overrides
+        own = [place for place, each in enumerate(overrides) if each.option == "set"][-len(names) :]
+        self._first, self._names = first, names
+        self._before = [each for each in overrides[: own[0]] if may_be_copied(each)]
+        self._after = [each for each in overrides[own[-1] + 1 :] if may_be_copied(each)]
+
+    def ready(self, point: StudyPoint) -> _ReadyPoint | None:
+        """Returns a similar point that is ready; None if the point may not be similar."""
+        own = [*map(Override, self._names, point.values)]
+        if ABSENT in point.values or not all(map(may_be_copied, own)):
+            return None
+        variant = self._first.variant.compilation.with_values([*self._before, *own, *self._after])
+        if variant is None:
+            return None
+        ready = copy.copy(self._first)
+        ready.point, ready.variant, ready.wall = point, variant, 0.0
+        return ready
 
 
 class _MeasuredRows:
@@ -379,15 +432,24 @@ class _MeasuredRows:
             ends_between = is_new & ~is_row[last_row]
             self._metrics.feed(tables[np.arange(len(tables)), last_row][:, None], ends_between.astype(int))
 
-    def values(self, index: int) -> tuple[float, ...]:
-        """Returns the metrics of a simulation, after its last rows."""
-        return self._metrics.values(index)
+    def values(self) -> list[tuple[float, ...]]:
+        """Returns the metrics of each simulation, after its last rows."""
+        return self._metrics.values()
+
+
+def _changes_numbers(name: str) -> bool:
+    """Returns whether a parameter changes numbers of the model that do not determine the number of steps."""
+    return is_path(name) and Override(name, "").target != TIMESTEP
 
 
 def _model_sizes(points: Sequence[_ReadyPoint]) -> dict[int, int]:
     """Returns the memory of each model of these points [bytes], by its id."""
-    variants = [point.variant for point in points]
-    return {id(model): each.compilation.size for each in variants for model in (each.model, each.compiled)}
+    sizes = dict[int, int]()
+    for variant in (point.variant for point in points):
+        sizes[id(variant.compiled)] = variant.compilation.size
+        if variant.has_copy:
+            sizes[id(variant.model)] = variant.compilation.size
+    return sizes
 
 
 def structure(model: mujoco.MjModel) -> tuple[object, ...]:

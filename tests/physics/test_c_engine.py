@@ -9,6 +9,7 @@ import pytest
 
 from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError, UsageError
 from mjrun.model import state
+from mjrun.model.model_arrays import VariedModel
 from mjrun.physics import engine as engines
 from mjrun.physics.c_engine import CEngine
 from mjrun.physics.engine import RolloutBlock
@@ -107,6 +108,32 @@ def test_one_model_serves_all_and_controls_may_be_those_of_the_start() -> None:
     blocks = list(ENGINE.rollout(model, starts, None, 30, FIELDS))
     for index, start in enumerate(starts):
         assert_same(blocks, index, bare(model, start, None, range(31)))
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_numbers_of_one_model_are_those_of_a_model_for_each(integrator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "BLOCK_STEPS", 32)
+    model, count = model_of(integrator=integrator), 4
+    arrays = {
+        "geom_friction": np.random.default_rng(5).uniform(0.1, 1, (count, *model.geom_friction.shape)),
+        "opt.gravity": np.array([[[0, 0, -9.81]], [[1, 0, -5]], [[0, 0, 1e12]], [[0, 2, -9]]]),  # the third diverges
+        "opt.viscosity": np.array([[[0.0]], [[0.1]], [[0.0]], [[0.2]]]),
+    }
+    varied = VariedModel(model, arrays)
+    starts, controls = starts_of([model] * count), controls_of(count)
+    rollouts = [
+        list(ENGINE.rollout(models, starts, controls, STEPS, FIELDS, 3))
+        for models in (varied, [varied.at(simulation) for simulation in range(count)])
+    ]
+    for ours, theirs in zip(*rollouts, strict=True):
+        assert [*ours.failures] == [*theirs.failures]
+        assert [str(error) for error in ours.failures.values()] == [str(error) for error in theirs.failures.values()]
+        assert ours.counts.tolist() == theirs.counts.tolist()
+        for name in FIELDS:
+            for own, other, rows in zip(ours.fields[name], theirs.fields[name], ours.counts, strict=True):
+                assert own[:rows].tobytes() == other[:rows].tobytes(), name
+    assert rollouts[0][-1].counts.tolist() == [1, 1, 0, 1]
+    np.testing.assert_array_equal(model.opt.gravity, (0, 0, -9.81))
 
 
 def test_every_block_has_the_first_row_of_the_simulation(monkeypatch: pytest.MonkeyPatch) -> None:

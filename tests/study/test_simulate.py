@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from mjrun.errors import DeviceMemoryError, UnstableError
+from mjrun.experiment.design_points import ABSENT
+from mjrun.model.model_arrays import VariedModel
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariant, VariantLoader
 from mjrun.outputs.recording import Recording
 from mjrun.physics.c_engine import CEngine
-from mjrun.physics.engine import RolloutBlock
+from mjrun.physics.engine import Models, RolloutBlock, models_of
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import simulate
@@ -86,9 +88,28 @@ def test_a_point_does_not_depend_on_its_neighbours(tmp_path: Path) -> None:
         assert together[index].status == alone.status == "ok", alone.message
 
 
-@pytest.mark.parametrize("path", ["geom/ball.friction[0]", "geom/ball.size[0]"])
+def test_numbers_that_are_copied_are_those_of_a_model_alone(tmp_path: Path) -> None:
+    names = ("geom/ball.friction[0]", "scale:geom/ball.solref[0]", "opt.gravity", "opt.timestep")
+    options = {"perturb": 0.2, "set": [("geom/ball.friction", "0.2 0.01"), ("opt.density", "2")], "timestep": "0.003"}
+    points = [
+        ("0.3", "1", "0 0 -9", ABSENT), ("0.4", "2", "1 0 -5", ABSENT), ("-1", "1", "0 0 -9", ABSENT),
+        ("0.4", ABSENT, "1 0 -5", ABSENT), ("x", "2", "0 0 -1", ABSENT), ("0.5", "3", "0 0", ABSENT),
+        ("0.5", "2", "0 -2 -1", "0.004"), ("0.6", "2", "0 -2 -1", "0.002"), ("0.7", "1.5", "0 -2 1e999", "0.002"),
+    ]  # fmt: skip
+    for count, rows in ((3, [point[:3] for point in points if ABSENT not in point[:3]]), (4, points)):
+        spec = spec_of(tmp_path, names[:count], **options)
+        together = simulated(spec, rows)
+        for result, values in zip(together, rows, strict=True):
+            alone = simulated(replace(spec, base=spec.base, names=names[:count]), [values])[0]
+            assert (result.status, result.message, result.steps) == (alone.status, alone.message, alone.steps)
+            np.testing.assert_array_equal(result.metrics, alone.metrics)
+        assert {result.status for result in together} == {"ok", "failed"}
+        assert len({result.metrics for result in together if result.status == "ok"}) > 2
+
+
+@pytest.mark.parametrize(("path", "most"), [("geom/ball.friction[0]", 1), ("geom/ball.size[0]", 3)])
 def test_models_side_by_side_take_no_more_memory_than_the_budget(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, most: int
 ) -> None:
     spec = spec_of(tmp_path, (path,))
     points = [(str(0.1 + index / 100),) for index in range(10)]
@@ -96,15 +117,14 @@ def test_models_side_by_side_take_no_more_memory_than_the_budget(
     size, counts = mujoco.mj_sizeModel(spec.base.load()), list[int]()
     real = CEngine.rollout
 
-    def counted(self: CEngine, models: Sequence[mujoco.MjModel], *how: object) -> Iterator[RolloutBlock]:
-        counts.append(len({id(model) for model in models}))
-        return real(self, models, *how)  # type: ignore[arg-type]
+    def counted(self: CEngine, models: Models, starts: np.ndarray, *how: object) -> Iterator[RolloutBlock]:
+        counts.append(1 if isinstance(models, VariedModel) else len(set(map(id, models_of(models, len(starts))))))
+        return real(self, models, starts, *how)  # type: ignore[arg-type]
 
     monkeypatch.setattr(CEngine, "rollout", counted)
     monkeypatch.setattr(simulate, "BYTES", int(3.5 * size))
     results = simulated(spec, points)
-    assert sum(counts) == 10
-    assert max(counts) == 3  # with the one that copies are made of
+    assert max(counts) == most  # with the one that copies are made of
     assert [result.metrics for result in results] == [result.metrics for result in expected]
 
 

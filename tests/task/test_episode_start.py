@@ -23,9 +23,7 @@ MODEL = mujoco.MjModel.from_xml_string(
 
 def start(reset: Reset, seed: int = 3) -> mujoco.MjData:
     data = mujoco.MjData(MODEL)
-    state.restore(
-        MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(MODEL, SharedCompilation(None, MODEL)), seed)
-    )
+    state.restore(MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(SharedCompilation(None, MODEL)), seed))
     return data
 
 
