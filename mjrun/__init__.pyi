@@ -46,11 +46,11 @@ from mjrun.outputs.trace import Trace as _Trace
 from mjrun.outputs.trace import TraceResult as TraceResult
 from mjrun.outputs.video import Video as _Video
 from mjrun.outputs.video import VideoResult as VideoResult
-from mjrun.plotting.plottable_table import Figure as Figure
-from mjrun.plotting.plottable_table import Table as Table
-from mjrun.plotting.plottable_table import read_table as read_table
 from mjrun.plotting.table_and_study_plot import TablePlot as _TablePlot
 from mjrun.plotting.table_and_study_plot import TablePlotResult as TablePlotResult
+from mjrun.plotting.table_figure import Figure as Figure
+from mjrun.plotting.table_figure import Table as Table
+from mjrun.plotting.table_figure import read_table as read_table
 from mjrun.policy.load import load_policy as load_policy
 from mjrun.policy.policy import ActionSpace as ActionSpace
 from mjrun.policy.policy import Policy as Policy

@@ -16,7 +16,7 @@ from mjrun.model.sources import ModelLike
 from mjrun.model.table_column import Column
 from mjrun.options.option import options_for
 from mjrun.outputs.trace import Trace
-from mjrun.plotting.plottable_table import Table
+from mjrun.plotting.table_figure import Table
 from mjrun.python_help import OF_FILES
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task

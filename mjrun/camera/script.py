@@ -36,6 +36,8 @@ for _module in pkgutil.iter_modules(rigs.__path__):
 
 # All rigs, by their names in documents and on the command line.
 RIGS: dict[str, type[Rig]] = {rig.kind: rig for rig in sorted(Rig.__subclasses__(), key=lambda rig: rig.kind)}
+LEVEL = EasedNumber.still(0.0)
+SHOT_SETTINGS = ("roll", "fovy")
 
 
 @options
@@ -91,9 +93,6 @@ class Event(Options):
         kw_only=False,
         help="Fallback if it never happens: a time of the simulation [s], or end; an error if left out.",
     )
-
-
-LEVEL = EasedNumber.still(0.0)
 
 
 class InstantOrEvent(OneOf["float | str | Fraction | Event", "Fraction | Event"]):
@@ -331,9 +330,6 @@ def _number(value: object) -> Fraction:
         return rational(value)
     except (ValueError, OverflowError):  # not finite
         return Fraction(0)
-
-
-SHOT_SETTINGS = ("roll", "fovy")
 
 
 def parse_camera(text: str, model: mujoco.MjModel) -> CameraScript:

@@ -8,8 +8,7 @@ from pathlib import Path
 from mjrun.child_process import ChildProcess
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import BadValueError, UsageError, clean, option
-from mjrun.model.archive_paths import main_text
-from mjrun.model.referenced_files import places_of_files
+from mjrun.model.model_files import main_text, places_of_files
 from mjrun.suffixes import is_yaml
 
 LARGEST = 2**30  # bytes of a list of files

@@ -63,8 +63,7 @@ class ResultCache:
 
     def _states(self, model: str) -> dict[str, str]:
         """Returns the digests of all files that MuJoCo may open for a model; none if it may open others."""
-        from mjrun.model.archive_paths import main_text
-        from mjrun.model.referenced_files import places_of_files  # slow to import
+        from mjrun.model.model_files import main_text, places_of_files  # slow to import
 
         path = Path(model)
         files = places_of_files(path, *main_text(path))

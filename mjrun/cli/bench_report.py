@@ -358,8 +358,7 @@ def phases_of(phase: "Phase | None", above: str = "", depth: int = 0) -> Iterato
 
 def bench_page(result: "BenchResult", command: str) -> "Page":
     """Returns the page about a benchmark: the tables of its report, the verdict, and how it was measured."""
-    from mjrun.plotting.html_page import Page, PageFactTable
-    from mjrun.plotting.manifest_html import FileManifest
+    from mjrun.plotting.html_page import FileManifest, Page, PageFactTable
     from mjrun.plotting.page_writer import MAKER
 
     facts = [PageFactTable("Step", "Cost of a step", ("", ""), rows)] if (rows := single_point(result)) else []

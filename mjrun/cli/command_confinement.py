@@ -189,7 +189,7 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
         if model and refers:
             paths.roots[_real(Path(file).parent)] = None
         if model and has_demonstration:
-            from mjrun.model.relocated_assets import installed_packages
+            from mjrun.model.model_files import installed_packages
 
             paths.files |= {_real(folder): None for folders in installed_packages().values() for folder in folders}
 

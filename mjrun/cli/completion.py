@@ -76,8 +76,8 @@ def model_values(incomplete: str) -> list[CompletionItem[str]]:
     """Returns the completions of a model: files, or names after a prefix, `scene:`, or after a file, `demo.hdf5:`."""
     import_mujoco()
     from mjrun.errors import MjrunError
-    from mjrun.model.demonstrations import open_demonstrations
     from mjrun.model.sources import model_collections
+    from mjrun.model.sources.demonstration import open_demonstrations
 
     prefix, colon, _ = incomplete.partition(":")
     collections = model_collections()

@@ -28,14 +28,13 @@ if TYPE_CHECKING:
     import mujoco
 
     from mjrun.hdf5.demonstration_summary import DemonstrationList
-    from mjrun.model.description.actuators_sensors import Actuator
+    from mjrun.model.description.actuators_sensors import Actuator, Plugin
     from mjrun.model.description.assets import Asset
     from mjrun.model.description.bodies import Body, Camera, Geom, Light
     from mjrun.model.description.constraints import PathPoint, Tendon
     from mjrun.model.description.declaration import ModelObject
-    from mjrun.model.description.model_description import ModelDescription, ModelSummary, Statistics
     from mjrun.model.description.non_default_settings import NonDefaultSetting, Value
-    from mjrun.model.description.plugins import Plugin
+    from mjrun.model.info import ModelDescription, ModelSummary, Statistics
 
 ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are shown even if they are 0
 STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")

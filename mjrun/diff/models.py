@@ -63,6 +63,7 @@ COMPONENTS: dict[tuple[str, int], Sequence[str]] = {
     ("exclude_signature", 2): ("body1", "body2"), ("hfield_size", 4): ("x", "y", "top", "bottom"),
 }  # fmt: skip
 TEXTS = ("text_data", "plugin_attr")
+MEMORY = "a compiled model"  # the name of a model without a source
 
 
 class FieldComparer:
@@ -217,9 +218,6 @@ def _text(name: str, label: str, a: np.ndarray, b: np.ndarray) -> Iterator[Field
 
 def _sha256(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
-
-
-MEMORY = "a compiled model"  # the name of a model without a source
 
 
 def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -> ModelComparison:

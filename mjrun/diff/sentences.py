@@ -29,6 +29,14 @@ from mjrun.formats.input_file import cut
 from mjrun.model.names import PLURALS
 from mjrun.options.diff import PictureDiffOptions
 
+LISTED = 10  # entries of a list before it is cut: objects of a field, names of a kind, changes of the XML
+NUMBERS = 7  # numbers of a row that are shown side by side; of more, only the largest difference
+DIGITS = 6  # of a number, or as many as it takes to see a difference
+HASH = 12  # characters of a SHA-256
+# Keys of a manifest, and their names in messages.
+VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "numpy": "numpy", "machine": "the machine"}
+SETTINGS = {"timestep": "the timestep", "seed": "the seed"}
+
 
 def table_sentences(table: TableDifference, a: str, b: str, what: str = "row", *, common: bool = False) -> list[str]:
     """Returns the differences between two tables or recordings.
@@ -112,12 +120,6 @@ def shared_sentence(table: TableDifference, what: str = "row") -> str:
         return ""
     both = f"{counted(table.rows, what)} and {counted(len(table.columns), 'column')}"
     return f"the {both} that both have agree; {option('common')} compares only these"
-
-
-LISTED = 10  # entries of a list before it is cut: objects of a field, names of a kind, changes of the XML
-NUMBERS = 7  # numbers of a row that are shown side by side; of more, only the largest difference
-DIGITS = 6  # of a number, or as many as it takes to see a difference
-HASH = 12  # characters of a SHA-256
 
 
 def model_sentences(result: ModelComparison) -> list[str]:
@@ -326,11 +328,6 @@ def _beyond_limits(picture: PictureDifference, options: PictureDiffOptions) -> I
     if options.max_changed is not None and changed and changed.changed > options.max_changed:
         share = f"{percent(changed.changed)} of the pixels changed"
         yield f"{frame_place(changed, picture)}{share}, more than {percent(options.max_changed)}"
-
-
-# Keys of a manifest, and their names in messages.
-VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "numpy": "numpy", "machine": "the machine"}
-SETTINGS = {"timestep": "the timestep", "seed": "the seed"}
 
 
 def provenance_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> list[str]:

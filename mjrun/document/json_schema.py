@@ -19,8 +19,7 @@ from mjrun.document.run import RUN
 from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
 from mjrun.errors import FailureReport, UnknownNameError
-from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
-from mjrun.model.info import InfoResult
+from mjrun.model.info import SECTION_TYPES, InfoResult, ModelDescription
 from mjrun.options.schema_validation import ANNOTATIONS, Schema
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.outputs.format_lists import with_formats

@@ -49,7 +49,7 @@ from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.options.video import SelectedVideoOptions
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
-from mjrun.plotting.plottable_table import Table
+from mjrun.plotting.table_figure import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.executors import WARP, check_engine

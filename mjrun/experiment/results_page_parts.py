@@ -12,8 +12,7 @@ from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
-from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, PageFile, page_file
-from mjrun.plotting.manifest_html import FileManifest
+from mjrun.plotting.html_page import FileManifest, Page, PageFactTable, PageFigure, PageFile, page_file
 from mjrun.plotting.page_writer import PageWriter, check_page_name
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan

@@ -34,6 +34,13 @@ from mjrun.model.table_column import Column
 from mjrun.scene_graph.soft_shapes import Segments, TriangleSurface
 from mjrun.version import __version__
 
+FIXED64, LENGTH = 1, 2  # wire types of a double, and of a text or a message
+MOST = 4000  # fields in a message; protobuf's own limit is 64 KiB, with some bytes for each field
+SECOND = 10**9  # [ns]
+GLB = "model/gltf-binary"
+LINE_LIST = LinePrimitive.LINE_LIST  # each two points are the ends of a line
+HEAD_SHARE, HEAD_WIDTH = 0.3, 2  # length of an arrow's head in its length, and its width in shaft diameters
+
 
 @dataclass(frozen=True)
 class Schema:
@@ -121,10 +128,6 @@ class _CountingFile:
 
     def tell(self) -> int:
         return self._position
-
-
-FIXED64, LENGTH = 1, 2  # wire types of a double, and of a text or a message
-MOST = 4000  # fields in a message; protobuf's own limit is 64 KiB, with some bytes for each field
 
 
 class NumericMessages:
@@ -274,10 +277,6 @@ def _varint(number: int) -> bytes:
 
 TRANSFORMS, JOINTS, SCENE = Schema.of(FrameTransforms), Schema.of(JointStates), Schema.of(SceneUpdate)
 CALIBRATION, VIDEO, IMAGE = Schema.of(CalibrationMessage), Schema.of(CompressedVideo), Schema.of(CompressedImage)
-SECOND = 10**9  # [ns]
-GLB = "model/gltf-binary"
-LINE_LIST = LinePrimitive.LINE_LIST  # each two points are the ends of a line
-HEAD_SHARE, HEAD_WIDTH = 0.3, 2  # length of an arrow's head in its length, and its width in shaft diameters
 
 
 class TransformMessages:

@@ -29,6 +29,8 @@ from mjrun.packages import require
 from mjrun.suffixes import is_url
 
 SHOWN_COLUMNS, SHOWN_ROWS = 20, 5  # in a notebook; the rows at either end
+STDIN = "-"
+STDIN_LABEL = Path("<stdin>")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +139,6 @@ def _library(name: str) -> Any:
     return import_module(name)
 
 
-STDIN = "-"
-STDIN_LABEL = Path("<stdin>")
 Missing = Literal["error", "nan"]
 
 

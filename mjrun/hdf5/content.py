@@ -16,22 +16,6 @@ import h5py
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError
 
-
-def require_own_content(path: Path, what: str, dataset: h5py.Dataset, file: BinaryIO | None = None) -> None:
-    """Checks that the content of a dataset is in its file, and does not expand out of proportion.
-
-    Args:
-      what: the dataset in messages.
-      file: the open file, where its path does not lead to it.
-
-    Raises:
-      FileError: it is in another file, or one chunk of it, which is read whole, is too large.
-    """
-    if dataset.is_virtual or dataset.external:
-        raise FileError(path, f"{what} is in another file, which is not read")
-    require_expandable(path, math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize, file)
-
-
 HEAP = struct.Struct("<4sB3xQ")  # begin of a heap: signature, version, size
 HEAP_OBJECT = struct.Struct("<HHIQ")  # begin of a text in it: index, uses, nothing, size
 REFERENCE = struct.Struct("<IQI")  # to a text: its length, the address of its heap, its index there
@@ -46,6 +30,21 @@ FIXED_STRING, VARIABLE_LENGTH = 3, 9  # classes of types
 SIZES = (8, 8)  # bytes of addresses and of lengths
 MOST_BLOCKS = 1000  # of an object header
 LARGEST = 2**28  # bytes of a block, which is read whole
+
+
+def require_own_content(path: Path, what: str, dataset: h5py.Dataset, file: BinaryIO | None = None) -> None:
+    """Checks that the content of a dataset is in its file, and does not expand out of proportion.
+
+    Args:
+      what: the dataset in messages.
+      file: the open file, where its path does not lead to it.
+
+    Raises:
+      FileError: it is in another file, or one chunk of it, which is read whole, is too large.
+    """
+    if dataset.is_virtual or dataset.external:
+        raise FileError(path, f"{what} is in another file, which is not read")
+    require_expandable(path, math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize, file)
 
 
 class StringHeap:

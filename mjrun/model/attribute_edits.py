@@ -14,10 +14,9 @@ import numpy as np
 from mjrun.confinement.self_confinement import confined_load
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
-from mjrun.model.class_defaults import default_holder
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.text_edits import ElementEditor, edited
-from mjrun.model.xml_source import Element, XmlSource, read_xml
+from mjrun.model.xml_source import Element, XmlSource, default_holder, read_xml
 
 # Attributes whose name differs from that of the MjSpec field.
 NAMES = {"solref_limit": "solreflimit", "solimp_limit": "solimplimit"}

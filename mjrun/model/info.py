@@ -1,18 +1,284 @@
-"""`mjrun info`: the description of a model, section by section."""
+"""The description of a compiled model, section by section, as `mjrun info` shows it.
+
+Sections are a summary, and plain values for each kind of object; each is computed on demand.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import mujoco
+import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.model import known_bugs
-from mjrun.model.description.model_description import SECTIONS, ModelDescription
+from mjrun.model.description.actuators_sensors import Actuator, Plugin, Sensor
+from mjrun.model.description.assets import Asset, assets
+from mjrun.model.description.bodies import Body, Camera, Geom, Joint, Light, Site
+from mjrun.model.description.constraints import ContactPair, Equality, Exclude, Flex, Tendon
+from mjrun.model.description.declaration import ModelObject, computed, objects, of_field
+from mjrun.model.description.non_default_settings import NonDefaultSetting, option_differences, visual_differences
+from mjrun.model.fields import floats
 from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.names import BALL, enum_name, names
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.shared_status import doing
+
+SIZES = (
+    *("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic"),
+    *("nbody", "njnt", "ngeom", "nsite", "ncam", "nlight", "nflex", "ntree"),
+    *("nactuator", "nsensor", "ntendon", "neq", "npair", "nexclude", "nkey", "nplugin"),
+    *("nmesh", "nskin", "nhfield", "ntex", "nmat", "nmeshvert", "nmeshface", "nflexvert", "nflexelem"),
+    *("nnumeric", "ntext", "ntuple", "nM", "nB", "nC", "nD"),
+)
+SLACK = 1e-9  # relative to a range, for the rounding of angles written in decimals
+T = TypeVar("T", bound=ModelObject)
+
+
+@dataclass(frozen=True)
+class MemorySize:
+    """The memory that the model needs [bytes].
+
+    Attributes:
+      model, data: the sizes of the model, and of its data without the arena.
+      arena: the size of the arena, which holds contacts, constraints and temporary values.
+    """
+
+    model: int
+    data: int
+    arena: int
+
+
+@dataclass(frozen=True)
+class ModelSummary:
+    """The key properties of a model.
+
+    Attributes:
+      name: the name of the model.
+      file: its path; None for a model that exists in memory only.
+      mujoco: the version that compiled it.
+      mass: the mass of all bodies [kg].
+      centre_of_mass: that of all bodies in the initial configuration [m]; None if nothing has mass.
+      extent, center: the size and centre of the model in space, according to its statistics [m].
+      timestep: [s].
+      gravity: [m/s²].
+      integrator, solver, cone: MuJoCo's names.
+      jacobian: the effective type, `dense` or `sparse`.
+      memory: the memory that it needs [bytes].
+      sizes: the sizes by MuJoCo's names: `nq`, `nv`, `nbody` …
+    """
+
+    name: str
+    file: str | None
+    mujoco: str
+    mass: float
+    centre_of_mass: tuple[float, ...] | None
+    extent: float
+    center: tuple[float, ...]
+    timestep: float
+    gravity: tuple[float, ...]
+    integrator: str
+    solver: str
+    cone: str
+    jacobian: str
+    memory: MemorySize
+    sizes: dict[str, int]
+
+
+def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
+    """Returns the summary of a model."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mass = float(mujoco.mj_getTotalmass(model))
+    return ModelSummary(
+        name=model.names[: model.names.index(b"\0")].decode("utf-8", "replace"),
+        file=None if path is None else str(path),
+        mujoco=mujoco.mj_versionString(),
+        mass=mass,
+        centre_of_mass=floats(data.subtree_com[0]) if mass else None,
+        extent=float(model.stat.extent),
+        center=floats(model.stat.center),
+        timestep=float(model.opt.timestep),
+        gravity=floats(model.opt.gravity),
+        integrator=enum_name(mujoco.mjtIntegrator, model.opt.integrator),
+        solver=enum_name(mujoco.mjtSolver, model.opt.solver),
+        cone=enum_name(mujoco.mjtCone, model.opt.cone),
+        jacobian="sparse" if mujoco.mj_isSparse(model) else "dense",
+        memory=MemorySize(int(model.nbuffer), int(data.nbuffer), int(data.narena)),
+        sizes={name: int(getattr(model, name)) for name in SIZES},
+    )
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """The statistics of a model, by which MuJoCo scales images and solver.
+
+    Attributes:
+      center: the point that the free camera looks at [m].
+      extent: the size of the model in space [m].
+      meansize, meanmass: the means over its bodies [m], [kg].
+      meaninertia: the mean of the diagonal of its inertia matrix.
+    """
+
+    center: tuple[float, ...]
+    extent: float
+    meansize: float
+    meanmass: float
+    meaninertia: float
+
+
+def statistics(model: mujoco.MjModel) -> Statistics:
+    """Returns the model's statistics, computed by MuJoCo or set in the model."""
+    stat = model.stat
+    return Statistics(
+        floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
+    )
+
+
+def _joints_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
+    joints = names(model, "joint")
+    for joint in np.flatnonzero(model.jnt_limited):
+        qpos = model.key_qpos[key, model.jnt_qposadr[joint] :]
+        value = _turned(qpos[:4]) if int(model.jnt_type[joint]) == BALL else qpos[0]
+        if _beyond(value, model.jnt_range[joint]):
+            yield f"qpos/{joints[joint]}"
+
+
+def _actuators_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
+    for i, name in enumerate(names(model, "actuator")):
+        control, activation = model.actuator_ctrladr[i], model.actuator_actadr[i]
+        controls = range(control, control + model.actuator_ctrlnum[i])
+        if any(
+            model.actuator_ctrllimited[k] and _beyond(model.key_ctrl[key, k], model.actuator_ctrlrange[k])
+            for k in controls
+        ):
+            yield f"ctrl/{name}"
+        limited = model.actuator_actnum[i] if model.actuator_actlimited[i] else 0
+        if any(
+            _beyond(model.key_act[key, k], model.actuator_actrange[i]) for k in range(activation, activation + limited)
+        ):
+            yield f"act/{name}"
+
+
+def _turned(quaternion: np.ndarray) -> float:
+    """Returns the angle of a rotation [rad], which the range of a ball joint limits."""
+    return 2 * float(np.arctan2(np.linalg.norm(quaternion[1:]), abs(quaternion[0])))
+
+
+def _beyond(value: float, limits: np.ndarray) -> bool:
+    low, high = limits
+    slack = SLACK * max(1.0, abs(low), abs(high))
+    return bool(value < low - slack or value > high + slack)
+
+
+def _is_finite(model: mujoco.MjModel, key: int) -> bool:
+    fields = (
+        *(model.key_time, model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl),
+        *(model.key_mpos, model.key_mquat, model.key_plastic),
+    )
+    return all(bool(np.isfinite(field[key]).all()) for field in fields)
+
+
+@dataclass(frozen=True)
+class Keyframe(ModelObject):
+    """A keyframe.
+
+    Attributes:
+      time: the time [s].
+      finite: true if every number in it is finite.
+      outside: the columns whose values are outside their range: `qpos/knee`, `ctrl/motor`, `act/muscle`.
+    """
+
+    KIND = "keyframe"
+
+    time: float = of_field("key_time", usual=-1)
+    finite: bool = computed(_is_finite)
+    outside: tuple[str, ...] = computed(
+        lambda model, key: (*_joints_outside(model, key), *_actuators_outside(model, key))
+    )
+
+
+def _section(kind: type[T]) -> "cached_property[tuple[T, ...]]":
+    """Returns a section with a row for each object of a kind."""
+
+    def rows(description: "ModelDescription") -> tuple[T, ...]:
+        return objects(kind, description.model)
+
+    rows.__annotations__["return"] = tuple[kind, ...]
+    return cached_property(rows)
+
+
+@dataclass(frozen=True)
+class ModelDescription:
+    """The description of `model`; each section is computed on first use.
+
+    Attributes:
+      model: a compiled model. It is not changed.
+      path: the file that it was compiled from; None for a model that exists in memory only.
+      summary: its key properties.
+      bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes: its objects, in order of id.
+      tendons, equalities, pairs, excludes, flexes, plugins: its other objects, in order of id.
+      options, visual: its settings that differ from MuJoCo's defaults.
+      statistics: its statistics, by which MuJoCo scales images and solver.
+      assets: its files, and its assets without a file.
+    """
+
+    model: mujoco.MjModel
+    path: Path | None = None
+
+    def section(self, name: str) -> Any:
+        """Returns the section of this name, one of `SECTIONS`."""
+        return getattr(self, name)
+
+    @cached_property
+    def summary(self) -> ModelSummary:
+        return summary(self.model, self.path)
+
+    bodies = _section(Body)
+    joints = _section(Joint)
+    geoms = _section(Geom)
+    sites = _section(Site)
+    actuators = _section(Actuator)
+    sensors = _section(Sensor)
+    cameras = _section(Camera)
+    lights = _section(Light)
+    keyframes = _section(Keyframe)
+    tendons = _section(Tendon)
+    equalities = _section(Equality)
+    pairs = _section(ContactPair)
+    excludes = _section(Exclude)
+    flexes = _section(Flex)
+    plugins = _section(Plugin)
+
+    @cached_property
+    def options(self) -> tuple[NonDefaultSetting, ...]:
+        return option_differences(self.model)
+
+    @cached_property
+    def visual(self) -> tuple[NonDefaultSetting, ...]:
+        return visual_differences(self.model)
+
+    @cached_property
+    def statistics(self) -> Statistics:
+        return statistics(self.model)
+
+    @cached_property
+    def assets(self) -> tuple[Asset, ...]:
+        return assets(self.model, self.path)
+
+
+SECTION_TYPES: dict[str, type] = {
+    name: value.func.__annotations__["return"]
+    for name, value in vars(ModelDescription).items()
+    if isinstance(value, cached_property)
+}
+SECTIONS = tuple(SECTION_TYPES)
 
 
 @dataclass(frozen=True)
@@ -21,7 +287,7 @@ class Info:
 
     Args:
       model: a file, `scene:NAME`, another source, or a compiled model. It is not changed.
-      sections: some of `mjrun.model.description.model_description.SECTIONS`; all of them if empty.
+      sections: some of `mjrun.model.info.SECTIONS`; all of them if empty.
     """
 
     model: ModelLike

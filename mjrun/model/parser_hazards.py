@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.archive_paths import file_content, first_existing, main_mjcf
+from mjrun.model.model_files import file_content, first_existing, main_mjcf
 from mjrun.model.xml_source import scan, with_slashes
 from mjrun.suffixes import ARCHIVES
 

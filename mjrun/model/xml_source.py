@@ -1,4 +1,4 @@
-"""The XML of a model with the lines of its elements, includes followed.
+"""The XML of a model with the lines of its elements, includes followed, and the default classes of elements.
 
 MuJoCo's parser stops at the first mistake, forgets the lines of included files, and reports little about the elements.
 """
@@ -26,6 +26,21 @@ DASHES = re.compile(rb"-{2,}|-\Z")  # which MuJoCo accepts in comments, unlike X
 ASCII = 127  # the largest byte of ASCII
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
 LFS_REMEDY = "fetch the file itself: git lfs pull"
+_UNQUOTED_VALUE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # the text before it
+_INVALID_TOKEN = expat.errors.codes[expat.errors.XML_ERROR_INVALID_TOKEN]
+_NO_ELEMENT = expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
+_REMEDIES = {
+    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute only once; remove one of the two",
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "a file has one root element; put everything into one <mujoco>",
+    expat.errors.XML_ERROR_INVALID_TOKEN: "save the file as UTF-8, and write & and < as &amp; and &lt;",
+    expat.errors.XML_ERROR_UNDEFINED_ENTITY: "write &amp; for & itself; only &lt; &gt; &amp; &quot; &apos; are defined",
+}
+ACTUATORS = (
+    *("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion"),
+    *("orientation", "pid", "dcmotor", "plugin"),
+)
+# The tags of elements in defaults that concern elements of other tags, too.
+SHARED = (ACTUATORS, ("tendon", "spatial", "fixed"))
 
 
 @dataclass(eq=False)
@@ -362,12 +377,47 @@ class XmlParser:
         return XmlError(self.path, line, message, f"write </{last.tag}> instead, or remove it")
 
 
-_UNQUOTED_VALUE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # the text before it
-_INVALID_TOKEN = expat.errors.codes[expat.errors.XML_ERROR_INVALID_TOKEN]
-_NO_ELEMENT = expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
-_REMEDIES = {
-    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute only once; remove one of the two",
-    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "a file has one root element; put everything into one <mujoco>",
-    expat.errors.XML_ERROR_INVALID_TOKEN: "save the file as UTF-8, and write & and < as &amp; and &lt;",
-    expat.errors.XML_ERROR_UNDEFINED_ENTITY: "write &amp; for & itself; only &lt; &gt; &amp; &quot; &apos; are defined",
-}
+def holder(element: Element, attribute: str) -> Element | None:
+    """Returns the element that sets an attribute of `element`; None if the value is MuJoCo's default."""
+    return element if attribute in element.attributes else default_holder(element, attribute)
+
+
+def default_holder(element: Element, attribute: str) -> Element | None:
+    """Returns the element of a default class that sets an attribute unless `element` does; None without one."""
+    tags = next((tags for tags in SHARED if element.tag in tags), (element.tag,))
+    for default in _inherited(element):
+        for child in reversed(default.children):
+            if child.tag in tags and attribute in child.attributes:
+                return child
+    return None
+
+
+def _inherited(element: Element) -> Iterator[Element]:
+    """Yields the `<default>` elements that concern an element, those that override others first."""
+    root = element
+    while root.parent is not None:
+        root = root.parent
+    defaults = [each for each in root.walk() if each.tag == "default"][::-1]
+    name = _class(element)
+    while name is not None:
+        own = [each for each in defaults if _class_name(each) == name]
+        yield from own
+        above = own[-1].parent if own else None
+        name = _class_name(above) if above is not None and above.tag == "default" else None
+
+
+def _class(element: Element) -> str:
+    """Returns the name of the class of an element; empty for that of the whole model."""
+    above = element.parent
+    if above is not None and above.tag == "default":
+        return _class_name(above)
+    name = element.attributes.get("class")
+    while name is None and above is not None:
+        name, above = above.attributes.get("childclass"), above.parent
+    return "" if name in (None, "main") else str(name)
+
+
+def _class_name(default: Element) -> str:
+    """Returns the class that a `<default>` defines; empty for that of the whole model."""
+    name = default.attributes.get("class", "")
+    return "" if name == "main" else name

@@ -19,9 +19,8 @@ from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer
 from mjrun.physics.simulation_loop import AnyTap, Tap
 from mjrun.physics.stepper import Stepper
-from mjrun.plotting.figure_plan import FigurePlan, TableColumns
+from mjrun.plotting.figure_plan import FigurePlan, Panel, TableColumns, panels_by_unit
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib
-from mjrun.plotting.panel import Panel, panels_by_unit
 from mjrun.probe.select import available_columns, split
 
 

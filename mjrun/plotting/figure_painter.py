@@ -16,10 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_transform_factory
 
 from mjrun.dataclass import dataclass
-from mjrun.plotting.axis_ticks import set_scales
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import DPI, POINT, Drawing, DrawnPanel, PanelGrid, ParameterAxis
-from mjrun.plotting.matplotlib_figure import FigureLayout, curve_line, rgb
+from mjrun.plotting.matplotlib_figure import FigureLayout, curve_line, rgb, set_scales
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
 NAMED = 8  # maximum number of reference lines with one name that are all labelled

@@ -18,7 +18,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.palette import ON_DARK, ON_LIGHT, Colour
-from mjrun.plotting.markup import Markup, element
+from mjrun.plotting.html_page import Markup, element
 
 VIEWER = Path(__file__).with_name("replay")
 _LEVEL = 6

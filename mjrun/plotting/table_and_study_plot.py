@@ -16,8 +16,7 @@ from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
 from mjrun.plotting import page_writer
 from mjrun.plotting.figure_writer import FigureWriter, page_svg, require_matplotlib
-from mjrun.plotting.html_page import Page, PageFigure, TableStatistics, media_html
-from mjrun.plotting.manifest_html import FileManifest
+from mjrun.plotting.html_page import FileManifest, Page, PageFigure, TableStatistics, media_html
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan

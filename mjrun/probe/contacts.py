@@ -23,6 +23,11 @@ from mjrun.probe.fields import InstantProbe
 
 ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 NUMPY_TYPES = {"mjtNum": "f8", "int": "i4"}
+FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
+ACTION = "{} that geom1 exerts on geom2, {} frame"
+TORQUE = "torque about the contact point"
+# Kinds of objects that touch: a bare name is searched in this order, a flex is `flex:NAME` only.
+PARTIES, FLEX = ("body", "geom"), "flex"
 
 
 class CopiedContacts(NamedTuple):
@@ -153,13 +158,6 @@ def _layout() -> np.dtype[Any]:
         kind = field.type.inner_type if extents else field.type
         parts.append((field.name, NUMPY_TYPES[str(kind)], tuple(extents)))
     return np.dtype(parts, align=True)
-
-
-FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
-ACTION = "{} that geom1 exerts on geom2, {} frame"
-TORQUE = "torque about the contact point"
-# Kinds of objects that touch: a bare name is searched in this order, a flex is `flex:NAME` only.
-PARTIES, FLEX = ("body", "geom"), "flex"
 
 
 def contact_columns(model: mujoco.MjModel) -> list[Column]:

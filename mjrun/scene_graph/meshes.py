@@ -13,6 +13,10 @@ from mjrun.errors import clean
 from mjrun.model.names import object_names
 from mjrun.scene_graph.graph import Mesh
 
+TINY = 1e-12  # length of a normal below which it has no direction
+INFLUENCES = 4  # bodies that move a vertex of a skin: other programs support no more
+UP = np.array([0.0, 0.0, 1.0])
+
 
 def sphere(slices: int, stacks: int) -> Mesh:
     """Returns a sphere of radius 1."""
@@ -185,11 +189,6 @@ def _mesh(
         inverse.reshape(faces.shape).astype(np.uint32),
         None if uv is None else uv[used].astype(np.float32),
     )
-
-
-TINY = 1e-12  # length of a normal below which it has no direction
-INFLUENCES = 4  # bodies that move a vertex of a skin: other programs support no more
-UP = np.array([0.0, 0.0, 1.0])
 
 
 def mesh_asset(model: mujoco.MjModel, index: int) -> Mesh:

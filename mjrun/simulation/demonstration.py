@@ -11,8 +11,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, option
-from mjrun.model.demonstrations import is_demonstration_file, open_demonstrations
 from mjrun.model.names import names
+from mjrun.model.sources.demonstration import is_demonstration_file, open_demonstrations
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicSamples
 from mjrun.probe.fields import field_probe, offered

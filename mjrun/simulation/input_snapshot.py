@@ -16,7 +16,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError, file_errors
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.model.referenced_files import with_absolute_paths
+from mjrun.model.model_files import with_absolute_paths
 from mjrun.model.xml_source import content_digest
 from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML

@@ -29,9 +29,9 @@ from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
-from mjrun.model.demonstrations import errors_of_models, open_demonstrations
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
+from mjrun.model.sources.demonstration import errors_of_models, open_demonstrations
 from mjrun.options.episode_dataset import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import SceneOptions, ViewOptions

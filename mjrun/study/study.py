@@ -51,7 +51,7 @@ from mjrun.study.spec import StudySpec, versions, with_end
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.plotting.plottable_table import Table
+    from mjrun.plotting.table_figure import Table
 
 SCHEMA = "mjrun-sweep-1"
 READ = (*versions(), "model", "files", "code", "environment", "controllers")  # parts of an identity beside options
@@ -312,7 +312,7 @@ class StudyResult:
         Raises:
           FileError: the folder has been removed.
         """
-        from mjrun.plotting.plottable_table import Table
+        from mjrun.plotting.table_figure import Table
 
         results = read_study(self.path)
         return Table(dict(results.numbers), dict(results.units))

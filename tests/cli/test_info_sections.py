@@ -10,8 +10,8 @@ from mjrun.cli.commands.info import info
 from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.task_sections import TABLES
-from mjrun.model.description.model_description import SECTIONS as DESCRIBED
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import SECTIONS as DESCRIBED
+from mjrun.model.info import ModelDescription
 from tests.cases import cases
 
 MODEL = """

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.cli.info_sections import statistics, summary
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 
 TEXT = """
 <mujoco>

@@ -5,8 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.model.class_defaults import holder
-from mjrun.model.xml_source import read_xml
+from mjrun.model.xml_source import holder, read_xml
 
 DEFAULTS = """
   <default>

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.model import relocated_assets
-from mjrun.model.relocated_assets import AbsolutePathModel, installed_packages, packages_in, placed
+from mjrun.model import model_files
+from mjrun.model.model_files import AbsolutePathModel, installed_packages, packages_in, placed
 
 MESH = "/home/someone/lib/robosuite/models/assets/arenas/../robots/arm/link.obj"
 
@@ -56,7 +56,7 @@ def test_folders_that_are_given_come_first_then_the_path_itself_then_packages(
     package = touch(tmp_path / "site/robosuite/__init__.py").parent
     installed = touch(package / "models/assets/robots/arm/link.obj")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    monkeypatch.setattr(relocated_assets, "_installed", relocated_assets._installed.__wrapped__)
+    monkeypatch.setattr(model_files, "_installed", model_files._installed.__wrapped__)
     importlib.invalidate_caches()
     assert [*installed_packages()] == ["robosuite"]
     assert placed(model(MESH), tmp_path).files == [installed]
@@ -72,7 +72,7 @@ def test_packages_that_a_path_names_come_before_others(tmp_path: Path, monkeypat
         touch(tmp_path / f"{package}/__init__.py")
         touch(tmp_path / f"{package}/assets/textures/wood.png")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(relocated_assets, "_installed", relocated_assets._installed.__wrapped__)
+    monkeypatch.setattr(model_files, "_installed", model_files._installed.__wrapped__)
     importlib.invalidate_caches()
     for path, package in [("/u/chiliocosm/assets/textures/wood.png", "libero"), ("/u/textures/wood.png", "robosuite")]:
         assert placed(model(path), tmp_path).files == [tmp_path / package / "assets/textures/wood.png"]
@@ -82,7 +82,7 @@ def test_packages_that_a_path_names_come_before_others(tmp_path: Path, monkeypat
 def test_assets_that_libero_has_downloaded_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = touch(tmp_path / ".cache/libero/assets/scenes/table.msh")
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(relocated_assets, "_installed", relocated_assets._installed.__wrapped__)
+    monkeypatch.setattr(model_files, "_installed", model_files._installed.__wrapped__)
     assert placed(model("/u/chiliocosm/assets/scenes/table.msh"), tmp_path / "elsewhere").files == [file]
 
 

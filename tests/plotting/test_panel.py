@@ -16,7 +16,7 @@ from mjrun.plotting.curve_syntax import (
     parse_panel,
     parse_reference_line,
 )
-from mjrun.plotting.panel import CURVES, chosen_panels, panels_by_unit, time_column, with_units
+from mjrun.plotting.figure_plan import CURVES, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
 

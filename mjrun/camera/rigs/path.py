@@ -22,6 +22,9 @@ from mjrun.options.structured_kinds import ListOf, OptionsMapping, mappings_in
 SAMPLES = 512  # samples of a curve between two waypoints, for measuring its length
 SAME_POINT = 1e-9  # share of a curve's length below which two points count as the same
 _NUDGE = 1e-3  # share of a segment after which the direction of a curve is clear beyond a halt
+CURVES = ("spline", "linear")
+PACES = ("constant", "time")
+AROUND = ("distance", "azimuth", "elevation")
 
 
 class Curve:
@@ -149,11 +152,6 @@ class ArcLength:
     def at(self, share: float) -> float:
         """Returns the knot value up to which the curve has `share` of its length, from 0 to 1."""
         return float(np.interp(share * self.length, self._lengths, self._x))
-
-
-CURVES = ("spline", "linear")
-PACES = ("constant", "time")
-AROUND = ("distance", "azimuth", "elevation")
 
 
 @options

@@ -25,9 +25,8 @@ from mjrun.check.rules.masses import bodies_with_inferred_mass
 from mjrun.check.rules.meshes import MESH, Surface, geom_mass
 from mjrun.child_process import limit_this_process
 from mjrun.errors import MissingExtraError, WrongVersionError
-from mjrun.model.class_defaults import default_holder
 from mjrun.model.text_edits import TextEdit, escaped
-from mjrun.model.xml_source import Element
+from mjrun.model.xml_source import Element, default_holder
 from mjrun.options.check import EXTRAS
 from mjrun.packages import installed_version, require_all
 from mjrun.platform import system

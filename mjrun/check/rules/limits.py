@@ -13,10 +13,9 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import option
-from mjrun.model.class_defaults import ACTUATORS, holder
 from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS
 from mjrun.model.text_edits import ElementEditor, number_word
-from mjrun.model.xml_source import Element, XmlSource
+from mjrun.model.xml_source import ACTUATORS, Element, XmlSource, holder
 
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits

@@ -15,9 +15,8 @@ import mujoco
 from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, Place, Rule
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
-from mjrun.model.class_defaults import holder
 from mjrun.model.text_edits import ElementEditor
-from mjrun.model.xml_source import Element, XmlSource
+from mjrun.model.xml_source import Element, XmlSource, holder
 
 FLEXCOMP = 'use <flexcomp type="grid" dim="1" …> with <elasticity young=… shear=…/> or <edge equality="true"/>'
 

@@ -121,7 +121,7 @@ def _print_xml(console: Console, model: "Source") -> None:
 
 def _show_demonstrations(console: Console, file: str) -> None:
     """Lists the demonstrations in a file."""
-    from mjrun.model.demonstrations import list_demonstrations
+    from mjrun.model.sources.demonstration import list_demonstrations
 
     listed = list_demonstrations(Path(file))
     console.answer(Report("info-demos", listed, lambda: demonstrations_page(listed)))

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.model.archive_paths import file_content, file_size, first_existing, main_mjcf
+from mjrun.model.model_files import file_content, file_size, first_existing, main_mjcf
 from mjrun.model.names import PREFIXES, names
 from mjrun.model.xml_source import scan
 

@@ -3,29 +3,107 @@
 import posixpath
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.confinement.confinement import confinement
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
 from mjrun.dataclass import dataclass
-from mjrun.errors import BrokenModelError, MjrunError, clean, counted, option
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin
+from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList
 from mjrun.model.compilation import compile_model
-from mjrun.model.demonstrations import errors_of_models, model_text, open_demonstrations
+from mjrun.model.model_files import AbsolutePathModel, file_content, installed_packages, packages_in, placed
 from mjrun.model.override import ASSETS
-from mjrun.model.relocated_assets import AbsolutePathModel, installed_packages, packages_in, placed
 from mjrun.model.source import Source
 from mjrun.model.sources.file import parse_checked
+from mjrun.model.xml_source import is_regular
+from mjrun.packages import require
 
+if TYPE_CHECKING:
+    from mjrun.hdf5.demonstrations import DemonstrationFile
+
+
+CAMERA = re.compile(rb"<camera\b[^>]*?\bname=\"([^\"]*)\"")
+FOLDER = "models"  # with the files that old demonstrations name
 FOLDERS, NAMES = 4, 3  # folders with missing files in a message, and files of each
 REPOSITORIES = {"libero": "https://github.com/Lifelong-Robot-Learning/LIBERO"}  # with assets that no package has
 # Geoms that only collide, and sites, which robosuite shows during teleoperation.
 HIDDEN_IN_ROBOSUITE = {"geom": (0,), "site": tuple(range(mujoco.mjNGROUP))}
 TARGET = "assets"  # folder for packages with assets, in advice
+
+
+def open_demonstrations(path: Path) -> "DemonstrationFile":
+    """Opens a file of demonstrations.
+
+    Raises:
+      FileError: the file cannot be read, or has no demonstrations.
+      MissingExtraError: h5py is not installed.
+    """
+    if not is_readable(path):
+        raise FileError(path, OUTSIDE, advice())
+    if not is_regular(path):
+        raise FileError(path, "is not a regular file" if path.exists() else "no such file")
+    require(f"reading {path.suffix.lower()}", "hdf5", "h5py")
+    from mjrun.hdf5.demonstrations import DemonstrationFile
+
+    return DemonstrationFile(path)
+
+
+def is_demonstration_file(path: Path) -> bool:
+    """Returns whether an HDF5 file contains demonstrations; false if it cannot be read."""
+    try:
+        with open_demonstrations(path):
+            return True
+    except MjrunError:
+        return False
+
+
+def model_text(file: "DemonstrationFile", name: str) -> bytes:
+    """Returns the MJCF of a demonstration.
+
+    Raises:
+      FileError: the file contains none, or the file that it names is missing.
+    """
+    text, source = file.model_text(name), f"{file.path}:{name}"
+    if not text:
+        example = f"mjrun video MODEL.xml {option('replay')} {clean(source)}"
+        raise FileError(source, "contains no model", f"replay its states on another one, as in {example}")
+    if text.startswith("<"):
+        return text.encode()
+    folder = file.path.parent / FOLDER
+    content = file_content(str(folder / text)) if Path(text).name == text else None
+    if content is None:
+        reason = f"its model {quoted(text)} is missing in the folder {clean(str(folder))}"
+        raise FileError(source, reason, "copy the folder of models of the demonstrations there")
+    return content
+
+
+def list_demonstrations(path: Path) -> DemonstrationList:
+    """Describes all demonstrations in a file; their states and models are not checked.
+
+    Raises:
+      ModelError: the file cannot be read, or has no demonstrations.
+      MissingExtraError: h5py is not installed.
+    """
+    with errors_of_models(), open_demonstrations(path) as file:
+        cameras = list[str]()
+        with suppress(FileError):  # not every file contains models
+            cameras = [name.decode("utf-8", "replace") for name in CAMERA.findall(model_text(file, file.names[0]))]
+        episodes = [file.episode(name) for name in file.names]
+        return DemonstrationList(str(path), file.origin(), cameras, file.subsets, episodes)
+
+
+@contextmanager
+def errors_of_models() -> Generator[None]:
+    """Turns errors about a file of demonstrations into errors about a model."""
+    try:
+        yield
+    except FileError as error:
+        raise ModelError(str(error)) from None
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_reada
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
-from mjrun.model import archive_paths
+from mjrun.model import model_files
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
+from mjrun.model.model_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override
 from mjrun.model.parser_hazards import require_finite_nesting
-from mjrun.model.referenced_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.source import CollectionModelSource, Source
 from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
@@ -51,7 +51,7 @@ class FileSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        return (self.path, *existing_files(self.path, *archive_paths.main_text(self.path), self.overrides))
+        return (self.path, *existing_files(self.path, *model_files.main_text(self.path), self.overrides))
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
         return replace(self, path=place(self.path), label=self.text)
@@ -102,7 +102,7 @@ class FileSource(Source):
                 path, f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
             )
 
-        if path.suffix in archive_paths.ARCHIVES and (fault := excess(path, archive_paths.unpacked_size(path))):
+        if path.suffix in model_files.ARCHIVES and (fault := excess(path, model_files.unpacked_size(path))):
             raise BrokenModelError(path, fault, hint=HINT)
 
     def _load_compiled(self) -> mujoco.MjModel:
@@ -125,7 +125,7 @@ class FileSource(Source):
         return model
 
     def _parse(self) -> mujoco.MjSpec:
-        text, main = archive_paths.main_text(self.path)
+        text, main = model_files.main_text(self.path)
         return parse_checked(self.path, text, main, self._parse_file, self.overrides)
 
     def _parse_file(self) -> mujoco.MjSpec:

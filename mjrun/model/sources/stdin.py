@@ -12,7 +12,7 @@ from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
-from mjrun.model.referenced_files import existing_files
+from mjrun.model.model_files import existing_files
 from mjrun.model.source import Source
 from mjrun.model.sources.file import FileSource, parse_checked
 

@@ -15,10 +15,18 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
-from mjrun.plotting.axis_ticks import number_ticks, set_scale, set_scales
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import POINT, PanelGrid, ParameterAxis
-from mjrun.plotting.matplotlib_figure import SMALL, TITLE, FigureLayout, curve_line, rgb
+from mjrun.plotting.matplotlib_figure import (
+    SMALL,
+    TITLE,
+    FigureLayout,
+    curve_line,
+    number_ticks,
+    rgb,
+    set_scale,
+    set_scales,
+)
 from mjrun.plotting.study.figure_data import (
     GraphPanel,
     HeatPanel,

@@ -17,8 +17,7 @@ from mjrun.cli.info_sections import SECTIONS as SHOWN
 from mjrun.cli.info_sections import LineSection
 from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.errors import BrokenModelError, clean
-from mjrun.model.description.model_description import SECTIONS, ModelDescription
-from mjrun.model.info import Info
+from mjrun.model.info import SECTIONS, Info, ModelDescription
 from tests.document.schema_oracle import fits
 from tests.reporters import RecordingReporter
 

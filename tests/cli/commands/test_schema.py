@@ -16,7 +16,7 @@ from mjrun.cli.commands.schema import kinds, schema_of
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.document.json_schema import DOCUMENTS
 from mjrun.errors import listing
-from mjrun.model.description.model_description import SECTIONS
+from mjrun.model.info import SECTIONS
 from tests.demonstration_files import write_demonstrations
 from tests.document.schema_oracle import fits, rules
 

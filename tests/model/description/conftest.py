@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 
 Describe = Callable[[str], ModelDescription]
 

@@ -2,8 +2,11 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from pathlib import Path
 
-from mjrun.model.description.model_description import ModelDescription
+import mujoco
+
+from mjrun.model.info import ModelDescription
 from tests.cases import cases
 
 DEVICE = """<mujoco><worldbody><site name="a"/><body name="b"><joint name="hinge"/><geom size="1"/><site name="s"/>
@@ -69,3 +72,24 @@ def test_cutoff_noise_and_the_frame_of_a_sensor_are_reported(
     element = '<framepos objtype="geom" objname="tip" reftype="site" refname="ref" cutoff="3" noise=".5"/>'
     (sensor,) = described(f"{keyless}<sensor>{element}</sensor></mujoco>").sensors
     assert (sensor.reference_kind, sensor.reference, sensor.cutoff, sensor.noise) == ("site", "ref", 3, 0.5)
+
+
+def test_plugins_are_reported_by_name_with_what_the_source_sets(shared_models: Path) -> None:
+    path = shared_models / "plugin/actuator/pid.xml"
+    written = {
+        instance.get("name"): {config.get("key"): config.get("value") for config in instance.findall("config")}
+        for instance in ET.parse(path).getroot().iter("instance")
+    }
+    found = ModelDescription(mujoco.MjModel.from_xml_path(str(path))).plugins
+    assert {plugin.name: plugin.settings for plugin in found} == written
+    assert {plugin.plugin for plugin in found} == {"mujoco.pid"}
+    assert [plugin.users for plugin in found] == [(f"actuator/actuator:{i}",) for i in range(4)]
+
+
+def test_a_flex_is_counted_and_its_equality_names_it(shared_models: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(shared_models / "flex/pancake.xml"))
+    found = ModelDescription(model)
+    (flex,) = found.flexes
+    assert (flex.name, flex.elements_are, flex.edge_equality) == ("plate", "triangles", "edges")
+    assert (flex.vertices, flex.elements, flex.edges) == (model.nflexvert, model.nflexelem, model.nflexedge)
+    assert [(e.type, e.object_kind, e.object1) for e in found.equalities] == [("flex", "flex", "plate")]

@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.model.description.assets import referenced_files
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 
 CUBE = """<texture name="box" type="cube" fileright="{0}" fileleft="{0}" fileup="{0}" filedown="{0}" filefront="{0}"
     fileback="{1}"/>"""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 
 
 def test_the_tree_of_bodies_is_that_of_the_source(scene: ModelDescription) -> None:

@@ -1,6 +1,6 @@
 """Theorems about described tendons, equalities, contact pairs and excludes: they are what the source says."""
 
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 
 
 def test_a_tendon_passes_what_the_source_lists(mixed: ModelDescription) -> None:

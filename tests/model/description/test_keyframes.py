@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 
 
 def test_keyframes_name_what_is_outside_its_range(mixed: ModelDescription) -> None:

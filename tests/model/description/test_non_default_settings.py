@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.model.description.model_description import ModelDescription
+from mjrun.model.info import ModelDescription
 from mjrun.model.override import Override, apply
 
 

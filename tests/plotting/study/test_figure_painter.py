@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from mjrun.plotting.axis_ticks import WHOLE
 from mjrun.plotting.figure_data import ParameterAxis
-from mjrun.plotting.matplotlib_figure import FigureLayout, settings
+from mjrun.plotting.matplotlib_figure import WHOLE, FigureLayout, settings
 from mjrun.plotting.study.figure_data import (
     Band,
     FailedPoints,

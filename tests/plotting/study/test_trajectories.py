@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.study import trajectories
+from mjrun.plotting.study import plan as study_plan
 from mjrun.plotting.study.figure_data import GraphPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan
 
@@ -89,8 +89,8 @@ def test_rounding_errors_are_drawn_as_zero(tmp_path: Path) -> None:
 
 
 def test_many_lines_are_faint_and_have_no_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trajectories, "POINTS", 10)
-    monkeypatch.setattr(trajectories, "ROWS", 20)
+    monkeypatch.setattr(study_plan, "POINTS", 10)
+    monkeypatch.setattr(study_plan, "ROWS", 20)
     plan = StudyFigurePlan(results(tmp_path, 30), FigureOptions(y="qpos/knee"))
     (knee,) = plan.drawing.panels
     assert isinstance(knee, GraphPanel)

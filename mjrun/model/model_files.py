@@ -1,29 +1,40 @@
-"""The files that a model refers to, checked before MuJoCo opens them: a pipe or a device would block it.
+"""The files of a model, on disk and in archives: `robot.mjz/meshes/arm.obj` is in `robot.mjz`.
 
-Their names are extracted from the text by regular expressions, which is fast and accepts text that is not well-formed.
-Each file is looked up in every place where MuJoCo may look for it.
+Files that a model refers to are checked before MuJoCo opens them: a pipe or a device would block it. Their names are
+extracted from the text by regular expressions, which is fast and accepts text that is not well-formed. Each file is
+looked up in every place where MuJoCo may look for it.
+
+Models in demonstrations name their meshes and textures by the absolute paths of the machine that recorded them. The
+file `/home/someone/robosuite/robosuite/models/assets/robots/panda/link0.stl` is found in an installed robosuite, or in
+a folder with `robosuite/models/assets/robots/panda/link0.stl`, or any shorter end of the path.
 """
 
+import importlib.util
 import math
 import os
+import posixpath
 import re
 import stat
 import struct
+import zipfile
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
-from pathlib import Path, PurePath
+from functools import cache
+from pathlib import Path, PurePath, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.archive_paths import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
+from mjrun.suffixes import ARCHIVES
 
 if TYPE_CHECKING:
     from mjrun.model.override import Override
 
+
+MOST = 1 << 26  # [bytes] larger files are not read; MJCF files are smaller
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
 # Patterns that begin with a word are ten times as fast as others. URDF writes the file of a mesh as filename.
 _FILE_NAMES = rb"file(?:name|right|left|up|down|front|back)?"
@@ -38,13 +49,93 @@ _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
 MOST_PIXELS = 2**28  # per image: 16384x16384 pixels, which MuJoCo decodes into 805 MB
 ROOTS = (b"mujoco", b"mujocoinclude", b"robot")
-
 KINDS = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFSOCK: "a socket",
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+# Packages with assets, which are not imported.
+PACKAGES = ("robosuite", "robosuite_models", "robosuite_task_zoo", "libero", "robocasa", "mimicgen", "dexmimicgen")
+CACHES = {"libero": "~/.cache/libero/assets"}  # folders to which packages download their assets
+FORMER_NAMES = {"chiliocosm": "libero"}  # folders in the paths of public files
+NESTED = ("assets", "*/assets", "*/*/assets")  # folders of assets in a package or a clone
+SHORTEST = 2  # parts of the end of a path that is looked up in packages
+
+
+def main_text(path: Path) -> tuple[bytes | None, str]:
+    """Returns the text that MuJoCo parses first, and its path; None and an empty path for a compiled model."""
+    main = str(path) if path.suffix == ".urdf" else main_mjcf(path)
+    return (file_content(main), main) if main else (None, "")
+
+
+def file_size(path: str) -> int | None:
+    """Returns the size of a file [bytes]; None if it does not exist."""
+    if not is_readable(path):
+        return None
+    archive = _archive(path)
+    try:
+        if archive is None:
+            return Path(path).stat().st_size if Path(path).is_file() else None
+        with zipfile.ZipFile(archive) as opened:
+            return opened.getinfo(_member(path, archive)).file_size
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        return None
+
+
+def first_existing(places: Iterable[str]) -> str | None:
+    """Returns the first of some paths that exists, without `..`; None if none does."""
+    normal = (os.path.normpath(place) for place in places)
+    return next((place for place in normal if file_size(place) is not None), None)
+
+
+def file_content(path: str) -> bytes | None:
+    """Returns the content of a file; None if it does not exist or is larger than `MOST`."""
+    if (file_size(path) or MOST + 1) > MOST:
+        return None
+    archive = _archive(path)
+    try:
+        if archive is None:
+            return Path(path).read_bytes()
+        with zipfile.ZipFile(archive) as opened:
+            return opened.read(_member(path, archive))
+    except (OSError, KeyError, RuntimeError, ValueError, zipfile.BadZipFile):
+        return None
+
+
+def unpacked_size(path: Path) -> int:
+    """Returns the total size of the files in an archive [bytes], according to the archive; 0 if it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as opened:
+            return sum(info.file_size for info in opened.infolist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return 0
+
+
+def main_mjcf(path: Path) -> str | None:
+    """Returns the MJCF that MuJoCo reads first: `path` itself, or a member of an archive, or None."""
+    if path.suffix not in ARCHIVES:
+        return str(path) if path.suffix == ".xml" else None
+    try:
+        if not path.is_file():  # opening a pipe would block
+            return None
+        with zipfile.ZipFile(path) as opened:
+            sources = [name for name in opened.namelist() if name.endswith(".xml")]
+    except (OSError, zipfile.BadZipFile):
+        return None
+    expected = [f"{path.stem}.xml", "model.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"]
+    main = next((name for name in expected if name in sources), sources[0] if len(sources) == 1 else None)
+    return main and f"{path}/{main}"
+
+
+def _archive(path: str) -> Path | None:
+    """Returns the archive that contains a path."""
+    parents = (parent for parent in Path(path).parents if parent.suffix in ARCHIVES)
+    return next((parent for parent in parents if parent.is_file()), None)
+
+
+def _member(path: str, archive: Path) -> str:
+    return Path(path).relative_to(archive).as_posix()
 
 
 class _NamedFile(NamedTuple):
@@ -279,3 +370,112 @@ def _png_size(path: str) -> tuple[int, int]:
         return 0, 0
     width, height = struct.unpack(">II", head[16:])
     return width, height
+
+
+@dataclass(frozen=True)
+class AbsolutePathModel:
+    """The text of a model in which every file is named by its place on this machine.
+
+    Attributes:
+      text: the MJCF.
+      files: the files.
+      missing: the names of files that were not found, as in the original text.
+    """
+
+    text: bytes
+    files: Sequence[Path]
+    missing: Sequence[str] = field(default=())
+
+
+def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> AbsolutePathModel:
+    """Looks up the files that a model names.
+
+    Each is searched in the `given` folders, then at its own path, relative to `folder`, and then in installed packages.
+    In folders and packages, the longest end of its path that exists there counts.
+    """
+    prefixes = ["", *folder_names(text)]
+    places: dict[str, Path | None] = {}
+    roots: dict[str, Path] = {}  # by the folder of the original path: those of later files are tried first
+    for name in dict.fromkeys(file_names(text)):
+        paths = [posixpath.normpath(posixpath.join(prefix, name)) for prefix in prefixes]
+        places[name] = next((place for path in paths if (place := _place(path, folder, given, roots))), None)
+
+    def here(name: str) -> str:
+        return str(path.absolute()) if (path := places.get(name)) else name
+
+    files = [path for path in places.values() if path]
+    return AbsolutePathModel(with_file_names(text, here), files, [name for name, path in places.items() if not path])
+
+
+def packages_in(path: str) -> list[str]:
+    """Returns the packages whose assets a path may name, by its folders."""
+    parts = PurePosixPath(with_slashes(path)).parts
+    exact = [package for package in PACKAGES if package in parts]
+    return exact or [package for package in PACKAGES if _rank(package, parts) == 1]
+
+
+def installed_packages() -> Mapping[str, Sequence[Path]]:
+    """Returns the folders of assets of each package that is installed or has downloaded some."""
+    return _installed()
+
+
+def _place(path: str, folder: Path, given: Sequence[Path], roots: dict[str, Path]) -> Path | None:
+    """Returns the place of a file; None if it is missing."""
+    home = posixpath.dirname(path)
+    if home in roots and is_regular(nearby := roots[home] / posixpath.basename(path)):
+        return nearby
+    found = _searched(path, folder, given)
+    if found:
+        roots[home] = found.parent
+    return found
+
+
+def _searched(path: str, folder: Path, given: Sequence[Path]) -> Path | None:
+    parts = [part for part in path.split("/") if part not in ("", ".", "..")]
+    ends = ["/".join(parts[start:]) for start in range(len(parts))]
+    candidates = [place / end for end in ends for root in given for place in folders_of_assets(root)]
+    candidates.append(folder / path)
+    candidates += _in_packages(ends, parts)
+    return next(filter(is_regular, candidates), None)
+
+
+def _in_packages(ends: Sequence[str], parts: Sequence[str]) -> Iterator[Path]:
+    """Yields the places of a file in packages, the longest end of its path first."""
+    packages = sorted(_installed().items(), key=lambda item: _rank(item[0], parts))
+    for end in ends[: len(ends) - SHORTEST + 1]:
+        for package, folders in packages:
+            if end.startswith(f"{package}/"):
+                yield folders[0].parent / end
+            yield from (place / end for place in folders)
+
+
+def _rank(package: str, parts: Sequence[str]) -> int:
+    """Returns how likely a path names a file of a package, 0 being the likeliest."""
+    if package in parts:
+        return 0
+    return 1 if any(FORMER_NAMES.get(part, part).startswith(package) for part in parts) else 2
+
+
+def folders_of_assets(root: Path) -> Sequence[Path]:
+    """Returns a folder, and the folders of assets in it, as in a package or in a clone."""
+    return _folders(root)
+
+
+@cache
+def _folders(root: Path) -> tuple[Path, ...]:
+    return (root, *(place for pattern in NESTED for place in sorted(root.glob(pattern))))
+
+
+@cache
+def _installed() -> Mapping[str, Sequence[Path]]:
+    found: dict[str, Sequence[Path]] = {}
+    for package in PACKAGES:
+        spec = importlib.util.find_spec(package)
+        places = [Path(place) for place in (spec.submodule_search_locations or [])[:1]] if spec else []
+        folders = [folder for place in places for folder in _folders(place)]
+        cache = os.path.expanduser(CACHES.get(package, ""))  # noqa: PTH111 – a user may have no home
+        if cache and os.path.isdir(cache):  # noqa: PTH112
+            folders.append(Path(cache))
+        if folders:
+            found[package] = folders
+    return found

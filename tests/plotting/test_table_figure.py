@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError
-from mjrun.plotting.plottable_table import Figure, Table, read_table
 from mjrun.plotting.table_and_study_plot import TablePlot
+from mjrun.plotting.table_figure import Figure, Table, read_table
 
 TIME = np.linspace(0, 1, 50)
 TABLE = Table({"time": TIME, "qpos/a": np.sin(9 * TIME), "qpos/b": TIME**2}, {"time": "s", "qpos/a": "rad"})
