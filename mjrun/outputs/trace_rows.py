@@ -16,7 +16,7 @@ from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.stepper import RK4, SHORT, SLEEP, PhysicsStepper, Stepper
+from mjrun.physics.stepper import SHORT, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import (
     ContactProbe,
     CopiedContacts,
@@ -34,7 +34,6 @@ from mjrun.timeline import Timeline, rational, seconds
 TIME = Column("time", "s", "simulated time, exact")
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 ROWS = 256  # rows of a block that is read instant by instant, and the minimum of all other blocks but the last
-LONG = 16  # the fewest steps of RK4 and of flexes that are taken in C; `SHORT` is for others
 
 
 @dataclass(frozen=True)
@@ -420,9 +419,7 @@ class _InstantRecorder:
         model = stepper.model
         self._stepper, self._record, self._batch = stepper, record, None
         self.templates = recorded_fields(model, record)
-        # Several states of bodies that sleep, of flexes and of stages of RK4 are not in a record.
-        self._least = SHORT if int(model.opt.integrator) != RK4 and not model.nflex else LONG
-        self._least = NEVER if model.opt.enableflags & SLEEP else self._least
+        self._least = NEVER if model.opt.enableflags & SLEEP else SHORT  # a record lacks which bodies sleep
 
     def add(self, rows: _InstantRows, end: int) -> bool:
         """Takes some steps, and adds the instants before them; returns whether that at step `end` has been added."""

@@ -19,7 +19,7 @@ from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
 READ_CHUNK = 256  # the same where Python reads every step, or a controller in Python sets its controls
-SHORT = 12  # the fewest steps that are taken together in C; Python takes fewer, one by one, in less time
+SHORT = 20  # the fewest steps that are taken together in C; Python takes fewer, one by one, in less time
 SHORTAGES = slice(int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1)
 BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
