@@ -15,3 +15,7 @@ def test_options_about_pixels_alone_are_missing() -> None:
 
 def test_rates_are_exact() -> None:
     assert ExportOptions(None, "a.glb", fps="30000/1001").fps == Fraction(30000, 1001)
+
+
+def test_exports_have_thirty_frames_per_second_by_default() -> None:
+    assert ExportOptions(None, "a.glb").fps == 30

@@ -1,5 +1,7 @@
 """What every engine shares: a model for each simulation, and blocks whose memory is bounded."""
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from mjrun.model import state
 from mjrun.physics import engine as engines
 from mjrun.physics.c_engine import CEngine
-from mjrun.physics.engine import block_steps, models_of
+from mjrun.physics.engine import block_steps, joined, models_of
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>")
 
@@ -48,3 +50,21 @@ def test_rows_do_not_depend_on_the_size_of_blocks(monkeypatch: pytest.MonkeyPatc
         )
 
     assert rows(1) == rows(5000) == rows(2**26)
+
+
+@pytest.mark.parametrize("rows", [1, 20, 1000])
+def test_joined_blocks_hold_the_same_rows_and_no_more_than_fit(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "BLOCK_BYTES", 1000)
+    start = mujoco.MjData(MODEL)
+    start.qvel[0] = 1
+    starts = np.stack([state.save(MODEL, start)] * 2)
+    blocks = list(CEngine().rollout(MODEL, starts, None, 50, ("qpos", "xpos")))
+    assert len(blocks) > 3
+    made = list(joined(blocks, rows))
+    assert max(len(block.steps) for block in made) <= max(rows, *(len(block.steps) for block in blocks))
+    assert all(len(one.steps) + len(other.steps) > rows for one, other in pairwise(made))
+    assert np.concatenate([block.steps for block in made]).tolist() == list(range(51))
+    for name in ("qpos", "xpos"):
+        one, other = (np.concatenate([block.fields[name] for block in each], axis=1) for each in (made, blocks))
+        np.testing.assert_array_equal(one, other)
+    assert np.sum([block.counts for block in made], axis=0).tolist() == [51, 51]
