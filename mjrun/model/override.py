@@ -19,7 +19,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_index
-from mjrun.model.servos import add_servos
+from mjrun.model.position_control import add_servos
 from mjrun.model.stage import add_ground, add_to_stage
 from mjrun.options.model import ModelOptions, ServoOptions
 

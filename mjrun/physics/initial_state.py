@@ -18,7 +18,7 @@ from mjrun.model.names import (
     matching,
     names,
 )
-from mjrun.model.servos import servos
+from mjrun.model.position_control import servos
 from mjrun.options.setting_kinds import Angle, Length
 
 Values = float | Sequence[float]

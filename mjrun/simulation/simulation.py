@@ -19,7 +19,7 @@ from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
-from mjrun.model.servos import sentence
+from mjrun.model.position_control import sentence
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, demonstration_in, source_of
 from mjrun.options.kinds import AnyKind

@@ -9,7 +9,7 @@ import pytest
 import mjrun
 from mjrun.errors import BadValueError, UsageError
 from mjrun.model.override import Override
-from mjrun.model.servos import sentence, servos
+from mjrun.model.position_control import sentence, servos
 from mjrun.model.sources import load, parse_source
 from mjrun.model.variants import VariantLoader
 from mjrun.options.option import options_of
