@@ -481,7 +481,7 @@ def rule_pages() -> dict[str, str]:
     from mjrun.cli.simulation_command import import_mujoco
 
     import_mujoco()
-    from mjrun.check.codes import TOPICS, explanation, topic
+    from mjrun.check.catalogue import TOPICS, explanation, topic
     from mjrun.check.rule_table import RULES
 
     rules = list(RULES.values())

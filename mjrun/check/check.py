@@ -12,10 +12,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from mjrun.check.codes import codes, matching_codes
+from mjrun.check.catalogue import codes, matching_codes, threshold_values
 from mjrun.check.rule import SEVERITIES, Copy, Finding, Fix, FixedFile, FixOutcome, ModelResult
-from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.thresholds import threshold_values
+from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, TaskQueue, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass

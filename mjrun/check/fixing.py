@@ -19,7 +19,7 @@ from typing import NamedTuple
 import mujoco
 
 from mjrun.check.rule import Copy, Finding, Fix, FixedFile, FixOutcome, ModelResult, short_path
-from mjrun.check.rules.process_failures import NOT_FIXED
+from mjrun.check.rules.check_itself import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, ModelError, option

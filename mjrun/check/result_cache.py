@@ -15,7 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT
+from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.confinement.confinement import confinement
 from mjrun.file_version import file_version, folder_version, is_settled

@@ -9,7 +9,7 @@ from pathlib import Path
 from mjrun.check import rules
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding, Fix, Rule, short_path
-from mjrun.check.rules import compile_errors, mjcf_schema, process_failures
+from mjrun.check.rules import check_itself, compile_errors, mjcf_schema
 from mjrun.errors import BrokenModelError, ModelError, clean, option
 from mjrun.model.xml_source import XmlSource
 
@@ -32,9 +32,7 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
         return _by_place(compile_errors.explain(error, source), source.path)
     message, _, remedy = error.spelled(option).partition("\n")
     return [
-        process_failures.MISSING_MODEL.in_model(
-            source.path, message.removeprefix(f"{clean(str(source.path))}: "), remedy
-        )
+        check_itself.MISSING_MODEL.in_model(source.path, message.removeprefix(f"{clean(str(source.path))}: "), remedy)
     ]
 
 

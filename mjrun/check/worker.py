@@ -23,11 +23,11 @@ from typing import Any, NoReturn, TextIO
 import mujoco
 
 from mjrun.check import rule_table
+from mjrun.check.catalogue import Thresholds
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
-from mjrun.check.rules import compile_errors, process_failures, simulation
-from mjrun.check.rules.ignore_comments import IgnoreComments
-from mjrun.check.thresholds import Thresholds
+from mjrun.check.rules import check_itself, compile_errors, simulation
+from mjrun.check.rules.check_itself import IgnoreComments
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
 from mjrun.child_process import limit_this_process, resident_memory
 from mjrun.errors import ModelError
@@ -140,7 +140,7 @@ class Checker(ABC):
                 raise
             limit_this_process(memory=math.inf)
             message = "it needs more memory than allowed"
-            self.write_findings([process_failures.OUT_OF_MEMORY.in_model(self.path, message, MEMORY_REMEDY)])
+            self.write_findings([check_itself.OUT_OF_MEMORY.in_model(self.path, message, MEMORY_REMEDY)])
         self.write(done=True)
 
     @abstractmethod
@@ -235,4 +235,4 @@ class ModelChecker(Checker):
             self.mujoco_failed = True
         except Exception as error:
             message = f"the rule {code} fails: {type(error).__name__}: {error}"
-            self.write_findings([process_failures.INTERNAL_ERROR.in_model(self.path, message, "please report it")])
+            self.write_findings([check_itself.INTERNAL_ERROR.in_model(self.path, message, "please report it")])

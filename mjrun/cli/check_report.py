@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
+from mjrun.check.catalogue import explanation, local_page, published_page, topic
 from mjrun.check.check import CheckResult, ModelResult, worst_first
-from mjrun.check.codes import explanation, local_page, published_page, topic
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repeats
 from mjrun.cli.console import Case, Report, linked, shows_links
 from mjrun.cli.simulation_command import import_mujoco

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.console import flag
-from mjrun.cli.report_formats.markdown import escaped, markdown_table
+from mjrun.cli.report_formats import escaped, markdown_table
 from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number
 from mjrun.cli.terminal_layout import TerminalLayout
 from mjrun.errors import clean, counted, spelled

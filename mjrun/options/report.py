@@ -1,4 +1,4 @@
-"""Options of reports: pages, and formats for CI systems, each of which is a module of `mjrun.cli.report_formats`."""
+"""Options of reports: pages, and formats for CI systems, each of which is a function of `mjrun.cli.report_formats`."""
 
 from typing import ClassVar
 

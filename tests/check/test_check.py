@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from mjrun.check import check as check_module
+from mjrun.check.catalogue import matching_codes
 from mjrun.check.check import CheckResult, ModelCheck, ModelResult, find_models, root_tag
-from mjrun.check.codes import matching_codes
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask

@@ -6,9 +6,8 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.codes import TOPICS, explanation, topic
+from mjrun.check.catalogue import TOPICS, described, explanation, topic
 from mjrun.check.rule_table import RULES
-from mjrun.check.thresholds import described
 from mjrun.errors import UnknownNameError
 from tests.check import tasks
 from tests.check.fixes import fixed

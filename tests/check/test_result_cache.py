@@ -11,7 +11,7 @@ import pytest
 from mjrun import file_version
 from mjrun.check import check
 from mjrun.check.result_cache import ResultCache
-from mjrun.check.rules.process_failures import TIMEOUT
+from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.formats.user_cache import VARIABLE, FileDigests

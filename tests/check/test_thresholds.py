@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.check.catalogue import Thresholds, threshold_values
 from mjrun.check.check import ModelCheck
 from mjrun.check.context import LintContext
 from mjrun.check.rule_table import apply
-from mjrun.check.thresholds import Thresholds, threshold_values
 from mjrun.errors import UsageError
 from mjrun.model.xml_source import read_xml
 from tests.check.models import hinged, write

@@ -10,7 +10,7 @@ import pytest
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation
 from mjrun.check.rule_table import RULES
-from mjrun.check.rules.process_failures import TIMEOUT
+from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker import Checker, ModelChecker
 from mjrun.check.worker_pool import WorkerTask
 from tests.check.models import PASSIVE, write

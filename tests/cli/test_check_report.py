@@ -7,9 +7,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from mjrun.check import codes
+from mjrun.check.catalogue import explanation
 from mjrun.check.check import CheckResult, ModelResult
-from mjrun.check.codes import explanation
 from mjrun.check.rule import SEVERITIES, Finding, FixedFile
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
@@ -24,7 +23,7 @@ def nasty() -> CheckResult:
 
 
 def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
-    annotations = github.text(check_report.cases(nasty())).split("\n")
+    annotations = github(check_report.cases(nasty())).split("\n")
     for told in ([*check_report.lines(nasty())], annotations):
         assert not any("\x1b" in line or "\n" in line for line in told)
         assert sum(line.startswith("::") for line in told) <= 1
@@ -65,7 +64,7 @@ def test_a_code_links_to_the_page_of_its_rule_on_terminals_that_show_links(monke
     document: Any = check_report.sarif(linked)
     assert not any("helpUri" in rule for rule in document["runs"][0]["tool"]["driver"]["rules"])
 
-    monkeypatch.setattr(codes, "SITE", "https://example.org/mjrun/")
+    monkeypatch.setattr("mjrun.check.catalogue.SITE", "https://example.org/mjrun/")
     assert "\x1b]8;;https://example.org/mjrun/rules/MJ301.html\x1b\\MJ301" in check_report.check_report(linked).text()
     document = check_report.sarif(linked)
     pages = {rule["id"]: rule["helpUri"] for rule in document["runs"][0]["tool"]["driver"]["rules"]}
@@ -140,7 +139,7 @@ def test_the_levels_of_sarif_and_github_are_the_severities() -> None:
     document: Any = check_report.sarif(checked)
     levels = [entry["level"] for entry in document["runs"][0]["results"]]
     assert levels == list(SEVERITIES)
-    commands = [line.split()[0] for line in github.text(check_report.cases(checked)).split("\n")]
+    commands = [line.split()[0] for line in github(check_report.cases(checked)).split("\n")]
     assert commands == ["::notice", "::warning", "::error"]
 
 
@@ -163,6 +162,6 @@ def test_a_finding_in_a_file_of_several_models_is_shown_once() -> None:
     assert len(document["runs"][0]["results"]) == 3
     cases = [*check_report.cases(checked)]
     assert [case.repeats for case in cases] == [False, False, True, False]
-    assert github.text(cases).count("::warning") == 1
-    assert markdown.text(cases).count("part.xml:3") == 1
-    assert junit.text(cases).count('type="warning"') == 2  # it is a verdict about each model
+    assert github(cases).count("::warning") == 1
+    assert markdown(cases).count("part.xml:3") == 1
+    assert junit(cases).count('type="warning"') == 2  # it is a verdict about each model

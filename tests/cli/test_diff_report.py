@@ -56,7 +56,7 @@ def test_annotations_point_at_a_file_that_exists(tmp_path: Path) -> None:
     golden.touch()
     for a, b, file in ((str(golden), "scene:car", str(golden)), ("none.csv", str(golden), str(golden)), ("x", "y", "")):
         differ = DiffResult("golden", a, b, False, ["energy differs"])
-        line = github.text(cases(differ))
+        line = github(cases(differ))
         assert line.startswith(f"::error file={file},title=" if file else "::error title=")
 
 

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, MakeFix, Place, Rule, short_path
 from mjrun.check.rules import asset_files, keywords, limits, mjcf_schema
+from mjrun.check.rules.check_itself import OUT_OF_MEMORY
 from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_message
 from mjrun.check.rules.keywords import BAD_VALUE
 from mjrun.check.rules.mjcf_schema import REMOVED
-from mjrun.check.rules.process_failures import OUT_OF_MEMORY
 from mjrun.errors import BrokenModelError, ModelError, clean, listing, near, option, quoted, spelled, suggestion
 from mjrun.model.sources import load
 from mjrun.model.text_edits import ElementEditor

@@ -9,7 +9,6 @@ import click
 
 from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, Report
-from mjrun.cli.report_formats.markdown import escaped, markdown_table
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import ReportColumn, interval_text, number
 from mjrun.errors import clean, counted
@@ -139,6 +138,8 @@ def evaluation_report(result: "EvaluationResult") -> str:
 
 def evaluation_markdown(result: "EvaluationResult") -> str:
     """Formats the report of an evaluation as Markdown, the requirements and failures first."""
+    from mjrun.cli.report_formats import escaped, markdown_table
+
     level, rows = f"{100 * result.confidence:g} %", _number_rows(result)
     lines = [*_verdicts(result), *(("failed", f"{name}: {text}") for name, text in _failures(result))]
     lines += [("caution", f"{name}: {text}") for name, text in _cautions(result)]

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.check.catalogue import Thresholds
 from mjrun.check.context import LintContext
 from mjrun.check.rules import masses
-from mjrun.check.thresholds import Thresholds
 from mjrun.model.xml_source import read_xml
 from tests.check.models import lint, lint_file, mjcf
 

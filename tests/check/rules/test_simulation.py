@@ -5,10 +5,10 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from mjrun.check.catalogue import Thresholds
 from mjrun.check.context import DEFAULTS, LintContext
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules import simulation
-from mjrun.check.thresholds import Thresholds
 from mjrun.model.xml_source import read_xml
 from tests.check.models import PASSIVE, write
 

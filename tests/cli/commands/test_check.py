@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.check.codes import TOPICS, explanation
+from mjrun.check.catalogue import TOPICS, explanation
 from mjrun.check.rule import SEVERITIES
 from mjrun.check.rule_table import RULES
 from mjrun.formats.user_cache import VARIABLE

@@ -1,16 +1,21 @@
-"""Servos: the rules compared with simulations of a bare MuJoCo loop, and with ranges."""
+"""Theorems about servos, forces that add energy, and the targets of actuators and sensors."""
 
 import mujoco
 import numpy as np
 import pytest
 
-from tests.check.models import lint
+from tests.check.models import lint, mjcf
 
 STEP, INERTIA = 0.01, 0.5
 # The largest stable h² kp / M and h kv / M of Euler, and of implicit integrators for kp.
 MODEL = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="0 0 0"/><worldbody>
 <body name="b"><joint name="j" type="slide" range="-1 2" {joint}/><geom size=".1" mass="{inertia}"/></body>
 </worldbody><actuator>{actuator}</actuator></mujoco>"""
+SENSORS = [
+    *(f'<{kind} site="s"/>' for kind in ("gyro", "accelerometer", "velocimeter")),
+    *(f'<frame{kind} objtype="site" objname="s"/>' for kind in ("linvel", "angvel", "linacc", "angacc")),
+    *('<gyro site="leg"/>', '<jointvel joint="j"/>', '<framelinvel objtype="body" objname="leg"/>'),
+]
 
 
 def model(actuator: str, integrator: str = "Euler", joint: str = "") -> str:
@@ -100,3 +105,18 @@ def test_forces_that_add_energy_let_a_small_velocity_grow(gains: str, sign: int)
     bias = f'<general name="a" joint="j" biastype="affine" biasprm="{values.format(-9 * sign)}"/>'
     text = model(bias) if kind == "actuator" else model("", joint=values.format(9 * sign))
     assert bool(found("MJ312", text)) == diverges(text) == (sign < 0)
+
+
+@pytest.mark.parametrize("joint", ["", '<joint axis="1 1 1"/>', "<freejoint/>"])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_sensors_of_motion_are_reported_where_they_never_change(sensor: str, joint: str) -> None:
+    leg = '<joint name="j" axis="0 1 0"/><geom size=".1" pos=".1 0 0"/><site name="leg"/>'
+    base = f'{joint}<geom size=".1" pos=".2 .1 0"/><site name="s"/><body name="leg" pos=".3 0 0">{leg}</body>'
+    text = mjcf(f'<geom type="plane" size="1 1 1"/><body pos="0 0 9">{base}</body>', f"<sensor>{sensor}</sensor>")
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    values = set()
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+        values.add(tuple(data.sensordata))
+    assert bool([f for f in lint(text) if f.code == "MJ311"]) == (len(values) == 1)

@@ -1,7 +1,8 @@
-"""Comments in the XML of a model that suppress findings: `<!-- mjrun: ignore MJ503 the floor is soft -->`.
+"""Rules about the check itself: failures of its process, and comments in the XML of a model that suppress findings.
 
-A comment concerns the element that starts earlier on its line, or else the next one, with all elements inside.
-`ignore-file` concerns its whole file, and findings about the model as a whole.
+A comment such as `<!-- mjrun: ignore MJ503 the floor is soft -->` concerns the element that starts earlier on its
+line, or else the next one, with all elements inside. `ignore-file` concerns its whole file, and findings about the
+model as a whole.
 """
 
 import re
@@ -11,6 +12,12 @@ from mjrun.check.rule import Finding, Place, Rule, short_path
 from mjrun.dataclass import dataclass
 from mjrun.model.xml_source import Comment
 
+MISSING_MODEL = Rule("MJ001", "error", "no such model file")
+CRASH = Rule("MJ002", "error", "MuJoCo crashes")
+TIMEOUT = Rule("MJ003", "error", "check exceeds the time limit")
+OUT_OF_MEMORY = Rule("MJ004", "error", "check exceeds the memory limit")
+INTERNAL_ERROR = Rule("MJ005", "error", "mjrun failed to check it")
+NOT_FIXED = Rule("MJ007", "error", "fault that is not fixed")
 BAD_COMMENT = Rule("MJ006", "warning", "ignore comment without effect")
 
 COMMENT = re.compile(r"mjrun:\s*(?P<kind>ignore(?:-file)?)\b(?P<codes>(?:[\s,]+MJ\d*\b)*)", re.IGNORECASE)
