@@ -41,6 +41,8 @@ if not chain:
     while time.monotonic() < end:  # each link of the chain starts the next one and ends; none stays if it escapes
         if os.fork():
             break
+        if listed == "scanned":
+            time.sleep(.005)  # shorter than a scan, in which faster links escape for seconds
     os._exit(0)
 pids = ""
 while len(pids.split()) < 6:
