@@ -12,8 +12,7 @@ import pytest
 from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.video_writer import write_video
 from mjrun.outputs.diff import LISTED, Diff
-from tests.plotting.test_html_page import external_references
-from tests.plotting.test_markup import read
+from tests.plotting.test_html_page import external_references, read
 
 
 @pytest.fixture(autouse=True)

@@ -16,8 +16,7 @@ from mjrun.outputs.run_report import RESULTS, RunResult, run_page
 from mjrun.outputs.trace import Trace
 from mjrun.plotting.page_writer import PageWriter
 from mjrun.simulation.simulation import Simulation
-from tests.plotting.test_html_page import external_references
-from tests.plotting.test_markup import read
+from tests.plotting.test_html_page import external_references, read
 
 
 @pytest.fixture
