@@ -22,24 +22,28 @@ SIZE = WIDTH, HEIGHT = 80, 60
 VARY = {"camera.azimuth": "uniform(0,360)"}  # so that the ball is behind the box in some images
 
 
+def make_dataset(folder: Path, form: str) -> Path:
+    """Makes a dataset of a format, or of several, in a folder of its name."""
+    (folder / "m.xml").write_text(MODEL)
+    Dataset(
+        mjrun.Simulation(folder / "m.xml"),
+        str(folder / form),
+        format=form,
+        vary=VARY,
+        samples=6,
+        split="train=0.5,val=0.5",
+        camera=("free:elevation=-20,distance=1",),
+        size=SIZE,
+        quality="draft",
+        jobs=1,
+    ).run(WarningReporter())
+    return folder / form
+
+
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("datasets")
-    (path / "m.xml").write_text(MODEL)
-    for name in ("coco,yolo", "bop"):
-        Dataset(
-            mjrun.Simulation(path / "m.xml"),
-            str(path / name),
-            format=name,
-            vary=VARY,
-            samples=6,
-            split="train=0.5,val=0.5",
-            camera=("free:elevation=-20,distance=1",),
-            size=SIZE,
-            quality="draft",
-            jobs=1,
-        ).run(WarningReporter())
-    return path
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset for COCO and YOLO."""
+    return make_dataset(tmp_path_factory.mktemp("datasets"), "coco,yolo")
 
 
 def instances(folder: Path) -> Iterator[tuple[str, int, np.ndarray]]:
@@ -53,17 +57,17 @@ def instances(folder: Path) -> Iterator[tuple[str, int, np.ndarray]]:
 
 
 @pytest.mark.filterwarnings("ignore:__array__:DeprecationWarning")  # in pycocotools
-def test_pycocotools_reads_every_mask(folder: Path) -> None:
+def test_pycocotools_reads_every_mask(dataset: Path) -> None:
     from pycocotools.coco import COCO
 
     found = list[tuple[str, int, np.ndarray]]()
     for split in ("train", "val"):
-        coco = COCO(str(folder / f"coco,yolo/annotations/instances_{split}.json"))
+        coco = COCO(str(dataset / f"annotations/instances_{split}.json"))
         for annotation in coco.loadAnns(coco.getAnnIds()):
             (image,) = coco.loadImgs([annotation["image_id"]])
             mask = coco.annToMask(annotation).astype(bool)
             found.append((Path(image["file_name"]).name, annotation["category_id"], mask))
-    expected = list(instances(folder / "coco,yolo"))
+    expected = list(instances(dataset))
     assert len(found) == len(expected) > 6
     for ours, theirs in zip(expected, sorted(found, key=lambda each: each[:2]), strict=True):
         assert ours[:2] == theirs[:2]
@@ -71,10 +75,10 @@ def test_pycocotools_reads_every_mask(folder: Path) -> None:
 
 
 @pytest.mark.filterwarnings("default")  # of libraries that only this test imports
-def test_ultralytics_reads_every_box(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("YOLO_CONFIG_DIR", str(folder))
+def test_ultralytics_reads_every_box(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("YOLO_CONFIG_DIR", str(dataset.parent))
     loader = pytest.importorskip("ultralytics.data.dataset")
-    description = pytest.importorskip("ultralytics.data.utils").check_det_dataset(str(folder / "coco,yolo/data.yaml"))
+    description = pytest.importorskip("ultralytics.data.utils").check_det_dataset(str(dataset / "data.yaml"))
     found = dict[tuple[str, int], np.ndarray]()
     for split in ("train", "val"):
         images = loader.YOLODataset(img_path=description[split], data=description, augment=False, imgsz=WIDTH)
@@ -82,7 +86,7 @@ def test_ultralytics_reads_every_box(folder: Path, monkeypatch: pytest.MonkeyPat
             for category, box in zip(label["cls"].ravel(), label["bboxes"], strict=True):
                 found[Path(label["im_file"]).name, int(category) + 1] = box
         assert images[0]["img"].shape[0] == 3  # the image itself is read
-    expected = {(name, number): mask for name, number, mask in instances(folder / "coco,yolo")}
+    expected = {(name, number): mask for name, number, mask in instances(dataset)}
     assert found.keys() == expected.keys()
     for key, mask in expected.items():
         rows, columns = np.nonzero(mask)
@@ -93,10 +97,11 @@ def test_ultralytics_reads_every_box(folder: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.filterwarnings("default")
-def test_the_bop_toolkit_reads_every_pose_mask_and_depth(folder: Path) -> None:
+def test_the_bop_toolkit_reads_every_pose_mask_and_depth(tmp_path: Path) -> None:
     inout = pytest.importorskip("bop_toolkit_lib.inout")
+    dataset = make_dataset(tmp_path, "bop")
     nearest, numbers = list[float](), set[int]()
-    for scene in [folder / f"bop/{split}/000000" for split in ("train", "val")]:
+    for scene in [dataset / f"{split}/000000" for split in ("train", "val")]:
         cameras = inout.load_scene_camera(str(scene / "scene_camera.json"))
         poses = inout.load_scene_gt(str(scene / "scene_gt.json"))
         facts = inout.load_json(str(scene / "scene_gt_info.json"), keys_to_int=True)
