@@ -82,7 +82,6 @@ LIBRARIES = {
         "experiment.statistics",
         "physics.random_distribution",
         "experiment.sample_designs",
-        "experiment.correlated_samples",
         "plotting.study.statistics",
         "fitting",
     ),

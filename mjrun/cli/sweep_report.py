@@ -18,9 +18,8 @@ from mjrun.study.status import age, span_of_time
 if TYPE_CHECKING:
     from mjrun.simulation.simulation import Simulation
     from mjrun.study.preview import StudyPreview
-    from mjrun.study.status import StudyStatus
+    from mjrun.study.status import StudyStatus, UnusedFiles
     from mjrun.study.study import StudyResult
-    from mjrun.study.unused_files import UnusedFiles
 
 SHOWN = 10  # reasons of failures
 FEW = 4  # values of a point that are shown
@@ -202,7 +201,7 @@ def _extremes(result: "StudyResult") -> list[ReportColumn]:
 
 def _repeats(result: "StudyResult") -> list[ReportColumn]:
     """Returns the first means over repeats, with a row for each combination of the other parameters."""
-    from mjrun.study.repeat_means import SEED
+    from mjrun.study.results import SEED
 
     groups, level = result.repeats, f"{100 * result.confidence:g} %"
     columns = [

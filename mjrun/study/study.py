@@ -39,14 +39,20 @@ from mjrun.physics.warp_device import COMPILES
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
-from mjrun.study import repeat_means
 from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.point_files import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview, preview
-from mjrun.study.repeat_means import RepeatSummary
-from mjrun.study.results import FailureGroup, point_failures, study_table, with_flags
+from mjrun.study.results import (
+    REPEAT_FILES,
+    FailureGroup,
+    RepeatMeans,
+    RepeatSummary,
+    point_failures,
+    study_table,
+    with_flags,
+)
 from mjrun.study.spec import StudySpec, versions, with_end
 from mjrun.version import __version__
 
@@ -195,10 +201,10 @@ class Study(StudyOptions, ExecutionOptions):
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(prepared.spec.metrics), "columns": prepared.columns}
         values = {name: results.metrics[:, index] for index, name in enumerate(names)}
-        means = repeat_means.RepeatMeans(points, values, self.confidence)
+        means = RepeatMeans(points, values, self.confidence)
         tables: dict[tuple[str, ...], ResultsTable] = {FILES: table}
         if means.design.points:
-            tables[repeat_means.FILES] = means.table(prepared.units)
+            tables[REPEAT_FILES] = means.table(prepared.units)
         indices = list[MetricSensitivity]()
         if self.sampler in SAMPLES:
             seed = self.simulation.seed
@@ -213,7 +219,7 @@ class Study(StudyOptions, ExecutionOptions):
                 writers += each.open(stack, prepared.folder, facts, chosen)  # the same in all runs
                 files += chosen
             publish_together(writers)
-        of_other_points = {*FILES, *repeat_means.FILES, *sensitivity.FILES}.difference(files)
+        of_other_points = {*FILES, *REPEAT_FILES, *sensitivity.FILES}.difference(files)
         for name in of_other_points:
             prepared.folder.remove(name)
 

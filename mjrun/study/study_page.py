@@ -20,7 +20,7 @@ from mjrun.options.report import PageOptions
 from mjrun.options.sweep import MANIFEST
 from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER
-from mjrun.study.repeat_means import SEED
+from mjrun.study.results import SEED
 
 if TYPE_CHECKING:
     from mjrun.study.study import StudyResult

@@ -42,8 +42,7 @@ from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
 from mjrun.task.mjdata_batch import MjDataBatch
-from mjrun.task.observation_plan import ObservationPlan, ObservedNumber
-from mjrun.task.observation_vector import ObservationVector
+from mjrun.task.observation_plan import ObservationPlan, ObservationVector, ObservedNumber
 from mjrun.task.task import Task
 from mjrun.task.world_disturbances import WorldDisturbances
 

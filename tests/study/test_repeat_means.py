@@ -16,7 +16,7 @@ from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import SensitivityPanel
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.repeat_means import FILES, SUMMARIZED, RepeatMeans
+from mjrun.study.results import REPEAT_FILES, SUMMARIZED, RepeatMeans
 from mjrun.study.study import Study
 from tests.page_cells import PageCells
 
@@ -55,7 +55,7 @@ def test_each_row_has_mean_and_students_interval_of_points_that_differ_in_their_
     assert {"low [mm]", "90 % interval", first} <= {*PageCells(page.read_text("utf-8")).texts}
 
     replace(study, repeats=1, html=None).run()
-    assert not any((folder / name).exists() for name in FILES)
+    assert not any((folder / name).exists() for name in REPEAT_FILES)
 
 
 @pytest.mark.parametrize(

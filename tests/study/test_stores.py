@@ -14,9 +14,8 @@ import pytest
 
 from mjrun.document.study import portable_document, read_folder
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.status import study_status
+from mjrun.study.status import remove_unused, study_status
 from mjrun.study.study import Study, StudyResult
-from mjrun.study.unused_files import remove_unused
 
 SLOW_DOWN = b"<Error><Code>SlowDown</Code><Message>Please reduce your request rate</Message></Error>"
 SWEEP = "import sys; from mjrun.study import executors; executors.INTERVAL = 0; from mjrun.cli.main import run; "

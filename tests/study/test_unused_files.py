@@ -13,7 +13,7 @@ from mjrun.study.chunk_files import ChunkFiles
 from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import EXPIRY, Leases
 from mjrun.study.spec import PointResult
-from mjrun.study.unused_files import remove_unused
+from mjrun.study.status import remove_unused
 
 STUDY, OTHER = "ab" * 32, "cd" * 32
 

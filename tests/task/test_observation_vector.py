@@ -10,8 +10,7 @@ from mjrun.errors import UsageError
 from mjrun.probe.task_expression import TaskColumns
 from mjrun.task.command_signals import CommandSignals
 from mjrun.task.expressions import Inputs
-from mjrun.task.observation_plan import ObservationPlan
-from mjrun.task.observation_vector import ObservationVector
+from mjrun.task.observation_plan import ObservationPlan, ObservationVector
 from mjrun.task.random_streams import BLOCK, OBSERVATIONS, stream
 from mjrun.task.task import Command, Observation
 

@@ -260,7 +260,7 @@ def _report_status(console: Console, command_line: CommandLine) -> None:
 
 def _remove_unused(console: Console, command_line: CommandLine, *, dry_run: bool) -> None:
     from mjrun.cli.sweep_report import unused_report
-    from mjrun.study.unused_files import remove_unused
+    from mjrun.study.status import remove_unused
 
     unused = remove_unused(_existing_folder(command_line, "gc"), dry_run=dry_run)
     console.answer(Report("", unused, summary=lambda: unused_report(unused)))
