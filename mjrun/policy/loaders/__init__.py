@@ -7,7 +7,6 @@ help lists it without importing the module.
 
 import functools
 import importlib
-import pkgutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,15 +18,13 @@ if TYPE_CHECKING:
 
 def formats() -> list[str]:
     """Returns the names of all formats of policy files, such as `ONNX files (.onnx)`, without importing them."""
-    modules = sorted(Path(__file__).parent.glob("[!_]*.py"))
-    return [path.read_text("utf-8").split('"""', 2)[1].partition(":")[0] for path in modules]
+    return [path.read_text("utf-8").split('"""', 2)[1].partition(":")[0] for path in _modules()]
 
 
 @functools.cache
 def loaders() -> "list[PolicyLoader]":
     """Returns all formats of policy files."""
-    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    return [module.LOADER for module in modules]
+    return [importlib.import_module(f"{__name__}.{path.stem}").LOADER for path in _modules()]
 
 
 def loader_of(path: Path) -> "PolicyLoader | None":
@@ -35,3 +32,8 @@ def loader_of(path: Path) -> "PolicyLoader | None":
     if is_folder(path):
         return next(each for each in loaders() if each.reads_folders)
     return next((each for each in loaders() if path.suffix.lower() in each.suffixes), None)
+
+
+def _modules() -> list[Path]:
+    """Returns the files of the modules of all formats."""
+    return sorted(Path(__file__).parent.glob("[!_]*.py"))
