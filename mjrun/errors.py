@@ -278,7 +278,7 @@ def concerning(*path: str | int) -> Generator[None]:
 
 
 class UnknownNameError(UsageError):
-    """A name that is not one of the valid ones; `meant` are suggested in place of similar ones."""
+    """A name that is not one of the valid ones."""
 
     def __init__(
         self,
@@ -290,10 +290,15 @@ class UnknownNameError(UsageError):
         meant: Sequence[str] = (),
     ) -> None:
         plural = plural or f"{kind}s"
-        self.name, self.valid, self.meant = name, tuple(valid), tuple(meant)
+        self.name, self.valid, self._meant = name, tuple(valid), tuple(meant)
         choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
         place = f" in {_clean_but_options(where)}" if where else ""
         super().__init__(f"no {kind} {quoted(name)}{place}{suggestion(name, valid, *meant)}\n{choices}")
+
+    @property
+    def meant(self) -> Sequence[str]:
+        """The names that are suggested in place of similar ones."""
+        return self._meant
 
 
 class BadValueError(UsageError):

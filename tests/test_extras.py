@@ -147,18 +147,18 @@ def test_without_any_extra_the_rest_works(
 
 
 # Modules that import a library of an extra at their top, and are themselves imported within functions.
-DRAWING = ("axis_ticks", "matplotlib_figure", "figure_painter")
+DRAWING = ("matplotlib_figure", "figure_painter")
 STUDIES = ("figure_painter",)
 EAGER = {
     "mjrun.gym",
     "mjrun.formats.arrow_columns",
     *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
-    *(f"mjrun.formats.mcap.{name}" for name in ("foxglove", "numeric", "writer")),
+    "mjrun.formats.mcap",
     "mjrun.outputs.mcap_export",
     "mjrun.formats.usd",
     *(f"mjrun.formats.tables.{name}" for name in ("feather", "hdf5", "parquet")),
     *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
-    *(f"mjrun.hdf5.{name}" for name in ("datasets", "demonstrations", "strings")),
+    *(f"mjrun.hdf5.{name}" for name in ("content", "demonstrations")),
     *(f"mjrun.plotting.{name}" for name in DRAWING),
     *(f"mjrun.plotting.study.{name}" for name in STUDIES),
 }
