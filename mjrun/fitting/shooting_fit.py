@@ -14,14 +14,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import FreeParameter, values_at
-from mjrun.fitting.gauss_newton import (
-    EVALUATIONS,
-    EXPLAINED,
-    ROUGH_TOLERANCE,
-    TOLERANCE,
-    EnsembleSearch,
-    GaussNewton,
-)
+from mjrun.fitting.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, TOLERANCE, EnsembleSearch, GaussNewton
 from mjrun.fitting.measurements import LEAST_NOISE, Segment, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.shooting_problem import (

@@ -20,13 +20,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.model.body_recompilation import BodyCompiler
-from mjrun.model.compiler_copied_fields import (
-    COPIED_ARRAYS,
-    CompilerCopiedFields,
-    Rows,
-    field_of,
-    may_be_copied,
-)
+from mjrun.model.compiler_copied_fields import COPIED_ARRAYS, CompilerCopiedFields, Rows, field_of, may_be_copied
 from mjrun.model.compiler_derived_fields import DerivedNumbers
 from mjrun.model.copied_element_values import CopiedElementNumbers
 from mjrun.model.fingerprint import model_fingerprint

@@ -16,13 +16,7 @@ from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
-from mjrun.outputs.camera_panels import (
-    VideoOrImageFile,
-    camera_names,
-    frame_size,
-    panels_of,
-    unused_options,
-)
+from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
 from mjrun.outputs.output import BackendsAndWorkers, Context, OutputResult
 from mjrun.outputs.recorded_scene import (
@@ -57,6 +51,13 @@ from mjrun.rendering.visual import visual_of
 from mjrun.reporter import Reporter
 from mjrun.shared_status import doing
 from mjrun.timeline import Timeline
+
+DEPTH_SAMPLES = 8  # frames sampled to choose the colour range of depth
+LONG = 2.0  # [s] of rendering on a CPU above which the user is warned
+TRIED = 2  # frames after which the cost of one is known: the first also compiles shaders
+WORTHWHILE = 0.7  # share of the cost of a frame above which a draft is not recommended
+WORTH = 2.0  # [s] of rendering above which more processes save more time than they take to start
+FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
 
 # The values of each table at one frame.
 FrameValues = Sequence[np.ndarray]
@@ -217,14 +218,6 @@ def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (),
       size: width and height of the frame without the overlay [pixels].
     """
     return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side)
-
-
-DEPTH_SAMPLES = 8  # frames sampled to choose the colour range of depth
-LONG = 2.0  # [s] of rendering on a CPU above which the user is warned
-TRIED = 2  # frames after which the cost of one is known: the first also compiles shaders
-WORTHWHILE = 0.7  # share of the cost of a frame above which a draft is not recommended
-WORTH = 2.0  # [s] of rendering above which more processes save more time than they take to start
-FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
 
 
 @options

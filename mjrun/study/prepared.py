@@ -38,16 +38,7 @@ from mjrun.study.ineffective_values import own_values
 from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES
-from mjrun.study.spec import (
-    FILES,
-    MODEL,
-    ShippedStudy,
-    StudySpec,
-    require_values,
-    simulation_at,
-    versions,
-    with_end,
-)
+from mjrun.study.spec import FILES, MODEL, ShippedStudy, StudySpec, require_values, simulation_at, versions, with_end
 
 IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # options of simulations
 LENGTH = ("timestep", "duration", "steps")  # parameters that determine the number of steps

@@ -11,12 +11,7 @@ import pytest
 
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console, Report, flag
-from mjrun.cli.simulation_command import (
-    import_mujoco,
-    payload_on_stdout,
-    reported_failures,
-    with_camera_scripts,
-)
+from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, reported_failures, with_camera_scripts
 from mjrun.errors import FailureReport, FileError, PartlyDoneError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options

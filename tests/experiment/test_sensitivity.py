@@ -7,13 +7,7 @@ import pytest
 import scipy
 
 from mjrun.experiment.sample_designs import LEVELS, SAMPLES, STEP, morris, saltelli
-from mjrun.experiment.sensitivity import (
-    Estimate,
-    elementary_effects,
-    sensitivities,
-    sensitivity_table,
-    sobol_indices,
-)
+from mjrun.experiment.sensitivity import Estimate, elementary_effects, sensitivities, sensitivity_table, sobol_indices
 
 
 def ishigami(fractions: np.ndarray) -> np.ndarray:

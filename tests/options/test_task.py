@@ -6,12 +6,7 @@ import pytest
 
 from mjrun.options.kinds import AnyKind
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.task import (
-    Limits,
-    RandomValue,
-    Schedule,
-    VectorOrKey,
-)
+from mjrun.options.task import Limits, RandomValue, Schedule, VectorOrKey
 
 
 @pytest.mark.parametrize(

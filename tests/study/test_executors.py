@@ -19,16 +19,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import MissingExtraError, UsageError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.executors import (
-    GROWTH,
-    MOST,
-    QUEUED,
-    SECONDS,
-    ChunkSizes,
-    completed,
-    open_executor,
-    process_count,
-)
+from mjrun.study.executors import GROWTH, MOST, QUEUED, SECONDS, ChunkSizes, completed, open_executor, process_count
 from mjrun.study.isolation import run_chunk
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec

@@ -13,13 +13,7 @@ import numpy as np
 import pytest
 
 from mjrun import file_version
-from mjrun.errors import (
-    BrokenModelError,
-    CompiledOverrideError,
-    ModelError,
-    ModelNotFoundError,
-    clean,
-)
+from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelError, ModelNotFoundError, clean
 from mjrun.model import mujoco_globals
 from mjrun.model.override import Override
 from mjrun.model.sources import load
