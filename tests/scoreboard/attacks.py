@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import Any, NoReturn
 
 from tests.scoreboard.data import inputs_of
 
@@ -443,8 +444,15 @@ def attacked(arguments: list[str]) -> int:
 
     simulation_command.import_mujoco = in_main
     file.compile_model = in_loader  # type: ignore[assignment]
-    if place == CHILD:
-        begin = f"; from tests.scoreboard.attacks import attack; attack({os.getpid()})"
+    watcher, continue_in_fork = os.getpid(), child_process._continue_in_fork
+
+    def in_fork(*arguments: Any) -> NoReturn:
+        attack(watcher)
+        continue_in_fork(*arguments)
+
+    if place == CHILD:  # a new interpreter, or a fork
+        begin = f"; from tests.scoreboard.attacks import attack; attack({watcher})"
         child_process.BOOT = child_process.BOOT.replace("; from", f"{begin}; from", 1)
+        child_process._continue_in_fork = in_fork
     crash_monitor.fork_watched()
     return run(arguments)
