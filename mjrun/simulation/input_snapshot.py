@@ -22,6 +22,7 @@ from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML
 
 PIECE = 2**20  # bytes copied at a time
+STREAMS = ("/dev/stdin", "/dev/fd/")  # of this process, which can be read only once
 ORIGINALS = ".originals"  # folder of the models whose copies have other paths in them, by digest
 
 
@@ -69,7 +70,7 @@ class InputSnapshot:
         digests, folders = dict(self.digests), set(self.folders)
         for path in files:
             absolute = _absolute(path, self.cwd)
-            if absolute in digests or self._holds(absolute) or absolute.startswith("/dev/") or not is_file(path):
+            if absolute in digests or self._holds(absolute) or absolute.startswith(STREAMS) or not is_file(path):
                 continue
             if not is_readable(path):  # and reading it fails with the reason
                 continue

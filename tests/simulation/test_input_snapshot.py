@@ -3,6 +3,7 @@
 import os
 import pickle
 import shutil
+import tempfile
 from pathlib import Path
 
 import mujoco
@@ -119,6 +120,16 @@ def test_what_is_not_copied_is_not_read_from_elsewhere(tmp_path: Path, monkeypat
     with pytest.raises(UsageError) as caught, snapshot.original_names_in_errors():
         raise UsageError(f"{snapshot.place('late.xml')} and {snapshot.place('/etc/x')}", (str(snapshot.root),))
     assert str(caught.value) == "late.xml and /etc/x"
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="there is no /dev/shm")
+def test_files_in_shared_memory_are_copied() -> None:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        model = Path(folder, "ball.xml")
+        model.write_text(BODY.format("ball", 1))
+        snapshot = InputSnapshot.empty().with_files([model])
+        assert {*snapshot.digests} == {str(model)}
+        assert snapshot.place(model).read_text() == BODY.format("ball", 1)
 
 
 def test_a_simulation_of_copies_is_that_of_the_files(robot: Path, tmp_path: Path) -> None:
