@@ -8,10 +8,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import h5py
+import mujoco
 import numpy as np
 from imageio_ffmpeg import get_ffmpeg_exe
 from pyarrow import feather, parquet
@@ -47,9 +48,19 @@ def furnish(folder: Path) -> Path:
         shutil.copytree(SCENES / name, folder / name)
     (folder / "model.xml").write_text(INPUTS["MODEL"])
     (folder / "run.yaml").write_text(INPUTS["RUN"])
-    rows = [f"{0.01 * row:.2f},{0.3 * math.sin(0.1 * row)!r}" for row in range(120)]
-    (folder / "swing.csv").write_text("\n".join(["time,qpos/hinge", *rows, ""]))
+    (folder / "swing.csv").write_text("\n".join(["time,qpos/hinge", *_swing(), ""]))
     return folder
+
+
+def _swing() -> Iterator[str]:
+    """Yields rows of a log of the pendulum with another damping, with an error of measurement."""
+    model = mujoco.MjModel.from_xml_path(str(SCENES / "pendulum.xml"))
+    model.dof_damping[0] = 0.1
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.5
+    for row in range(600):
+        yield f"{row * model.opt.timestep:.4f},{data.qpos[0] + 1e-3 * math.sin(row**2):.9f}"
+        mujoco.mj_step(model, data)
 
 
 @measured(
