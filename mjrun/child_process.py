@@ -321,7 +321,8 @@ def _continue_in_fork(
             if descriptor > 2 and descriptor not in descriptors:
                 with suppress(OSError):  # of the folder that was listed
                     os.close(descriptor)
-        _parents = sys.stdin, sys.stdout, sys.stderr  # never closed: files of this process may have their numbers
+        # The streams of the parent are never closed: their descriptors may be other files of this process by now.
+        _streams_of_parent = sys.stdin, sys.stdout, sys.stderr
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(number, mode) for number, mode in enumerate("rww"))
         os.environ.clear()
         os.environ.update(variables)

@@ -39,6 +39,11 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import XML
 
 UPDATE, DRAW, READ = "update", "draw", "read"
+REPEATS = 3  # of loading
+LEAST, MOST = 7, 30  # frames that are timed, after the first
+FPS = Fraction(30)
+VIDEOS, ROUNDS = 3, 4  # videos that are encoded, and repetitions of every frame in each
+COMPOSE = "compose"
 
 
 class Stopwatch:
@@ -153,13 +158,6 @@ class TimedFilamentRenderer(FilamentRenderer):
 
 
 TIMED: Mapping[str, Callable[..., Any]] = {"classic": TimedClassicRenderer, "filament": TimedFilamentRenderer}
-
-
-REPEATS = 3  # of loading
-LEAST, MOST = 7, 30  # frames that are timed, after the first
-FPS = Fraction(30)
-VIDEOS, ROUNDS = 3, 4  # videos that are encoded, and repetitions of every frame in each
-COMPOSE = "compose"
 
 
 # --- loading ------------------------------------------------------------------------------------------

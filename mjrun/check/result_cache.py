@@ -22,7 +22,7 @@ from mjrun.file_version import file_version, folder_version, is_settled
 from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
 
 LIMITS = {"timeout", "memory", "cache"}  # of a task, which do not affect a result that is complete
-# Findings that may be others the next time, although no file of the model has changed.
+# Findings that may differ in the next check although no file of the model has changed.
 DISTURBED = {rule.code for rule in (CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT)}
 MISSING_FILE = "MJ107"  # its remedy names other files, which may come and go; the rule itself is slow to import
 SEARCHED = 2000  # most folders in which these files may be; with more, the result is not stored

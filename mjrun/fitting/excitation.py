@@ -42,6 +42,8 @@ CORNERS = 8  # limit of corners of the bounds of the parameters
 RIVALS = 4  # number of inputs that are weakened if none is within limits at the corners
 WEAKER = 0.7  # factor by which chirps are weakened until the motion is within limits
 TRIES = 12
+SLACK = 0.01  # margin at both ends of a range, as a share of it
+FIELDS = ("qpos", "qvel", "actuator_force", "qfrc_actuator")
 
 
 def chirps(times: Floats, middle: Floats, reach: Floats, generator: np.random.Generator) -> Floats:
@@ -101,10 +103,6 @@ def _range(model: mujoco.MjModel, index: int) -> tuple[float, float] | None:
         return None
     low, high = sorted((model.jnt_range[joint] * model.actuator_gear[index, 0]).tolist())
     return low, high
-
-
-SLACK = 0.01  # margin at both ends of a range, as a share of it
-FIELDS = ("qpos", "qvel", "actuator_force", "qfrc_actuator")
 
 
 class MotionLimits:

@@ -1,7 +1,7 @@
 """MCAP: a log of messages on topics, each with a time in nanoseconds, with protobuf schemas (https://mcap.dev).
 
-There are messages of measured values, whose types have a number or a text for each column, and those of Foxglove's
-schemas: transforms, joints, models, arrows, cameras and their images. Positions are in metres, quaternions
+Messages hold measured values, with a number or a text for each column, or follow Foxglove's schemas: transforms,
+joints, models, arrows, cameras and their images. Positions are in metres, quaternions
 `(qw, qx, qy, qz)`, times in nanoseconds. Cameras have the axes of OpenCV: x right, y down, z forward.
 https://docs.foxglove.dev/docs/sdk/schemas
 """

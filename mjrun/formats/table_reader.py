@@ -31,6 +31,7 @@ from mjrun.suffixes import is_url
 SHOWN_COLUMNS, SHOWN_ROWS = 20, 5  # in a notebook; the rows at either end
 STDIN = "-"
 STDIN_LABEL = Path("<stdin>")
+Missing = Literal["error", "nan"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +138,6 @@ def _library(name: str) -> Any:
     """Imports a library that mjrun does not require."""
     require(f"Table.to_{name}", "", name)
     return import_module(name)
-
-
-Missing = Literal["error", "nan"]
 
 
 class TableReader:

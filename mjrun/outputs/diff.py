@@ -39,7 +39,7 @@ from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, Pi
 from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name, origin
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
-from mjrun.rendering.text import INK, baseline, crisp, fitted, letters, spacing, text_size, write
+from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 
 if TYPE_CHECKING:
@@ -49,6 +49,15 @@ TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", 
 
 
 Compared = tuple[DiffResult, "WorstFrames | None"]  # the result, and the two frames that differ most
+DRAWN = 4  # columns whose curves are shown
+LISTED = 100  # columns, and differences of models
+GAP = 8  # pixels between the images
+LEGIBLE = 240  # minimum width and height of an image [pixels]: smaller ones are enlarged
+FAINT = (168, 170, 176)  # the second line of a label
+GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # factors that make a difference visible
+TYPICAL = 99.0  # percentile of the differences that amplification must not clip
+COMMON = (1, 92)  # percentiles at the ends of the colour scale: the horizon is far away
+MAP, DIFFERENCE_MAP = "turbo", "inferno"
 
 
 @options
@@ -227,10 +236,6 @@ def _with_article(kind: str) -> str:
     return f"{'an' if kind == IMAGE else 'a'} {kind}"
 
 
-DRAWN = 4  # columns whose curves are shown
-LISTED = 100  # columns, and differences of models
-
-
 def write_comparison_page(
     result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
 ) -> None:
@@ -333,16 +338,6 @@ def _address(pixels: np.ndarray) -> str:
     """Returns a picture as a data URI."""
     content = png(ImageData(np.ascontiguousarray(pixels), 0, None, {}))
     return f"data:image/png;base64,{base64.b64encode(content).decode()}"
-
-
-GAP = 8  # pixels between the images
-LEGIBLE = 240  # minimum width and height of an image [pixels]: smaller ones are enlarged
-BACKGROUND = (24, 25, 28)
-FAINT = (168, 170, 176)  # the second line of a label
-GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # factors that make a difference visible
-TYPICAL = 99.0  # percentile of the differences that amplification must not clip
-COMMON = (1, 92)  # percentiles at the ends of the colour scale: the horizon is far away
-MAP, DIFFERENCE_MAP = "turbo", "inferno"
 
 
 def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> None:

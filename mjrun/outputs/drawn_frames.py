@@ -18,7 +18,7 @@ from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import BackendsAndWorkers, Context, OutputResult
+from mjrun.outputs.output import BackendsAndWorkers, Context, OutputResult, Plan
 from mjrun.outputs.recorded_scene import (
     PlacedScene,
     R_co,
@@ -290,6 +290,18 @@ def plan_frames(
         corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
         overlay = empty_overlay(frame_size(job), corner, plots, side)
     return FramePlan(job, scene, plots, probes, overlay)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoOrImagePlan(Plan[R_co]):
+    """A planned output of frames.
+
+    Attributes:
+      schedule: the schedule of the frames; None if events decide.
+    """
+
+    frames: FramePlan
+    schedule: FrameSchedule | None
 
 
 @dataclass(frozen=True, eq=False)

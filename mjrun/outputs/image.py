@@ -22,8 +22,8 @@ from mjrun.options.option import options
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import (
-    FramePlan,
     VideoOrImageJob,
+    VideoOrImagePlan,
     frame_compositor,
     frame_taps,
     open_frames,
@@ -146,16 +146,10 @@ class ImageFile(VideoOrImageFile):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImagePlan(output.Plan[ImageResult]):
-    """A planned image.
-
-    Attributes:
-      schedule: the schedule of its frame; None if events decide.
-    """
+class ImagePlan(VideoOrImagePlan[ImageResult]):
+    """A planned image."""
 
     job: Image
-    frames: FramePlan
-    schedule: FrameSchedule | None
 
     def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "ImageOutput":
         return ImageOutput(self, stack, renderers)

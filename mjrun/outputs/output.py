@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 # The steps at which each condition becomes true.
 EventSteps = Mapping[str, Sequence[int]]
+_NUMBER = re.compile(r"%[0-9]*d")  # the frame number in a pattern such as frame_%04d.png
 
 
 @dataclass(frozen=True)
@@ -330,9 +331,6 @@ def metadata_tags(path: str | None, facts: Mapping[str, object]) -> dict[str, st
         made_by.append(str(facts["renderer"]))
     title = {} if path is None else {"title": Path(path).stem}
     return {**title, "comment": clean(", ".join(made_by)), "description": dumps(facts)}
-
-
-_NUMBER = re.compile(r"%[0-9]*d")  # the frame number in a pattern such as frame_%04d.png
 
 
 def named_files(**paths: str | None) -> list[tuple[str, str]]:

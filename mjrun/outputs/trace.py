@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from mjrun.probe.assertion import Assertion
 
 QUEUED_BLOCKS = 4  # blocks that may wait to be written
+STATED = ("mjrun", "mujoco")  # facts of the origin that a verdict always states
+LISTED = 10  # maximum number of differences in a message
 
 
 @options
@@ -308,11 +310,6 @@ def row_steps(timeline: Timeline, every: int, rate: Fraction | None) -> Sequence
     return timeline.rows(rate=rate)
 
 
-KIND = "golden"
-STATED = ("mjrun", "mujoco")  # facts of the origin that a verdict always states
-LISTED = 10  # maximum number of differences in a message
-
-
 def check_options(options: GoldenOptions) -> None:
     """Raises UsageError if golden-table options are set without a table, or if the table's format cannot be read."""
     if options.golden is None:
@@ -399,7 +396,7 @@ class GoldenTable:
         facts = GoldenFacts(*versions, updated=bool(writers))
         notes = provenance_notes(_rest(manifest or {}), _rest(self._facts))
         equal = not differences
-        return DiffResult(KIND, self._path, source, equal, differences, notes, table, golden=facts), writers
+        return DiffResult("golden", self._path, source, equal, differences, notes, table, golden=facts), writers
 
     def _compare(self, options: GoldenOptions, columns: Sequence[Column], stack: ExitStack) -> None:
         from mjrun.diff.golden import GoldenComparison

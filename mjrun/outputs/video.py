@@ -25,8 +25,8 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import (
-    FramePlan,
     VideoOrImageJob,
+    VideoOrImagePlan,
     draw_frames,
     frame_compositor,
     frame_taps,
@@ -141,16 +141,10 @@ class VideoFile(VideoOrImageFile):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VideoPlan(output.Plan[VideoResult]):
-    """A planned video.
-
-    Attributes:
-      schedule: the schedule of the frames; None if events decide.
-    """
+class VideoPlan(VideoOrImagePlan[VideoResult]):
+    """A planned video."""
 
     job: Video
-    frames: FramePlan
-    schedule: FrameSchedule | None
 
     def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "VideoOutput":
         return VideoOutput(self, stack, renderers)
@@ -296,16 +290,10 @@ class VideoInMemory(Video):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MemoryPlan(output.Plan[output.OutputResult]):
-    """A planned video in memory.
-
-    Attributes:
-      schedule: the schedule of the frames; None if events decide.
-    """
+class MemoryPlan(VideoOrImagePlan[output.OutputResult]):
+    """A planned video in memory."""
 
     job: VideoInMemory
-    frames: FramePlan
-    schedule: FrameSchedule | None
 
     def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "MemoryOutput":
         return MemoryOutput(self, stack, renderers)

@@ -233,7 +233,7 @@ class PhysicsStepper:
             values[:] = np.frombuffer(content, values.dtype).reshape(values.shape)
 
     def _repeats(self) -> bool:
-        """Sets again what the controller set at this step in a block, or raises its error; returns False if nothing."""
+        """Repeats what the controller set at this step in a block, or its error; returns False if it was not called."""
         if not self._repeated:
             return False
         result = self._repeated.popleft()

@@ -29,6 +29,7 @@ from mjrun.rendering.visual import Visual
 
 NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
+ASPECT = 16 / 9  # target ratio of width to height of a grid, unless many cells would be empty
 
 
 @dataclass(frozen=True)
@@ -282,9 +283,6 @@ def _numbers(panel: CameraPanel, seen: RenderedView) -> np.ndarray:
         return depth_millimetres(seen.depth)
     assert seen.ids is not None
     return segment_numbers(seen.ids, len(seen.legend))
-
-
-ASPECT = 16 / 9  # target ratio of width to height of a grid, unless many cells would be empty
 
 
 def gap(height: int) -> int:

@@ -32,6 +32,8 @@ SHAPES = set(_GEOMS.values()) - SHAPELESS - MESHES - {_GEOMS["hfield"], _GEOMS["
 NUMBERED = ("geom", "site", "flex", "skin", "tendon", "actuator")  # in the order of their numbers in segments
 WHOLE = ("geom", "site", "skin")
 FRUSTUM = ("center", "width", "bottom", "top", "near", "far")
+GEOMS = 2_000  # initial capacity of the scene; it grows
+DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value
 
 
 class PixelFormat(NamedTuple):
@@ -255,8 +257,6 @@ def _custom(model: mujoco.MjModel, name: str, default: Sequence[float]) -> Seque
     return model.numeric_data[start : start + model.numeric_size[index]].tolist()
 
 
-GEOMS = 2_000  # initial capacity of the scene; it grows
-DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value
 DEPTH = PixelFormat("R32F", "DEPTH", 1, np.float32)
 SEGMENTS = PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 

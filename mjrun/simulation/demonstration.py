@@ -27,6 +27,9 @@ NOTABLE = 1e-2  # a difference of poses that is reported in any case [m]
 HAND = re.compile(r"robot(\d+)_(?:(left|right)_)?eef_pos")  # observations of a hand, of robosuite
 HANDS = {"ee_pos": ("0", "")}  # those of LIBERO
 POSITION = re.compile(r"(\w+)_pos")  # observations of an object
+UNEVEN = 0.01  # share of the time between two states by which others may differ
+SUCCESS = 1.0  # reward of a completed task
+DENOMINATOR = 1000  # of a rate [Hz]
 
 
 def names_demonstration(path: Path) -> bool:
@@ -150,11 +153,6 @@ def _positions(model: mujoco.MjModel, data: mujoco.MjData, states: np.ndarray) -
         mujoco.mj_kinematics(model, data)
         positions["site"][row], positions["body"][row] = data.site_xpos, data.xpos
     return positions
-
-
-UNEVEN = 0.01  # share of the time between two states by which others may differ
-SUCCESS = 1.0  # reward of a completed task
-DENOMINATOR = 1000  # of a rate [Hz]
 
 
 @dataclass(frozen=True)

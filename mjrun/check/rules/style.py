@@ -1,4 +1,4 @@
-"""Attributes of a model that loads which are better written in another way, and objects without a name."""
+"""Attributes that are valid but better written in another way, and objects without a name."""
 
 import os
 from collections.abc import Iterator, Sequence
