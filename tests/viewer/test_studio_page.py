@@ -78,7 +78,10 @@ assert early == [503, 503], early
 def status(**changes):
     return Status(**{**dict(time=0.0, paused=False, speed=0.5, achieved=0.5), **changes})
 
-assert page.sync(status()) == [] and page.is_open and not page.is_seen
+actions = page.sync(status())
+assert actions == [], actions
+assert page.is_open, "it is closed"
+assert not page.is_seen, "it is seen"
 listening = [line.split() for line in open("/proc/self/net/tcp")][1:]
 inodes = {os.readlink(f"/proc/self/fd/{fd}")[8:-1] for fd in os.listdir("/proc/self/fd")
           if os.path.exists(f"/proc/self/fd/{fd}") and os.readlink(f"/proc/self/fd/{fd}").startswith("socket")}
