@@ -19,7 +19,7 @@ from mjrun.model.source import Source
 from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.probe.episode_columns import EpisodeColumns
-from mjrun.task.episode import EpisodeStepper
+from mjrun.task.episode import Actor, EpisodeStepper, recorded
 from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ class Episode(ABC):
 
     def __init__(self, policy: "Policy", seed: int) -> None:
         self.policy, self.seed = policy, seed
+        self._repeating: Actor | None = None  # of the next stepper
 
     @abstractmethod
     def model(self) -> mujoco.MjModel:
@@ -125,7 +126,8 @@ class Episode(ABC):
         Args:
           enable_flags: MuJoCo's flags for measured quantities, which must not change the motion.
         """
-        stepper = self._start()
+        actor, self._repeating = self._repeating or self._actor(), None
+        stepper = self._start(actor)
         stepper.model.opt.enableflags |= enable_flags
         return stepper
 
@@ -137,12 +139,16 @@ class Episode(ABC):
         other = copy.copy(self)
         for name in ("_first", "length"):
             vars(other).pop(name, None)
-        other.seed = seed
+        other.seed, other._repeating = seed, None
         return other
 
+    def _actor(self) -> Actor:
+        """Returns the policy at the start of the episode."""
+        return self.policy.episode(self.seed, self.actions)
+
     @abstractmethod
-    def _start(self) -> EpisodeStepper:
-        """Starts the episode without additional flags."""
+    def _start(self, actor: Actor) -> EpisodeStepper:
+        """Starts the episode under the actions of `actor`, without additional flags."""
 
     @property
     @abstractmethod
@@ -166,8 +172,12 @@ class Episode(ABC):
 
     @cached_property
     def _first(self) -> EpisodeStepper:
-        """A stepper for facts that are needed before the simulation."""
-        return self.stepper()
+        """A stepper for facts that are needed before the simulation, which repeats its actions.
+
+        A policy is thus called once for each control period, which matters to functions with a memory.
+        """
+        recording, self._repeating = recorded(self._actor())
+        return self._start(recording)
 
     @cached_property
     def columns(self) -> EpisodeColumns:
@@ -235,12 +245,10 @@ class TaskEpisode(Episode):
         world = self._world
         return ActionSpace(world.action_names, world.actions.low, world.actions.high)
 
-    def _start(self) -> EpisodeStepper:
+    def _start(self, actor: Actor) -> EpisodeStepper:
         from mjrun.task.task_stepper import TaskStepper
 
-        world = self._world
-        actor = self.policy.episode(self.seed, self.actions)
-        return TaskStepper(world, actor, self.seed, self.policy.name)
+        return TaskStepper(self._world, actor, self.seed, self.policy.name)
 
     @property
     def longest(self) -> int:
@@ -287,11 +295,10 @@ class EnvironmentEpisode(Episode):
         names = self._first.names
         return EpisodeColumns({name: units.get(name, "") for name in names.observations}, names.actions, names.rewards)
 
-    def _start(self) -> EpisodeStepper:
+    def _start(self, actor: Actor) -> EpisodeStepper:
         from mjrun.task.external_environment import EnvironmentStepper
 
         environment = self._played or _environment(self._source)  # which nothing else may reset
-        actor = self.policy.episode(self.seed, self.actions)
         return EnvironmentStepper(environment, actor, self.seed, self.policy.name)
 
     @property

@@ -1,6 +1,7 @@
 """The course of an episode, whether a task of mjrun's or a Gymnasium environment steps it."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, Protocol, runtime_checkable
 
@@ -98,6 +99,30 @@ def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, 
         wrong = {name: value for name, value in zip(names, action.tolist(), strict=False) if not np.isfinite(value)}
         raise InvalidActionError(step, time, policy, wrong)
     return action
+
+
+def recorded(actor: Actor) -> tuple[Actor, Actor]:
+    """Returns `actor`, recording its answers, and an actor that repeats these and continues `actor` after them."""
+    answers = deque[np.ndarray | Exception]()
+
+    def record(observation: np.ndarray) -> np.ndarray:
+        try:
+            answer = actor(observation)
+        except Exception as error:
+            answers.append(error)
+            raise
+        answers.append(answer)
+        return answer
+
+    def repeat(observation: np.ndarray) -> np.ndarray:
+        if not answers:
+            return actor(observation)
+        answer = answers.popleft()
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    return record, repeat
 
 
 @runtime_checkable

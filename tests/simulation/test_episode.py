@@ -89,6 +89,15 @@ def test_a_trace_of_an_environment_has_the_numbers_of_its_own_loop(tmp_path: Pat
     assert (result.episode.total, result.episode.time, result.steps) == (18.0, pytest.approx(0.48), 48)
 
 
+def test_a_function_is_called_once_for_each_control_period(tmp_path: Path) -> None:
+    answers = iter(range(13))
+    with registered(tmp_path, max_episode_steps=12) as name:
+        simulation = Simulation(f"gym:{name}", policy=lambda observation: [0.01 * next(answers)])
+        Trace(simulation, str(tmp_path / "t.csv"), every=4, probe=["action"]).run()
+    actions = read_table(tmp_path / "t.csv").columns["action/motor"]
+    np.testing.assert_array_equal(actions[:12], 0.01 * np.arange(12))
+
+
 def test_a_recording_holds_the_states_of_the_environment_and_says_how_it_ended(tmp_path: Path) -> None:
     with registered(tmp_path, "arrives", max_episode_steps=50) as name:
         expected = bare_episode(name, 2, 3)

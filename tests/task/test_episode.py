@@ -9,7 +9,7 @@ import pytest
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
-from mjrun.task.episode import ControlInstants, Ending, EpisodeOver, ReplayedEpisode
+from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, ReplayedEpisode, recorded
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task_stepper import TaskStepper
 from tests.task.test_task_stepper import MODEL, Wave, arm
@@ -23,6 +23,26 @@ def test_a_timeout_truncates_and_anything_else_terminates(kind, terminated: bool
 def test_the_end_of_an_episode_says_where_and_how() -> None:
     over = EpisodeOver(40, Ending("fallen", "failure"))
     assert (over.step, over.ending.name, str(over)) == (40, "fallen", "the episode ended at step 40: fallen")
+
+
+def test_recorded_answers_and_failures_repeat_and_the_actor_continues() -> None:
+    answers = iter([np.ones(1), ArithmeticError("once"), np.zeros(1)])
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def failing(actor: Actor) -> list[float]:
+        first = actor(np.zeros(1))[0]
+        with pytest.raises(ArithmeticError, match="once"):
+            actor(np.zeros(1))
+        return [first]
+
+    record, repeat = recorded(act)
+    assert failing(record) == failing(repeat) == [1]
+    assert repeat(np.zeros(1)) == 0
 
 
 def test_what_held_at_control_instants_holds_again() -> None:
