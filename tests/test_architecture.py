@@ -76,7 +76,7 @@ LIBRARIES = {
     "fsspec": ("formats.folders",),
     "distributed": ("study.clusters",),
     "ray": ("study.clusters",),
-    "submitit": ("study.slurm",),
+    "submitit": ("study.clusters",),
     "scipy": (
         "formats.tables.mat",
         "experiment.statistics",
@@ -434,7 +434,7 @@ def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
         "probe.parser",
         "probe.row_expression",
         "simulation.column_map",
-        "physics.kinematic_motion",
+        "physics.kinematic_samples",
         "formats.codecs",
     )
     assert loaded.isdisjoint(f"mjrun.{module}" for module in unused)

@@ -177,7 +177,7 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
     if model and text == "-":
         paths.roots[_real(".")] = None
     elif model and colon and prefix == SCENE and not Path(text).exists():
-        from mjrun.model.bundled_scene_folder import scene_folder
+        from mjrun.platform.installation import scene_folder
 
         paths.roots[_real(scene_folder())] = None
     elif model and Path(text).is_dir():

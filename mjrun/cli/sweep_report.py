@@ -17,9 +17,8 @@ from mjrun.study.status import age, span_of_time
 
 if TYPE_CHECKING:
     from mjrun.simulation.simulation import Simulation
-    from mjrun.study.preview import StudyPreview
     from mjrun.study.status import StudyStatus, UnusedFiles
-    from mjrun.study.study import StudyResult
+    from mjrun.study.study import StudyPreview, StudyResult
 
 SHOWN = 10  # reasons of failures
 FEW = 4  # values of a point that are shown

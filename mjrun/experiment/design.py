@@ -13,8 +13,16 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.experiment.design_points import LARGEST_INTEGER, Design, GridPoints, NumberTexts, numbers
-from mjrun.experiment.point_conditions import chosen, parameter_names, with_conditional
+from mjrun.experiment.design_points import (
+    LARGEST_INTEGER,
+    Design,
+    GridPoints,
+    NumberTexts,
+    chosen,
+    numbers,
+    parameter_names,
+    with_conditional,
+)
 from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES, correlated, rank_correlations
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names

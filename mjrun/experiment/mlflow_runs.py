@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, file_errors, option
 from mjrun.experiment.results_table import POINT, ResultsTable
-from mjrun.formats.crash_safe_replacement import NEW, replace_folder
+from mjrun.formats.destinations import NEW, replace_folder
 from mjrun.formats.temporary_output import TemporaryOutput
 
 MOST = 10_000  # runs, each of a dozen files

@@ -10,11 +10,11 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnidentifiableError, UsageError, clean, listing, option
-from mjrun.fitting.comparison import TIME
 from mjrun.fitting.fit import Fit
 from mjrun.fitting.free_parameter import free_parameters, require_effect
 from mjrun.fitting.information import all_information, sensitivity
 from mjrun.fitting.measurements import CONTROLS, Floats, Segment, commands
+from mjrun.fitting.outputs import TIME
 from mjrun.fitting.prediction import Chunk, ChunkSimulation, Predictor
 from mjrun.fitting.shooting_fit import Shooting
 from mjrun.fitting.shooting_problem import Solution

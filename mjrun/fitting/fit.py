@@ -19,11 +19,10 @@ from mjrun.errors import (
     option,
     spelled,
 )
-from mjrun.fitting.comparison import HORIZON, Solutions
 from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fitting.measurements import CONTROLS, first_noise, read_measurements, set_noise, shared, spread_of
-from mjrun.fitting.outputs import FitOutputs
+from mjrun.fitting.outputs import HORIZON, FitOutputs, Solutions
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fitting.shooting_fit import SHORTEST, SearchResult, Shooting

@@ -1,26 +1,29 @@
 """The files of a fit: their names are checked before hours of fitting, and all of them appear together, or none.
 
-The video shows the fitted model with the measured motion as a ghost.
+Among them are a table of the measured signals beside the predictions of the model before and after the fit, a page with
+the fitted values, their uncertainty and these signals, and a video that shows the fitted model with the measured motion
+as a ghost.
 """
 
 import itertools
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
-from mjrun.fitting.comparison import TIME, Solutions, comparison_rows, write_comparison
-from mjrun.fitting.fit_page import write_fit_page
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fitting.prediction import Chunk, Predictor
 from mjrun.fitting.result import FitResult, FittedParameter
+from mjrun.fitting.shooting_fit import SHORTEST
+from mjrun.fitting.shooting_problem import Solution
 from mjrun.fitting.starting_states import measured_positions
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.destinations import StagedFile
@@ -32,19 +35,80 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.source import Source
 from mjrun.model.sources.file import FileSource
+from mjrun.model.table_column import Column
 from mjrun.options.fit import FitOptions
+from mjrun.options.plot import FigureOptions
 from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
-from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.page_writer import check_page_name
+from mjrun.plotting.figure_plan import FigurePlan, TableColumns
+from mjrun.plotting.figure_writer import page_svg, require_matplotlib
+from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
+from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name
 from mjrun.probe.fields import field_probe
+from mjrun.probe.scanner import spelled
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import is_yaml
 
+if TYPE_CHECKING:
+    from mjrun.fitting.result import FitResult
+
+HORIZON = 8 * SHORTEST  # held-out rows predicted from one initial state
+TIME = Column("time", "s", "time in the log")
+HELD = Column("holdout", meaning="whether the row was held out of the fit", integer=True)
+LOG = Column("log", meaning="index of the table that the row belongs to, from 0", integer=True)
+Solutions = Mapping[tuple[str, str], Solution]  # by part, `fitted` or `held`, and model, `nominal` or `fitted`
+WHICH = {"nominal": "predicted by the original model", "fitted": "predicted by the fitted model"}
 TEXT = "fitted model; ghost: as measured"
 SUFFIX = ".xml"
+
+
+def comparison_columns(signals: Sequence[Column]) -> list[Column]:
+    """Returns the columns: time, each signal as measured and predicted, whether it was held out, and its log."""
+    columns = [TIME]
+    for signal in signals:
+        columns += [signal, *(replace(signal, name=f"{signal.name}/{which}", meaning=WHICH[which]) for which in WHICH)]
+    return [*columns, HELD, LOG]
+
+
+def comparison_rows(comparisons: Solutions, logs: Sequence[str]) -> np.ndarray:
+    """Returns a row for each sample, in the order of the logs and of time: `(n, columns)`.
+
+    Args:
+      comparisons: the predictions.
+      logs: names of the measured tables.
+    """
+    rows = np.concatenate(
+        [_rows(part, comparisons, logs) for part in ("fitted", "held") if (part, "fitted") in comparisons]
+    )
+    return rows[np.lexsort((rows[:, 0], rows[:, -1]))]
+
+
+def write_comparison(stack: ExitStack, path: str, signals: Sequence[Column], rows: np.ndarray) -> TableWriter:
+    """Writes the table, to be published by the caller; `stack` discards it otherwise.
+
+    Raises:
+      FileError: the table cannot be written.
+    """
+    writer = stack.enter_context(TableWriter(path, output_format(path).name, comparison_columns(signals)))
+    writer.write(rows)
+    return writer
+
+
+def _rows(part: str, comparisons: Solutions, logs: Sequence[str]) -> np.ndarray:
+    solutions = [comparisons[part, which] for which in WHICH]
+    chunks = solutions[0].chunks
+    tables: list[np.ndarray] = []
+    for index, chunk in enumerate(chunks):
+        measured = chunk.values
+        predicted = [measured + each.residuals[index] * each.noise for each in solutions]
+        table = np.stack([measured, *predicted], axis=-1).reshape(len(measured), -1)
+        last = len(measured) - (index + 1 < len(chunks) and chunks[index + 1].segment is chunk.segment)
+        times = chunk.segment.times[chunk.rows]
+        held, log = (np.full(len(times), value) for value in (float(part == "held"), logs.index(chunk.segment.source)))
+        tables.append(np.column_stack([times, table, held, log])[:last])
+    return np.concatenate(tables)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,3 +396,137 @@ def write_ranges(
         numbers = ", ".join(repr(float(n)) for n in (result.value, spread, parameter.low, parameter.high))
         lines.append(f"  {json.dumps(varied)}: {{truncnormal: [{numbers}]}}")
     return stack.enter_context(written_file(Path(path), ("\n".join(lines) + "\n").encode()))
+
+
+def write_fit_page(
+    stack: ExitStack,
+    path: str,
+    model: str,
+    result: "FitResult",
+    signals: Sequence[Column],
+    rows: np.ndarray,
+    logs: Sequence[str],
+) -> PageWriter:
+    """Writes the page, to be published by the caller; `stack` discards it otherwise.
+
+    Args:
+      model: name of the model.
+      signals: measured columns.
+      rows: rows of the comparison, `(n, columns)`.
+      logs: names of the measured tables.
+
+    Raises:
+      FileError: the page cannot be written.
+    """
+    figures = [_figure(name, signals, rows[rows[:, -1] == log]) for log, name in enumerate(logs)]
+    facts = [_parameters(result), *_inertias(result), _errors(result), *_correlations(result), _about(result)]
+    writer = stack.enter_context(PageWriter(path))
+    writer.write(Page(f"Fit of {clean(model)}", MAKER, figures, facts=facts))
+    return writer
+
+
+def _parameters(result: "FitResult") -> PageFactTable:
+    rows = [
+        (
+            p.path,
+            _number(p.start),
+            _number(p.value),
+            _interval(p.low, p.high),
+            f"at its {p.bound} bound" if p.bound else "",
+        )
+        for p in result.parameters
+    ]
+    heads = ("Parameter", "Before", "Fitted", _confidence(result), "")
+    return PageFactTable("Parameters", "Free parameters of the model", heads, rows, (1, 2, 3))
+
+
+def _inertias(result: "FitResult") -> list[PageFactTable]:
+    rows = [
+        (f"{each.body} {q.name}", _number(q.start), _number(q.value), _interval(q.low, q.high), q.unit)
+        for each in result.inertias
+        for q in each.quantities
+    ]
+    heads = ("Quantity", "Before", "Fitted", _confidence(result), "Unit")
+    caption = "Mass, centre of mass in the frame of the body, and principal moments of inertia"
+    return [PageFactTable("Inertias", caption, heads, rows, (1, 2, 3))] if rows else []
+
+
+def _errors(result: "FitResult") -> PageFactTable:
+    rows = [
+        (
+            each.name,
+            f"{_number(each.noise)} {each.unit}".rstrip(),
+            _number(each.misfit),
+            *(_share(e) for e in (each.nominal, each.fitted, each.holdout_nominal, each.holdout_fitted)),
+        )
+        for each in result.signals
+    ]
+    heads = ("Signal", "Residual", "Over noise", "Before", "Fitted", "Held out, before", "Held out, fitted")
+    caption = "Root mean square errors of predictions, relative to the standard deviation of the signal"
+    if result.loss != "linear":
+        caption = f"Errors of predictions over the spread of the signal, by medians because the loss is {result.loss}"
+    return PageFactTable("Errors", caption, heads, rows, range(1, 7))
+
+
+def _correlations(result: "FitResult") -> list[PageFactTable]:
+    paths = [each.path for each in result.parameters]
+    if len(paths) < 2:
+        return []
+    rows = [
+        (path, *(f"{value:.2f}".replace("-", "−") for value in row[: i + 1]), *[""] * (len(paths) - i - 1))
+        for i, (path, row) in enumerate(zip(paths, result.correlation, strict=True))
+    ]
+    caption = "Near 1 or −1, two parameters compensate for each other: only their difference or sum is well determined"
+    return [PageFactTable("Correlations", caption, ["", *paths], rows, range(1, len(paths) + 1))]
+
+
+def _about(result: "FitResult") -> PageFactTable:
+    rows = [
+        ("fitted", f"{result.rows:,} rows in {result.segments} segment{'' if result.segments == 1 else 's'}"),
+        ("simulated", f"{result.rollouts:,} rollouts"),
+        ("searched", ", then ".join(result.ways)),
+        ("condition", f"{result.condition:.4g}"),
+        ("reduced χ²", f"{result.reduced_chi2:.4g}"),
+        *(("changed", text) for text in result.changes),
+        *(("remark", text) for text in result.remarks),
+    ]
+    return PageFactTable("About the fit", "Fitted data, and changes of the model", ("Fact", "Value"), rows)
+
+
+def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure:
+    """Plots every signal as measured and predicted, and its residuals."""
+    panels: list[str] = []
+    for signal in signals:
+        measured, nominal, fitted = (spelled(f"{signal.name}{end}") for end in ("", "/nominal", "/fitted"))
+        unit = f" [{signal.unit}]" if signal.unit else ""
+        panels += [
+            f"{signal.name}: before{unit}={nominal}, measured{unit}={measured}, fitted{unit}={fitted}",
+            f"residual of {signal.name}: residual{unit}={fitted} - {measured}",
+        ]
+    held = rows[rows[:, -2] > 0, 0]
+    marks = [f"x:held out={held[0]:.9g}"] if len(held) else []
+    options = FigureOptions(y=panels, mark=marks, columns=2)
+    columns = comparison_columns(signals)
+    plan = FigurePlan(options, [TableColumns(log, {column.name: column.unit for column in columns})])
+    collector = plan.collector(0)
+    collector.feed({column.name: values for column, values in zip(columns, rows.T, strict=True)})
+    svg = page_svg(plan.drawing([collector]), plan.page_grid(), options.style)
+    description = f"{clean(log)}: measured, predicted by the original model, and predicted by the fitted model"
+    segments = f"Each segment begins in the state that fits best; held-out data begin again about every {HORIZON} rows."
+    return PageFigure(svg, description, [*plan.notes, *collector.notes(), segments])
+
+
+def _confidence(result: "FitResult") -> str:
+    return f"{100 * result.confidence:g} % interval"
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{_number(low)} … {_number(high)}" if low < high else ""
+
+
+def _number(value: float) -> str:
+    return f"{value:.5g}".replace("-", "−")
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.3g} %"

@@ -1,25 +1,183 @@
 """Destinations of outputs: files, folders and patterns of frames, standard output.
 
-An output is written next to its final place under a temporary name, and renamed when it is complete.
+An output is written next to its final place under a temporary name, and renamed when it is complete; the replacement is
+safe against failures and kills. Frames wait in the folder `new` of a temporary folder. A folder of frames is exchanged
+for the older one in one step, or in two that can be undone. Frames with individual names need a rename each: the folder
+is called `moving` meanwhile, and the next process that sees it finishes. Older files are kept until all outputs of the
+pass are published.
 """
 
+import contextlib
+import ctypes
 import errno
 import os
 import re
 import stat
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mjrun.confinement.confinement import is_writable
 from mjrun.errors import FileError, file_errors, option
-from mjrun.formats import crash_safe_replacement
 from mjrun.formats.parent_folders import TRIES, ParentFolders
-from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
+from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove, unused_name
 from mjrun.platform import system
 from mjrun.shared_status import note_folder
 
 FRAME_NAME = "%06d.png"
 NAME_MAX = 255  # bytes in the name of a file
+NEW, OLD, MOVING = "new", "old", "moving"
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # constants of Linux: paths relative to the working folder; swap both names
+
+Place = Callable[[int], Path]  # returns the path of a frame, given its number
+
+
+def replace_file(new: Path, target: Path) -> Path | None:
+    """Replaces `target` by a file, and returns the path of the older file; None if it is missing or cannot be kept.
+
+    Raises:
+      OSError: the replacement failed, and `target` is unchanged.
+    """
+    if not os.path.lexists(target):
+        new.rename(target)
+        return None
+    if exchange(new, target):
+        return new
+    _require_replaceable(target)
+    older = unused_name(target)
+    try:
+        system.hard_link(target, older)
+    except OSError:
+        new.replace(target)
+        return None
+    try:
+        new.replace(target)
+    except BaseException:
+        remove(older)
+        raise
+    return older
+
+
+def _require_replaceable(target: Path) -> None:
+    """Checks that a file may be replaced: in a sticky folder, such as /tmp, a file of another user may not.
+
+    A second link to it, which keeps it, could not be removed either.
+
+    Raises:
+      PermissionError: it may not be replaced.
+    """
+    folder, user = target.parent.stat(), system.effective_user()
+    is_sticky = bool(folder.st_mode & stat.S_ISVTX)
+    if is_sticky and user not in (0, folder.st_uid, target.lstat().st_uid):
+        raise PermissionError(errno.EPERM, "another user's file; users can replace only their own here")
+
+
+def replace_folder(temporary: Path, target: Path) -> None:
+    """Replaces the folder `target` by the new frames, and moves its older frames to the temporary folder.
+
+    Raises:
+      OSError: the replacement failed, and `target` is unchanged.
+    """
+    new, old = temporary / NEW, temporary / OLD
+    if not target.exists():
+        new.rename(target)
+    elif not exchange(new, target):
+        try:
+            target.rename(old)
+            new.rename(target)
+        except BaseException:
+            restore_folder(temporary, target)
+            raise
+
+
+def restore_folder(temporary: Path, target: Path) -> None:
+    """Restores the older frames if `target` is missing: the process was stopped between two renames."""
+    if (temporary / OLD).exists() and not target.exists():
+        (temporary / OLD).rename(target)
+
+
+def take_back_folder(temporary: Path, target: Path) -> None:
+    """Undoes `replace_folder`.
+
+    Raises:
+      OSError: the operation failed.
+    """
+    new = temporary / NEW
+    if new.exists():  # it holds the older frames
+        replace_folder(temporary, target)
+    else:
+        target.rename(new)
+        restore_folder(temporary, target)
+
+
+def move_frames(temporary: Path, place: Place) -> None:
+    """Moves every frame to its place.
+
+    Raises:
+      OSError: the replacement failed. Everything is unchanged, or, if undoing failed too, the folder `moving` exists.
+    """
+    new, moving = temporary / NEW, temporary / MOVING
+    names = [frame.name for frame in new.iterdir()]
+    (temporary / OLD).mkdir()
+    new.rename(moving)
+    try:
+        finish_frames(temporary, place)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            take_back_frames(temporary, names, place)
+        raise
+
+
+def finish_frames(temporary: Path, place: Place) -> None:
+    """Moves the frames that are not yet in their places.
+
+    Raises:
+      OSError: the operation failed.
+    """
+    moving, old = temporary / MOVING, temporary / OLD
+    for frame in sorted(moving.iterdir(), key=frame_number):
+        target, older = place(frame_number(frame)), old / frame.name
+        if os.path.lexists(target) and not os.path.lexists(older):
+            if target.is_dir() and not target.is_symlink():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+            try:
+                system.hard_link(target, older)
+            except OSError:  # a file system without links
+                target.rename(older)
+        frame.replace(target)
+    moving.rmdir()
+
+
+def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> None:
+    """Undoes `move_frames` of frames with these `names`; after every step, it could still be finished instead.
+
+    Raises:
+      OSError: the operation failed.
+    """
+    moving = temporary / MOVING
+    moving.mkdir(exist_ok=True)
+    for name in names:
+        frame, older = moving / name, temporary / OLD / name
+        target = place(frame_number(frame))
+        if not frame.exists():
+            target.rename(frame)
+        if os.path.lexists(older):
+            older.replace(target)
+    moving.rename(temporary / NEW)
+
+
+def frame_number(path: Path) -> int:
+    """Returns the number of a frame, which is the stem of its name."""
+    return int(path.stem)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Exchanges two names in one step, and returns whether that worked: only some file systems of Linux support it."""
+    try:
+        renameat2 = ctypes.CDLL(None).renameat2
+    except (AttributeError, TypeError):  # not Linux
+        return False
+    return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0
 
 
 class Destination:
@@ -68,7 +226,7 @@ class _Staged(Destination):
             self._temporary = _temporary(target, shown, self._parents, folder=is_folder)
         self.path = str(self._temporary.path)
         if is_folder:
-            self.path = f"{self.path.replace('%', '%%')}/{crash_safe_replacement.NEW}/{FRAME_NAME}"
+            self.path = f"{self.path.replace('%', '%%')}/{NEW}/{FRAME_NAME}"
 
     def prepare(self) -> None:
         """Checks that the output can be placed there, and finishes what a killed process left unfinished.
@@ -118,7 +276,7 @@ class StagedFile(_Staged):
     def publish(self) -> list[Path]:
         self._is_new = not os.path.lexists(self._target)
         with file_errors(self._shown, "written"):
-            self._older = crash_safe_replacement.replace_file(self._temporary.path, self._target)
+            self._older = replace_file(self._temporary.path, self._target)
         return [self._shown]
 
     def take_back(self) -> None:
@@ -151,24 +309,24 @@ class StagedFolder(_Staged):
     def prepare(self) -> None:
         with left_behind(self._target.parent, self._target) as leftovers:
             for path in leftovers:
-                crash_safe_replacement.restore_folder(path, self._target)
+                restore_folder(path, self._target)
                 remove(path)
         if self._target.exists():
             _check_only_frames(self._shown, self._target)
 
     def publish(self) -> list[Path]:
         try:
-            crash_safe_replacement.replace_folder(self._temporary.path, self._target)
-            return sorted(self._shown.iterdir(), key=crash_safe_replacement.frame_number)
+            replace_folder(self._temporary.path, self._target)
+            return sorted(self._shown.iterdir(), key=frame_number)
         except OSError as error:
             hint = "its frames are in a hidden folder beside it; the next run with this name restores them"
             raise unwritable(self._shown, error, hint if self.is_between() else "") from None
 
     def take_back(self) -> None:
-        crash_safe_replacement.take_back_folder(self._temporary.path, self._target)
+        take_back_folder(self._temporary.path, self._target)
 
     def is_between(self) -> bool:
-        return (self._temporary.path / crash_safe_replacement.OLD).exists() and not self._target.exists()
+        return (self._temporary.path / OLD).exists() and not self._target.exists()
 
 
 class StagedFrames(_Staged):
@@ -192,22 +350,20 @@ class StagedFrames(_Staged):
         self._before, self._width, self._after = re.split(r"%(\d*)d", self._shown.name, maxsplit=1)
         with one_at_a_time(folder), left_behind(folder, self._shown) as leftovers:
             for path in leftovers:
-                if (path / crash_safe_replacement.MOVING).exists():
-                    crash_safe_replacement.finish_frames(path, self._place)
+                if (path / MOVING).exists():
+                    finish_frames(path, self._place)
                 remove(path)
 
     def publish(self) -> list[Path]:
         try:
-            self._frames = sorted(
-                (self._temporary.path / crash_safe_replacement.NEW).iterdir(), key=crash_safe_replacement.frame_number
-            )
-            crash_safe_replacement.move_frames(self._temporary.path, self._place)
+            self._frames = sorted((self._temporary.path / NEW).iterdir(), key=frame_number)
+            move_frames(self._temporary.path, self._place)
             names = [path.name for path in self._target.parent.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
             raise unwritable(self._shown, error, hint if self.is_between() else "") from None
 
-        places = [self._place(crash_safe_replacement.frame_number(frame)) for frame in self._frames]
+        places = [self._place(frame_number(frame)) for frame in self._frames]
         numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
         matches = [match for name in names if (match := numbered.fullmatch(name))]
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
@@ -215,12 +371,10 @@ class StagedFrames(_Staged):
         return [self._shown.parent / place.name for place in places]
 
     def take_back(self) -> None:
-        crash_safe_replacement.take_back_frames(
-            self._temporary.path, [frame.name for frame in self._frames], self._place
-        )
+        take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
 
     def is_between(self) -> bool:
-        return (self._temporary.path / crash_safe_replacement.MOVING).exists()
+        return (self._temporary.path / MOVING).exists()
 
     def _place(self, number: int) -> Path:
         return self._target.parent / f"{self._before}{number:{self._width or 1}d}{self._after}"
@@ -265,7 +419,7 @@ def remove_left_behind(folder: Path) -> None:
     """
     with left_behind(folder) as leftovers:
         for path in leftovers:
-            if not (path / crash_safe_replacement.OLD).exists():  # which the next output to that target restores
+            if not (path / OLD).exists():  # which the next output to that target restores
                 remove(path)
 
 
@@ -292,7 +446,7 @@ def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: boo
             note_folder(target.parent)
             temporary = TemporaryOutput(target, folder=folder)
             if folder:
-                (temporary.path / crash_safe_replacement.NEW).mkdir()
+                (temporary.path / NEW).mkdir()
             return temporary
         except OSError as error:
             if temporary:

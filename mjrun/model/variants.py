@@ -19,14 +19,18 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.model.body_recompilation import BodyCompiler
-from mjrun.model.compiler_copied_fields import COPIED_ARRAYS, CompilerCopiedFields, Rows, field_of, may_be_copied
-from mjrun.model.compiler_derived_fields import DerivedNumbers
-from mjrun.model.copied_element_values import CopiedElementNumbers
+from mjrun.model.compiler_copied_fields import (
+    COPIED_ARRAYS,
+    CompilerCopiedFields,
+    CopiedElementNumbers,
+    Rows,
+    field_of,
+    may_be_copied,
+)
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
 from mjrun.model.override import Override
-from mjrun.model.recompilation import Recompiler, may_be_recompiled
+from mjrun.model.recompilation import BodyCompiler, DerivedNumbers, Recompiler, may_be_recompiled
 from mjrun.model.source import Source
 
 PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source

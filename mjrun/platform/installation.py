@@ -1,7 +1,8 @@
-"""The commands that install packages for this mjrun, whichever tool has installed it."""
+"""The installation of mjrun: the folder of its scenes, and the commands that install packages for it."""
 
 import shlex
 import sys
+from functools import cache
 from pathlib import Path
 
 from mjrun.platform import system
@@ -44,3 +45,11 @@ def as_root(command: str) -> str:
     if shutil.which("sudo"):
         return " && ".join(f"sudo {each}" for each in command.split(" && "))
     return f"as root: {command}"
+
+
+@cache
+def scene_folder() -> Path:
+    """Returns the folder of the scenes, which is inside the package in a wheel and beside it in a checkout."""
+    package = Path(__file__).parents[1]
+    installed = package / "scenes"
+    return installed if installed.is_dir() else package.parent / "scenes"

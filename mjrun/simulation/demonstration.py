@@ -13,8 +13,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.model.names import names
 from mjrun.model.sources.demonstration import is_demonstration_file, open_demonstrations
-from mjrun.physics.kinematic_motion import KinematicMotion
-from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicSamples
+from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicMotion, KinematicSamples
 from mjrun.probe.fields import field_probe, offered
 from mjrun.suffixes import is_hdf5, split_episode
 from mjrun.timeline import nearest, rational, seconds

@@ -14,8 +14,7 @@ from mjrun.model.names import JOINT_TRANSMISSIONS, control_names
 from mjrun.options.number_kinds import UNITS as EXACT_UNITS
 from mjrun.options.setting_kinds import UNITS
 from mjrun.physics.control import ControlTable
-from mjrun.physics.kinematic_motion import KinematicMotion
-from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicSamples, quaternions
+from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicMotion, KinematicSamples, quaternions
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.probe.fields import field_probe, offered
 from mjrun.probe.row_expression import RowExpression

@@ -40,7 +40,7 @@ from mjrun.task.task import Task
 from mjrun.timeline import EXACT, Timeline, rational
 
 if TYPE_CHECKING:
-    from mjrun.physics.kinematic_motion import KinematicMotion
+    from mjrun.physics.kinematic_samples import KinematicMotion
     from mjrun.simulation.demonstration import DemonstratedEpisode
     from mjrun.simulation.episode import Episode
 

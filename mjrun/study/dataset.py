@@ -33,8 +33,8 @@ from mjrun.rendering.backend import AUTO, GL
 from mjrun.rendering.drawn_model import stage_parts, stage_remark
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
+from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.executors import WARP, check_engine
-from mjrun.study.image_spec import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import FailureGroup, point_failures, study_table
 from mjrun.study.spec import PointResult

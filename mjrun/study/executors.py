@@ -21,9 +21,8 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
-from mjrun.study.clusters import Cluster, has_ended, is_cluster, open_cluster
+from mjrun.study.clusters import Cluster, LostJobError, SlurmExecutor, has_ended, is_cluster, most_jobs, open_cluster
 from mjrun.study.isolation import run_chunk
-from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "ray", "ray://HOST:PORT", "slurm", "module:factory")

@@ -17,7 +17,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.experiment.point_conditions import parameter_names
+from mjrun.experiment.design_points import parameter_names
 from mjrun.experiment.results_table import TableNames
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.folders import LocalFolder

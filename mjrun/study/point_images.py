@@ -15,7 +15,7 @@ from mjrun.options.dataset import CAMERA
 from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectView, labelled_objects
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.image_spec import ImageSpec, camera_argument, part_of, record_path
+from mjrun.study.dataset_specs import ImageSpec, camera_argument, part_of, record_path
 
 
 class PointImageMaker:

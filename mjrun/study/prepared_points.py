@@ -22,10 +22,10 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
 from mjrun.study.chunk_files import ChunkFiles, PartWriter, SharedParts
+from mjrun.study.clusters import LostJobError
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.results import FailureReporter
-from mjrun.study.slurm import LostJobError
 from mjrun.study.spec import (
     ChunkResult,
     PointChunk,

@@ -34,8 +34,7 @@ from mjrun.options.schema_validation import InvalidValueError
 from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.episode_spec import EpisodeSpec
-from mjrun.study.image_spec import ImageSpec
+from mjrun.study.dataset_specs import EpisodeSpec, ImageSpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:

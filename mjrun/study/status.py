@@ -20,10 +20,10 @@ from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.clusters import FOLDER as SLURM
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
 from mjrun.study.range_folders import RangeFolders
-from mjrun.study.slurm import FOLDER as SLURM
 
 REFRESH = 5  # [s] between two versions of a page
 HINT = "a study is a folder that mjrun sweep has written"

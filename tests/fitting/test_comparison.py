@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.fitting.comparison import comparison_rows, write_comparison
+from mjrun.fitting.outputs import comparison_rows, write_comparison
 from mjrun.formats.table_reader import read_table
 from mjrun.model.table_column import Column
 from tests.fitting.logs import NOISE

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.fitting.fit_page import write_fit_page
+from mjrun.fitting.outputs import write_fit_page
 from mjrun.fitting.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
 from mjrun.model.table_column import Column
 

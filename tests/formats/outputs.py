@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.formats import crash_safe_replacement
+from mjrun.formats import destinations
 from mjrun.formats.destinations import Destination
 
 
@@ -27,4 +27,4 @@ def no_exchange(*_: object) -> bool:
     return False
 
 
-both_ways = pytest.mark.parametrize("exchange", [crash_safe_replacement.exchange, no_exchange])
+both_ways = pytest.mark.parametrize("exchange", [destinations.exchange, no_exchange])

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
-from mjrun.formats import crash_safe_replacement
+from mjrun.formats import destinations
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.destinations import StagedFile, StagedFolder, StagedFrames
 from tests.formats.file_faults import MOST, fault
@@ -43,7 +43,7 @@ def state(folder: Path) -> dict[str, str]:
 def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says_which(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool], kind: str, had: bool
 ) -> None:
-    monkeypatch.setattr(crash_safe_replacement, "exchange", exchange)
+    monkeypatch.setattr(destinations, "exchange", exchange)
     number = 0
     while True:
         number += 1

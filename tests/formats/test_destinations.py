@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import crash_safe_replacement
+from mjrun.formats import destinations
 from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput
 from tests.formats.file_faults import MOST, fault, killed_at
 from tests.formats.outputs import both_ways, fill, names, no_exchange
@@ -119,11 +119,11 @@ def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
     assert names(tmp_path) == ["frames"]
 
 
-@pytest.mark.parametrize("exchange", [crash_safe_replacement.exchange, no_exchange])
+@pytest.mark.parametrize("exchange", [destinations.exchange, no_exchange])
 def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
 ) -> None:
-    monkeypatch.setattr(crash_safe_replacement, "exchange", exchange)
+    monkeypatch.setattr(destinations, "exchange", exchange)
     for text in ("old", "new"):
         publish(StagedFolder(tmp_path / "frames"), 1, text)
         assert (tmp_path / "frames/000000.png").read_text() == f"{text} 0"
@@ -156,7 +156,7 @@ def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_
     old: list[str],
     new: list[str],
 ) -> None:
-    monkeypatch.setattr(crash_safe_replacement, "exchange", exchange)
+    monkeypatch.setattr(destinations, "exchange", exchange)
     number = 0
     while True:
         number += 1
@@ -208,7 +208,7 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
     new: list[str],
     kind: str,
 ) -> None:
-    monkeypatch.setattr(crash_safe_replacement, "exchange", exchange)
+    monkeypatch.setattr(destinations, "exchange", exchange)
     number = 0
     while True:
         number += 1

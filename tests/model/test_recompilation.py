@@ -7,12 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.model.body_recompilation import BodyCompiler
-from mjrun.model.compiler_copied_fields import CompilerCopiedFields
-from mjrun.model.compiler_derived_fields import DerivedNumbers
-from mjrun.model.copied_element_values import CopiedElementNumbers
+from mjrun.model.compiler_copied_fields import CompilerCopiedFields, CopiedElementNumbers
 from mjrun.model.override import Override, apply
-from mjrun.model.recompilation import Recompiler
+from mjrun.model.recompilation import BodyCompiler, DerivedNumbers, Recompiler
 from mjrun.model.sources import parse_source
 from tests.model.model_files import content
 from tests.model.test_variants import ARM

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from mjrun.errors import UsageError
 from mjrun.model import state
 from mjrun.model.names import BALL, FREE
-from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.kinematic_samples import (
     CompleteSamples,
     Interpolation,
+    KinematicMotion,
     KinematicSamples,
     finite_differences,
     hinges,

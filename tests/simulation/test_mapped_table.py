@@ -18,7 +18,7 @@ from mjrun.errors import FileError, MjrunError, UnknownNameError, UsageError
 from mjrun.formats.recording import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
-from mjrun.physics.kinematic_motion import KinematicMotion
+from mjrun.physics.kinematic_samples import KinematicMotion
 from mjrun.simulation.mapped_table import read_controls, read_motion
 from mjrun.simulation.simulation import Simulation
 from tests.physics.tumbler import column_names, model, tumble

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mjrun.study.chunk_files import SharedParts
-from mjrun.study.slurm import LostJobError
+from mjrun.study.clusters import LostJobError
 from mjrun.study.spec import ChunkResult
 
 

@@ -14,7 +14,7 @@ import mjrun
 from mjrun.errors import FailedPointsError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.study.dataset import Dataset, DatasetResult
-from mjrun.study.image_spec import camera_argument, part_of
+from mjrun.study.dataset_specs import camera_argument, part_of
 from tests.cases import cases
 from tests.study.in_process import simulate_here
 

@@ -17,8 +17,8 @@ from mjrun.errors import FailedEpisodesError, FileError, MjrunWarning, UsageErro
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.reporter import WarningReporter
+from mjrun.study.dataset_specs import camera_keys
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
-from mjrun.study.episode_spec import camera_keys
 from mjrun.task.task import Reward, Task
 from tests.evaluation.tasks import XML, cart_task, write_policies
 

@@ -11,8 +11,7 @@ from mjrun.experiment.design import Design
 from mjrun.model import state
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.ineffective_values import own_values
-from mjrun.study.prepared import PreparedStudy
+from mjrun.study.prepared import PreparedStudy, own_values
 from mjrun.study.spec import StudySpec
 from mjrun.study.study import Study
 from tests.reporters import RecordingReporter

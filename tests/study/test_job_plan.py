@@ -21,8 +21,7 @@ from mjrun.study.executors import ChunkSizes
 from mjrun.study.job_plan import MOST_RANGES, StudyPlan, TaskResult, plan, ranges_of, run_task, task_points
 from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.preview import StudyPreview
-from mjrun.study.study import Study
+from mjrun.study.study import Study, StudyPreview
 from tests.reporters import RecordingReporter
 from tests.study.models import BALL
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.options.dataset import LabelOptions
-from mjrun.study.image_spec import ImageSpec, record_path
+from mjrun.study.dataset_specs import ImageSpec, record_path
 from mjrun.study.point_images import PointImageMaker
 
 MODEL = '<mujoco><worldbody><body name="ball"><joint type="slide"/><geom size=".1"/></body></worldbody></mujoco>'

@@ -14,9 +14,9 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.simulation.simulation import Simulation
-from mjrun.study import slurm
+from mjrun.study import clusters
+from mjrun.study.clusters import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.executors import completed, process_count
-from mjrun.study.slurm import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
 from tests.processes import PATIENCE, wait_until
 from tests.study.slurm_stand_in import install, states
@@ -57,8 +57,8 @@ def test_calls_that_arrive_together_are_one_array_with_the_settings(tmp_path: Pa
 def test_the_jobs_in_flight_are_as_many_as_the_queue_accepts(
     tmp_path: Path, cluster: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(slurm, "BUSY", 0)
-    monkeypatch.setattr(slurm, "EVERY", 0)
+    monkeypatch.setattr(clusters, "BUSY", 0)
+    monkeypatch.setattr(clusters, "EVERY", 0)
     (cluster / "limit").write_text("2")
     with SlurmExecutor(tmp_path, (), 100, print) as executor:
         with executor.batch():
@@ -101,8 +101,8 @@ def _fail_when_released(chunk: PointChunk) -> ChunkResult:
 def test_lost_jobs_are_tried_again_once_and_those_over_time_in_parts(
     tmp_path: Path, cluster: Path, ball: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("EVERY", "PATIENCE", "REQUEUE"):
-        monkeypatch.setattr(slurm, name, 0)
+    for name in ("EVERY", "SLOW_FILES", "REQUEUE"):
+        monkeypatch.setattr(clusters, name, 0)
     monkeypatch.setattr("mjrun.study.executors.run_chunk", _end)
     study, points = ShippedStudy.of(StudySpec(ball, ("seed",), ())), [StudyPoint(i, (str(i),)) for i in range(2)]
     chunk = PointChunk(study, tuple(points), contents={"cluster": str(cluster).encode()})

@@ -9,8 +9,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances, PushKind
 from mjrun.task.task import Action
-from mjrun.task.world_disturbances import WorldDisturbances
-from mjrun.task.worlds import TaskWorlds
+from mjrun.task.worlds import TaskWorlds, WorldDisturbances
 from tests.task.test_worlds import MODEL, cart
 
 PUSHES = ("pole=1/0/0@0.02+0.03", "ball=0/2/0@0.04+0.05")

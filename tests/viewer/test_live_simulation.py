@@ -13,7 +13,7 @@ from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Action, Observation, Task
-from mjrun.viewer.live_simulation import RECORDED, REPLAY, LiveSimulation, SessionRecording
+from mjrun.viewer.viewer import RECORDED, REPLAY, LiveSimulation, SessionRecording
 from mjrun.viewer.window import Edit, Pull
 from tests.reporters import RecordingReporter
 

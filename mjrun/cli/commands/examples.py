@@ -10,7 +10,7 @@ import click
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.errors import FileError, clean
-from mjrun.model.bundled_scene_folder import scene_folder
+from mjrun.platform.installation import scene_folder
 
 LEFT_OUT = ("__pycache__", "pictures", "schema", "*.md", "*.webp")  # which only a checkout contains
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.sources.file import CollectionFileSource
+from mjrun.platform.installation import scene_folder
 
 SCHEMA_COMMENT = "# yaml-language-server:"  # the comment in a document that selects its schema in editors
 

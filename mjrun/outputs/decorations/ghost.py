@@ -16,7 +16,7 @@ from mjrun.model.names import identify
 from mjrun.options.number_kinds import Point
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.physics.kinematic_motion import KinematicMotion
+from mjrun.physics.kinematic_samples import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.visual import Visual, visual_of

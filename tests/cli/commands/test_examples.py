@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.cli.commands import examples
 from mjrun.cli.main import run
-from mjrun.model.bundled_scene_folder import scene_folder
+from mjrun.platform.installation import scene_folder
 
 pytestmark = pytest.mark.usefixtures("own_signals")
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import ModelNotFoundError, UnknownNameError
-from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.bundled_scene import BundledScene, bundled_task
+from mjrun.platform.installation import scene_folder
 
 SCENES = Path(__file__).parents[3] / "scenes"
 TASKS = ["car_drive", "humanoid_stand", "pendulum_swing_up"]

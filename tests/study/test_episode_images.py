@@ -12,9 +12,9 @@ import pytest
 import mjrun
 from mjrun.model import state
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.episode_images import EpisodeImageRenderer
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.visual import visual_of
+from mjrun.study.point_episodes import EpisodeImageRenderer
 from mjrun.timeline import Timeline
 
 pytestmark = pytest.mark.gl
