@@ -6,7 +6,6 @@ makes a promise, which its parent records at once: later contents of the memory 
 The command imports this module before it forks, and everything that is imported then makes forking slower.
 """
 
-import json
 import mmap
 import os
 import threading
@@ -21,7 +20,7 @@ from mjrun.platform import system
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
-CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED = range(5)  # which copy is valid, and properties of the process
+CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED, MADE = range(6)  # which copy is valid, and properties of the process
 MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a notice that is read
 PATIENCE = 60.0  # [s] to wait for that
 
@@ -104,9 +103,11 @@ class SharedStatus:
       completing: the process is doing work that must be completed even if it is to end.
       believed: the promise was recorded.
       answered: the process has printed its JSON document, or begun to.
+      has_made_folders: the process has created output folders.
     """
 
-    heard, completing, believed, answered = (_Mark(place) for place in (HEARD, COMPLETING, BELIEVED, ANSWERED))
+    heard, completing, believed = _Mark(HEARD), _Mark(COMPLETING), _Mark(BELIEVED)
+    answered, has_made_folders = _Mark(ANSWERED), _Mark(MADE)
 
     def __init__(self) -> None:
         self.memory = mmap.mmap(-1, MARKS + 2 * SIZE)
@@ -114,6 +115,8 @@ class SharedStatus:
 
     def write(self, notice: ProcessStatus) -> None:
         """Replaces the status; if the process dies meanwhile, either the old or the new status remains."""
+        import json
+
         text = json.dumps(notice.document()).encode()
         if len(text) >= SIZE:
             return
@@ -126,6 +129,8 @@ class SharedStatus:
         """Returns the status; an empty one if the memory contains none."""
         begin = MARKS + (self.memory[CURRENT] & 1) * SIZE
         text = self.memory[begin : max(begin, self.memory.find(b"\0", begin))]
+        import json
+
         with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
             return _parsed(json.loads(text))
         return ProcessStatus()
@@ -168,6 +173,8 @@ def note_made_folder(folder: Path) -> None:
     if path not in _notice.made:
         with _noting() as notice:
             notice.made.append(path)
+        if _board:
+            _board.has_made_folders = True
 
 
 def note_child(pid: int) -> None:

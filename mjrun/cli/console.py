@@ -1,6 +1,5 @@
 """Reports of commands and their output: the payload on stdout, everything else on stderr, in colours where wanted."""
 
-import json
 import os
 import re
 import sys
@@ -200,6 +199,8 @@ class Console:
         document = {**(self._document or {}), **({"error": self._failure} if self._failure else {})}
         if not document:
             return
+        import json
+
         limits = confinement()
         if limits and "runs" not in document:  # SARIF has runs, and allows no further key
             document["untrusted"] = limits.facts()

@@ -121,6 +121,8 @@ class _Watcher:
         code = os.waitstatus_to_exitcode(status)
         if self._promise:
             kill_descendants()
+        elif code >= 0 and self._ending is None and not self._board.has_made_folders:
+            return code  # without the import of json, which reads the status
         notice = self._notice()
         if code < 0 or (self._ending is not None and _has_left_something(notice)):
             _clear_away(notice)

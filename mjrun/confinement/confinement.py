@@ -3,7 +3,6 @@
 Paths are checked before they are opened, whether the kernel confines the process or not.
 """
 
-import json
 import os
 from functools import cache
 from pathlib import Path
@@ -97,6 +96,8 @@ def advice() -> str:
 
 @cache
 def _parsed(text: str) -> Confinement:
+    import json
+
     values = json.loads(text)
     roots, files, written = (tuple(map(str, values.pop(name))) for name in ("roots", "files", "written"))
     return Confinement(roots, files, written, **values)

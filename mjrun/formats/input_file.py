@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import json
 import os
 import stat
 import warnings
@@ -130,6 +129,8 @@ def decoded(path: Path, items: Iterator[T]) -> Iterator[T]:
 
 def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:
     """Returns the manifest in a file; None if `text` is anything else, as the file is untrusted."""
+    import json
+
     try:
         manifest = json.loads(text or "null")
     except (ValueError, RecursionError):

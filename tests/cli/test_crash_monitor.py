@@ -226,6 +226,21 @@ die(signal.SIGSEGV)"""
     assert left == ["made", "made/x.csv", "there"]
 
 
+def test_folders_made_for_outputs_of_a_process_that_ends_by_itself_are_removed_if_they_are_empty(
+    tmp_path: Path,
+) -> None:
+    work = """
+from pathlib import Path
+from mjrun.shared_status import note_made_folder
+for name in ("empty", "full"):
+    Path(name).mkdir()
+    note_made_folder(Path(name))
+Path("full/x.csv").write_text("")
+os._exit(7)"""
+    assert outcome(start(work, tmp_path))[0] == 7
+    assert [path.name for path in tmp_path.iterdir()] == ["full"]
+
+
 def test_a_confined_child_that_dies_leaves_no_empty_folder_in_its_outputs(tmp_path: Path) -> None:
     for name in ("own", "out"):
         (tmp_path / name).mkdir()

@@ -21,7 +21,6 @@ from types import ModuleType
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
-from mjrun.packages import require
 from mjrun.suffixes import HDF5
 
 
@@ -59,6 +58,8 @@ class TableFormat:
     def require_library(self, purpose: str) -> None:
         """Raises MissingExtraError or WrongVersionError if its library is unusable; `purpose`: `writing .parquet`."""
         if self.library:
+            from mjrun.packages import require
+
             require(purpose, self.extra, self.library)
 
 

@@ -10,8 +10,6 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.formats.input_file import is_folder
-
 if TYPE_CHECKING:
     from mjrun.policy.policy import PolicyLoader
 
@@ -29,6 +27,8 @@ def loaders() -> "list[PolicyLoader]":
 
 def loader_of(path: Path) -> "PolicyLoader | None":
     """Returns the loader of a file or a folder; None if its format is unknown."""
+    from mjrun.formats.input_file import is_folder  # which help does without
+
     if is_folder(path):
         return next(each for each in loaders() if each.reads_folders)
     return next((each for each in loaders() if path.suffix.lower() in each.suffixes), None)
