@@ -248,10 +248,13 @@ class _Excitation:
         assert fit.excite is not None
         of_fits = {
             "data": fit.data,
+            "holdout_data": fit.holdout_data,
+            "noise": fit.noise,
             "output": fit.output,
             "comparison": fit.comparison,
             "ranges": fit.ranges,
             "html": fit.html,
+            "video": fit.video,
         }
         for name, value in of_fits.items():
             if value:

@@ -36,7 +36,7 @@ from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
 from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
+from mjrun.simulation.simulation import Simulation, require_simulation, require_without
 
 MISFIT = 2.0  # reduced χ² above which the user is warned
 HOPELESS, HOPELESS_SHARE = 10.0, 0.1  # residual over noise, and over the spread of a signal, above which a fit fails
@@ -44,6 +44,8 @@ LEAST = 1e-5  # least noise of a signal that counts, as a share of its standard 
 BLOCKS = 20  # blocks of held-out data whose errors are assumed to be independent
 CERTAIN = 2.0  # standard deviations that a gain must exceed
 ENOUGH = 4  # least measured numbers per unknown
+DRIVING = ("controller", "ctrl_from", "policy", "push", "ctrl_noise", "replay")  # options which a log replaces
+READING = ("quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # of tables that are replayed
 TOLERANCE = 1e-3  # relative difference of costs due to rounding
 
 Partial = Callable[[FitResult], None]
@@ -183,7 +185,9 @@ class Fit(FitOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_simulation(self.simulation)
-        require_whole(self.simulation, "a fit: the measurements set its length")
+        require_without(self.simulation, DRIVING, "a fit: the motion and the controls are those of the measurements")
+        require_without(self.simulation, READING, "the table of a fit")
+        require_without(self.simulation, ("until",), "a fit: the measurements set its length")
 
     def run(self, reporter: Reporter | None = None, partial: Partial | None = None) -> FitResult:
         """Fits the parameters and writes the output files.

@@ -1,7 +1,7 @@
 """A simulation as a value: model, initial state, inputs and length. It compiles its model and starts its steppers."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, fields, replace
 from fractions import Fraction
 from functools import cache, cached_property
@@ -491,8 +491,14 @@ def require_file_of(name: str, path: str) -> None:
 
 def require_whole(simulation: Simulation, product: str) -> None:
     """Raises UsageError if a condition ends `simulation`, which `product` does not support: "a view"."""
-    if simulation.until is not None:
-        raise UsageError(f"{option('until')} does not apply to {product}", ("until",))
+    require_without(simulation, ("until",), product)
+
+
+def require_without(simulation: Simulation, names: Iterable[str], product: str) -> None:
+    """Raises UsageError if one of these options of `simulation` is given, which `product` does not support."""
+    for name in names:
+        if is_given(simulation, name):
+            raise UsageError(f"{option(name)} does not apply to {product}", (name,))
 
 
 def require_countable(steps: int, name: str) -> None:

@@ -142,7 +142,8 @@ def test_contacts_that_begin_are_reported(tmp_path: Path, pendulum: Fit) -> None
 
 
 def test_nothing_is_measured_yet(pendulum: Fit) -> None:
-    with pytest.raises(UsageError, match="precedes measurements: leave output out"):
-        excite(replace(pendulum, output="fitted.xml"))
+    for name, value in {"output": "fitted.xml", "video": "fitted.mp4", "holdout_data": ("log.csv",)}.items():
+        with pytest.raises(UsageError, match=f"precedes measurements: leave {name} out"):
+            excite(replace(pendulum, **{name: value}))
     with pytest.raises(UsageError, match="velocity_limit applies only with excite"):
         replace(pendulum, excite=None).run()
