@@ -17,13 +17,23 @@ if TYPE_CHECKING:
 
 UPDATE = "--mjrun-update"
 FOLDER = "golden"  # beside the file with the test
-TESTS = pytest.StashKey[dict[Path, str]]()  # by the golden table that is named after each
+FIXTURE = "assert_trace_golden"
+TESTS = pytest.StashKey[dict[Path, list[str]]]()  # by the golden table that is named after each
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Adds the option that replaces golden tables."""
     text = "create or replace the golden tables of assert_trace_golden"
     parser.getgroup("mjrun").addoption(UPDATE, action="store_true", help=text)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Notes which tests share the name of a golden table; every process of pytest-xdist collects all of them."""
+    tests = config.stash.setdefault(TESTS, {})
+    for item in items:
+        if FIXTURE in getattr(item, "fixturenames", ()):
+            tests.setdefault(_usual_table(item), []).append(_test_name(item))
 
 
 @pytest.fixture
@@ -44,26 +54,38 @@ def assert_trace_golden(request: pytest.FixtureRequest) -> "Callable[..., TraceR
 
     Its arguments are the simulation; `golden`, the path of the table, by default `golden/MODULE/TEST.csv` beside the
     module of the test; and the options of `mjrun.Trace`, such as `probe`, `rate`, `atol` and `tol`. It returns the
-    result of the trace. A second table of a test, or one of a test of a similar name, needs a path.
+    result of the trace. A second table of a test needs a path, and so do those of tests of similar names.
     """
     from mjrun.errors import FileError, GoldenDifferenceError
     from mjrun.outputs.trace import Trace
 
-    test = request.node.nodeid.partition("::")[2]  # with its class
-    name = re.sub(r"[^\w.-]+", "_", test).strip("_")
-    usual = request.path.parent / FOLDER / request.path.stem / f"{name}.csv"
+    test, usual = _test_name(request.node), _usual_table(request.node)
     update = bool(request.config.getoption(UPDATE))
-    tests, used = request.config.stash.setdefault(TESTS, {}), list[Path]()
+    others = [each for each in request.config.stash[TESTS].get(usual, []) if each != test]
+    used = list[Path]()
 
     def assert_golden(simulation: "Simulation", golden: str | Path | None = None, **options: Any) -> "TraceResult":
         if golden is None:
-            if used or tests.setdefault(usual, test) != test:
-                pytest.fail(f"{usual} is already the table of {tests[usual]}; name another: golden=…", pytrace=False)
+            if used or others:
+                owner = (others or [test])[0]
+                pytest.fail(f"{usual} is already the table of {owner}; name another: golden=…", pytrace=False)
             used.append(usual)
         path = str(golden or usual)
         try:
             return Trace(simulation, written=False, golden=path, update=update, **options).run()
         except (FileError, GoldenDifferenceError) as error:
-            pytest.fail(error.spelled(lambda name: UPDATE if name == "update" else name), pytrace=False)
+            message = error.spelled(lambda name: UPDATE if name == "update" else name)
+        pytest.fail(message, pytrace=False)
 
     return assert_golden
+
+
+def _test_name(item: pytest.Item) -> str:
+    """Returns the name of a test with its class and its parameters."""
+    return item.nodeid.partition("::")[2]
+
+
+def _usual_table(item: pytest.Item) -> Path:
+    """Returns the path of the golden table that is named after a test."""
+    name = re.sub(r"[^\w.-]+", "_", _test_name(item)).strip("_")
+    return item.path.parent / FOLDER / item.path.stem / f"{name}.csv"

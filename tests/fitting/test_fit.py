@@ -58,7 +58,7 @@ def test_a_fit_finds_what_the_log_was_made_with(tmp_path: Path, pendulum: Simula
     "driving", [{"controller": print}, {"push": ["bob=1/0/0@1+0.1"]}, {"ctrl_noise": 1}, {"quat": "xyzw"}]
 )
 def test_options_of_which_a_fit_makes_no_use_are_refused(tmp_path: Path, pendulum: Simulation, driving: dict) -> None:
-    with pytest.raises(UsageError, match=f"^{[*driving][0]} does not apply to"):
+    with pytest.raises(UsageError, match=f"^{next(iter(driving))} does not apply to"):
         Fit(Simulation(pendulum.model, **driving), data=log(tmp_path), free=THREE)
 
 
