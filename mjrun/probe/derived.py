@@ -44,7 +44,7 @@ def energy(model: mujoco.MjModel) -> FieldProbe:
 def contact(model: mujoco.MjModel) -> FieldProbe:
     """Measures the number of contacts."""
     column = Column("contact/ncon", "", "number of detected contacts")
-    return FieldProbe([column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float))
+    return FieldProbe([column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float), places=[0])
 
 
 def solver(model: mujoco.MjModel) -> FieldProbe:
@@ -83,7 +83,9 @@ def speed(model: mujoco.MjModel) -> FieldProbe:
 def com(model: mujoco.MjModel) -> FieldProbe:
     """Measures the centre of mass of the whole model [m], world included."""
     columns = [Column(f"com/{axis}", "m", "centre of mass of the model") for axis in "xyz"]
-    return FieldProbe(columns, ("subtree_com",), lambda fields, initial: fields["subtree_com"][..., 0, :])
+    return FieldProbe(
+        columns, ("subtree_com",), lambda fields, initial: fields["subtree_com"][..., 0, :], places=range(3)
+    )
 
 
 def momentum(model: mujoco.MjModel) -> FieldProbe:

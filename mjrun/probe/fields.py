@@ -63,6 +63,7 @@ class FieldProbe:
         number of instants, and the same fields at step 0 of each simulation, which broadcast against them.
       needs_initial: whether it uses the latter.
       reads_model: whether `compute` also reads numbers of the model, such as masses.
+      places: the places of the columns in the only field, where they are its numbers unchanged; None otherwise.
     """
 
     columns: Sequence[Column]
@@ -70,12 +71,16 @@ class FieldProbe:
     compute: Callable[[Fields, Fields], np.ndarray]
     needs_initial: bool = False
     reads_model: bool = False
+    places: Sequence[int] | None = None
 
     def only(self, indices: Sequence[int]) -> "FieldProbe":
         """Returns the probe with only these of its columns."""
         index, compute = np.array(indices, int), self.compute
         columns = [self.columns[i] for i in indices]
-        return replace(self, columns=columns, compute=lambda fields, initial: compute(fields, initial)[..., index])
+        places = None if self.places is None else [self.places[i] for i in indices]
+        return replace(
+            self, columns=columns, compute=lambda fields, initial: compute(fields, initial)[..., index], places=places
+        )
 
 
 @dataclass(frozen=True)
@@ -132,7 +137,7 @@ def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldP
         values = fields[field]
         return values.reshape(*values.shape[: values.ndim - axes], -1).astype(float, copy=False)
 
-    return FieldProbe(columns, (field,), compute)
+    return FieldProbe(columns, (field,), compute, places=range(len(columns)))
 
 
 _compute_inverse = partial(mujoco.mj_inverseSkip, skipstage=int(mujoco.mjtStage.mjSTAGE_VEL), skipsensor=True)

@@ -43,6 +43,7 @@ NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 Rows = slice | np.ndarray
 ALL = slice(None)
 Read = Callable[[Rows, np.ndarray], None]  # reads some worlds into `(k, columns)`
+NumberSource = tuple[np.ndarray, int]  # an array `(size,)`, and the place of a number in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +157,13 @@ class MeasurementPlan:
             columns, probe = self._group(group)
             places = {column.name: index for index, column in enumerate(columns)}
             indices = [places[name] for name in members]
-            field = ALIASES.get(group, group)
-            if field in extents():
+            chosen = probe.only(indices)
+            if isinstance(chosen, FieldProbe) and chosen.places is not None:
+                (field,) = chosen.fields
                 is_left_out = field in LAZY and not (can_sense and field in SENSED)
-                yield _FieldPiece(field, np.array(indices), is_left_out)
+                yield _FieldPiece(field, np.array(chosen.places), is_left_out)
             else:
-                yield _ProbePiece(probe.only(indices), group, indices)
+                yield _ProbePiece(chosen, group, indices)
 
     def _stage(self, field: str) -> int:
         if field == "sensordata":
@@ -230,7 +232,9 @@ class BatchColumns:
         self._batch, self._model_of = batch, model_of
         self.count = plan.count
         self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that read them
-        self._copied: list[tuple[slice, np.ndarray]] = []  # views `(n, …)` of adjacent numbers of a field
+        self._fields: dict[str, np.ndarray] = {}  # flattened, `(n, size)`
+        self._gathered: list[tuple[slice, str, np.ndarray]] = []  # columns that are numbers of a field, at these places
+        self._copied: list[tuple[slice, np.ndarray]] = []  # views `(n, …)` of adjacent numbers
         self._reads: list[tuple[slice, Read]] = []
         examined = _DataColumns()
         start = 0
@@ -248,10 +252,11 @@ class BatchColumns:
                     examined.measured.append((place, probe))
         self._examined = None
         if not isinstance(batch, Batch):
-            values = np.zeros((batch.nsim, plan.count))
-            rows = [*values]
-            batch.examine = lambda world, model, data: examined.read(model, data, rows[world])
-            self._copied += [(place, values[:, place]) for place in examined.places]
+            if examined.places:
+                values = np.zeros((batch.nsim, plan.count))
+                rows = [*values]
+                batch.examine = lambda world, model, data: examined.read(model, data, rows[world])
+                self._copied += [(place, values[:, place]) for place in examined.places]
         elif examined.places:
             self._examined, self._scratch = examined, mujoco.MjData(batch.model)
 
@@ -279,20 +284,27 @@ class BatchColumns:
         if self._examined:
             self._examine(np.arange(self._batch.nsim)[rows], out)
 
-    def reader(self, out: np.ndarray) -> Callable[[], None]:
-        """Returns a function that writes the columns of the only world into `out` `(columns,)`, faster than `read`."""
-        copies = [(out[place], values[0]) for place, values in self._copied]
-        reads = [(read, out[None, place]) for place, read in self._reads]
+    def alone(self) -> tuple[list[NumberSource], Callable[[], None]]:
+        """Returns the source of each column of the only world, and a function that updates those that are no fields."""
+        row = np.zeros(self.count)
+        sources: list[NumberSource] = [(row, place) for place in range(self.count)]
+        fields = {name: values[0] for name, values in self._fields.items() if values.dtype == row.dtype}
+        for place, name, places in self._gathered:
+            if name in fields:
+                sources[place] = [(fields[name], index) for index in places.tolist()]
+        others = {place for source, place in sources if source is row}
+        copies = [(row[place], values[0]) for place, values in self._copied if place.start in others]
+        reads = [(read, row[None, place]) for place, read in self._reads if place.start in others]
 
-        def read_all() -> None:
+        def update() -> None:
             for target, values in copies:
                 target[...] = values
             for read, target in reads:
                 read(ALL, target)
             if self._examined:
-                self._examine(np.zeros(1, int), out[None])
+                self._examine(np.zeros(1, int), row[None])
 
-        return read_all
+        return sources, update
 
     def _examine(self, worlds: np.ndarray, out: np.ndarray) -> None:
         """Writes the columns that need an MjData into `out` `(k, columns)`."""
@@ -304,8 +316,11 @@ class BatchColumns:
 
     def _gather(self, place: slice, piece: _FieldPiece) -> None:
         """Prepares reading numbers of a field into the columns `place`."""
-        values, places = self._batch.bind(piece.field), piece.places
-        values = values.reshape(self._batch.nsim, -1)  # a view
+        field, places = piece.field, piece.places
+        if field not in self._fields:
+            self._fields[field] = self._batch.bind(field).reshape(self._batch.nsim, -1)  # a view
+        values = self._fields[field]
+        self._gathered.append((place, field, places))
         run = as_slice(places)
         if isinstance(run, slice):
             self._copied.append((place, values[:, run]))

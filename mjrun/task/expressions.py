@@ -8,6 +8,7 @@ import numpy as np
 from mjrun.errors import concerning
 from mjrun.probe.evaluation import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_condition, parse_task_value
+from mjrun.task.batch_columns import NumberSource
 from mjrun.task.episode import Endings
 from mjrun.task.single_world_expressions import RowProgram
 from mjrun.task.task import TIMED_OUT, UNSTABLE, Task
@@ -45,6 +46,7 @@ class TaskExpressions:
 
     Attributes:
       measured: the columns of the model that they read.
+      actions, commands: the columns with the numbers of an action and of the commands.
       reads_time, reads_actions, reads_commands: whether they read any of these.
       has_values: whether any values are observed.
       endings: all possible endings; the terminations of the task first, in their order.
@@ -80,7 +82,8 @@ class TaskExpressions:
         own_endings = (termination.ending(name) for name, termination in task.terminations.items())
         self.endings = Endings(own_endings, TIMED_OUT, UNSTABLE)
 
-        actions, commands = [f"{ACTION}{name}" for name in names[0]], [f"{COMMAND}{name}" for name in names[1]]
+        self.actions = actions = [f"{ACTION}{name}" for name in names[0]]
+        self.commands = commands = [f"{COMMAND}{name}" for name in names[1]]
         read = dict.fromkeys(column for each in (*rewards, *conditions, *values.values()) for column in each.columns)
         self.measured = [column for column in read if column not in {TIME, *actions, *commands}]
         self.reads_time = TIME in read
@@ -107,20 +110,27 @@ class TaskExpressions:
         matrix = np.concatenate(read, axis=-1) if len(read) > 1 else measured
         return ColumnMatrix(self._layout, matrix, {TIME: self.time(inputs.instants)} if self.reads_time else NOTHING)
 
-    def alone(self, row: np.ndarray, places: Sequence[int], is_first: bool) -> tuple[Judge, Fill, bool]:
+    def alone(
+        self,
+        columns: Mapping[str, NumberSource],
+        measured: Mapping[int, NumberSource],
+        places: Sequence[int],
+        is_first: bool,
+    ) -> tuple[Judge, Fill, bool]:
         """Compiles the expressions of a single world.
 
         Args:
-          row: the columns that they read, side by side: of the model, then actions and commands if read.
+          columns: the source of each column that they read.
+          measured: the source of each measured number of an observation, by its place.
           places: the places of the observed values in an observation.
           is_first: whether the functions are for the first control instant of an episode.
 
         Returns:
           A function of the time that returns the reward, its weighted terms, and the code of the termination that
-          holds; a function of an observation and the time that writes the observed values into it; and whether both
-          must be called within `np.errstate(all="ignore")`.
+          holds; a function of an observation and the time that writes measured numbers and observed values into it; and
+          whether both must be called within `np.errstate(all="ignore")`.
         """
-        judging = RowProgram(row, self._layout.places, is_first)
+        judging = RowProgram(columns, is_first)
         values = [judging.value(each) for each in self._rewards]
         for index, (value, weight) in enumerate(zip(values, self._weights, strict=True)):
             judging.add(f"t{index} = float({value}) * {weight!r}")
@@ -130,7 +140,8 @@ class TaskExpressions:
             "time", f"{' + '.join(['0.0', *terms])}, [{', '.join(terms)}], {''.join(holds)}{RUNNING}"
         )
 
-        filling = RowProgram(row, self._layout.places, is_first)
+        filling = RowProgram(columns, is_first)
+        filling.copy(measured, "values")
         for place, each in zip(places, self._values.values(), strict=True):
             filling.add(f"values[{place}] = {filling.value(each)}")
         return judge, filling.function("values, time", "None"), judging.uses_numpy or filling.uses_numpy

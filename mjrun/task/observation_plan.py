@@ -258,16 +258,20 @@ class ObservationVector:
 
     Attributes:
       rotations: the same; views of another MjData may take their place.
+      width: the number of values of all terms, before delays and histories.
       has_inputs: whether an action, a command or a phase is observed.
-      places_of_values: the places of expressions among the values of all terms, in their order.
+      measured_places: the places of measured numbers among the values of all terms, in the order of their columns.
+      places_of_values: the places of expressions among them.
     """
 
     def __init__(self, plan: ObservationPlan, count: int, control_dt: Fraction, rotations: np.ndarray | None) -> None:
         self._plan, self.rotations = plan, rotations
+        self.width = plan.width
         self._measured = _runs([each for each in plan.terms if each.is_measured])
         self._inputs = [each for each in plan.terms if not each.is_measured and not each.expression]
         self._values = [each for each in plan.terms if each.expression]
         self.has_inputs = bool(self._inputs)
+        self.measured_places = [i for _, place in self._measured for i in range(place.start, place.stop)]
         self.places_of_values = [each.place.start for each in self._values]
         self._dt = control_dt
         self._frames = plan.frames
@@ -308,28 +312,27 @@ class ObservationVector:
           values: the values of expressions `(k,)`, by the name of the term.
           first: whether an episode begins here.
         """
-        current = self.collect(measured, inputs)
+        if self._is_measured:
+            return self.finish(measured.copy(), rows, first)
+        current = np.empty((*measured.shape[:-1], self.width))
+        for source, place in self._measured:
+            current[..., place] = measured[..., source]
+        self.add_inputs(current, inputs)
         for each in self._values:
             current[..., each.place.start] = values[each.term.name]
         return self.finish(current, rows, first)
 
-    def collect(self, measured: np.ndarray, inputs: Inputs) -> np.ndarray:
-        """Returns the current values of all terms except expressions: `(k, width)`, or `(width,)` of a single world.
+    def add_inputs(self, now: np.ndarray, inputs: Inputs) -> None:
+        """Writes actions, commands and phases into the values of all terms `(k, width)`; of a single world `(width,)`.
 
         Args:
-          measured, inputs: as for `observe`.
+          inputs: as for `observe`.
         """
-        if self._is_measured:
-            return measured.copy()
-        now = np.empty((*measured.shape[:-1], self._plan.width))
-        for source, place in self._measured:
-            now[..., place] = measured[..., source]
         for each in self._inputs:
             now[..., each.place] = self._input(each.term, inputs)
-        return now
 
     def finish(self, now: np.ndarray, rows: np.ndarray | int, first: bool) -> np.ndarray:
-        """Returns the observations from the array of `collect`, after expressions were written into their places."""
+        """Returns the observations from the values of all terms `(k, width)`, which it may change."""
         if self._is_changed:
             self._change(now, rows)
         if not self._remembered:

@@ -5,8 +5,9 @@ once, and expressions are compiled to Python. Every number is identical to that 
 """
 
 import math
+from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,8 +15,8 @@ from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.physics.step_stages import is_bounded
-from mjrun.task.batch_columns import ALL, NONE, BatchColumns, MeasurementPlan
-from mjrun.task.expressions import RUNNING, Inputs
+from mjrun.task.batch_columns import ALL, NONE, BatchColumns, MeasurementPlan, Rows
+from mjrun.task.expressions import RUNNING, Fill, Inputs, Judge
 from mjrun.task.mjdata_batch import SingleMjData
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskStep, TaskWorlds
@@ -41,31 +42,22 @@ class SingleWorld(TaskWorlds):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task, 1, 1)
-        expressions, columns = self._expressions, self._measurement.count
-        self._has_commands = bool(self.commands.names)
-        nact = len(self.action_names) if expressions.reads_actions else 0
-        ncommands = len(self.commands.names) if expressions.reads_commands else 0
-        row = np.zeros(columns + nact + ncommands)  # measurements for terms, then for expressions; actions; commands
-        self._columns = row[:columns]
-        self._read = self._read_own = self._measurement.reader(self._columns)
-        self._source: SingleMjData | None = None  # of another MjData that is read
-        self._row_of_terms = row[: self._of_terms]
-        self._action_read, self._commands_read = row[columns : columns + nact], row[columns + nact :]
-        places = self._observations.places_of_values
-        self._at_start, self._later = (
-            expressions.alone(row[self._of_terms :], places, first) for first in (True, False)
-        )
         self._action, self._target, self._only_observed = self._actions[0], self._targets[0], self._observed[0]
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
         self._without_timers = without_timers()
         self._shape, self.holds_targets = self._action.shape, self._torques.is_needed
         self.whole_state, self.controls = self._state[0], self.disturbances.controls[0]
         self._controls = self._torques.controls_alone(self.controls)
-        self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
+        self._has_commands = bool(self.commands.names)
+        self._has_inputs = self._has_commands or self._observations.has_inputs
+        self._commands_read = np.zeros(len(self.commands.names))  # by expressions
         plan = self._plan  # sensors that it appends are missing in another MjData
         self._plan_alone = MeasurementPlan(self.model(0), plan.names, can_sense=False) if plan.sensed else plan
         self.stage = max(self._plan_alone.stage, self._stage_of_frames)
         self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
+        self._source: SingleMjData | None = None  # of another MjData that is read
+        self._start_functions = self._functions_of(self._measurement, is_first=True)
+        self._functions = self._own_functions = self._functions_of(self._measurement)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.task,), self._saved()
@@ -86,17 +78,15 @@ class SingleWorld(TaskWorlds):
         self._counters[0] = 0
         self._forward(self._stage_at_start)
         self._measurement.begin(ALL)
-        self._read, self._source = self._read_own, None
+        self._functions, self._source = self._own_functions, None
         self._observations.rotations = self._rotations
-        self._read()
 
-        judge, fill, uses_numpy = self._at_start
+        update, judge, fill, uses_numpy = self._start_functions
+        update()
         with np.errstate(all="ignore") if uses_numpy else nullcontext():
             inputs = self._inputs_at(0) if self._has_inputs else self._no_inputs
             self._start_codes[0] = judge(0.0)[2]
-            now = self._observations.collect(self._row_of_terms, inputs)
-            fill(now, 0.0)
-        observed = self._observations.finish(now, 0, first=True)
+            observed = self._observation(fill, 0.0, inputs, first=True)
         self._only_observed[:] = observed
         return observed
 
@@ -156,7 +146,7 @@ class SingleWorld(TaskWorlds):
             self._source = SingleMjData(model, data)
             columns = BatchColumns(self._source, self._plan_alone, lambda world: model)
             columns.begin_as(self._measurement)
-            self._read = columns.reader(self._columns)
+            self._functions = self._functions_of(columns)
             self._observations.rotations = data.xmat[None]
         self._source.update()
         return self._results()
@@ -190,17 +180,18 @@ class SingleWorld(TaskWorlds):
 
     def _results(self) -> TaskStep:
         """Measures the end of a control period."""
-        self._read()
+        update, judge, fill, uses_numpy = self._functions
+        update()
         instant = int(self._instants[0]) + 1
         self._instants[0] = instant
-        if not self._later[2]:
-            return self._result(instant)
+        if not uses_numpy:
+            return self._result(instant, judge, fill)
         with np.errstate(all="ignore"):
-            return self._result(instant)
+            return self._result(instant, judge, fill)
 
-    def _result(self, instant: int) -> TaskStep:
+    def _result(self, instant: int, judge: Judge, fill: Fill) -> TaskStep:
         """Returns the results of the control period that ended at an instant."""
-        endings, (judge, fill, _) = self._expressions.endings, self._later
+        endings = self._expressions.endings
         time = self._expressions.time(instant) if self._expressions.reads_time else 0.0
         inputs = self._inputs_at(instant, instant - 1) if self._has_inputs else self._no_inputs
         reward, terms, code = judge(time)
@@ -208,12 +199,8 @@ class SingleWorld(TaskWorlds):
             code = endings.timeout
 
         inputs = self._inputs_at(instant) if self._has_commands else inputs
-        now = self._observations.collect(self._row_of_terms, inputs)
-        fill(now, time)
-        observed = self._observations.finish(now, 0, first=False)
-        has_failed = self._has_failed or any(self._only_warnings.tolist())
-        is_stable = is_bounded(self._only_motion) and not has_failed
-        if not is_stable and self._unstable(ALL)[0]:
+        observed = self._observation(fill, time, inputs, first=False)
+        if not self._is_surely_stable(ALL) and self._unstable(ALL)[0]:
             code, reward, terms = endings.unstable, 0.0, [0.0] * len(terms)
             observed = self._only_observed.copy()
         self._only_observed[:] = observed
@@ -221,8 +208,37 @@ class SingleWorld(TaskWorlds):
             self._over[0] = True
         return TaskStep(observed, reward, terms, code, endings)
 
+    def _observation(self, fill: Fill, time: float, inputs: Inputs, first: bool) -> np.ndarray:
+        """Returns the observation `(nobs,)`."""
+        now = np.empty(self._observations.width)
+        fill(now, time)
+        if self._observations.has_inputs:
+            self._observations.add_inputs(now, inputs)
+        return self._observations.finish(now, 0, first)
+
+    def _is_surely_stable(self, rows: Rows) -> bool:
+        if self._has_failed or any(self._only_warnings.tolist()):
+            return False
+        return self._source is not None or is_bounded(self._only_motion)  # who steps another MjData checks its motion
+
+    def _functions_of(self, columns: BatchColumns, is_first: bool = False) -> "_InstantFunctions":
+        """Compiles the functions of a control instant.
+
+        Args:
+          columns: the columns of terms, then those of expressions.
+          is_first: whether the functions are for the first control instant of an episode.
+        """
+        expressions, observations = self._expressions, self._observations
+        sources, update = columns.alone()
+        measured = dict(zip(observations.measured_places, sources, strict=False))
+        read = dict(zip(expressions.measured, sources[self._of_terms :], strict=True))
+        for names, array in (expressions.actions, self._action), (expressions.commands, self._commands_read):
+            read |= {name: (array, place) for place, name in enumerate(names)}
+        functions = expressions.alone(read, measured, observations.places_of_values, is_first)
+        return _InstantFunctions(update, *functions)
+
     def _inputs_at(self, instant: int, commanded: int | None = None) -> Inputs:
-        """Returns the inputs of the world up to a control instant, and copies them to the row of the expressions.
+        """Returns the inputs of the world up to a control instant; expressions read these commands from then on.
 
         Args:
           commanded: the instant of the commands, where it differs.
@@ -230,8 +246,19 @@ class SingleWorld(TaskWorlds):
         commands = NO_COMMANDS
         if self._has_commands:
             commands = self.commands.at(0, instant if commanded is None else commanded)
-            if self._expressions.reads_commands:
-                self._commands_read[:] = commands
-        if self._expressions.reads_actions:
-            self._action_read[:] = self._action
+            self._commands_read[:] = commands
         return Inputs(instant, self._action, commands)
+
+
+class _InstantFunctions(NamedTuple):
+    """The functions that compute a control instant from the fields of an MjData.
+
+    Attributes:
+      update: updates numbers that are not in fields; called first.
+      judge, fill, uses_numpy: see `TaskExpressions.alone`.
+    """
+
+    update: Callable[[], None]
+    judge: Judge
+    fill: Fill
+    uses_numpy: bool

@@ -31,33 +31,35 @@ from mjrun.probe.expression import (
     Reduction,
 )
 from mjrun.probe.task_expression import TaskEvaluator
+from mjrun.task.batch_columns import NumberSource, as_slice
 
 TIME = "time"
 # Python's operators that are bit for bit those of NumPy.
 OPERATORS: dict[Function, str] = {ARITHMETIC["+"]: "+", ARITHMETIC["-"]: "-", ARITHMETIC["*"]: "*", np.add: "+"}
 OF_NUMBERS = {*OPERATORS, ARITHMETIC["/"], abs}  # functions that are faster on each of a few numbers than on a vector
 FEW = 7  # the most numbers that NumPy adds in order; it adds more of them pairwise
+# Numbers that Python copies one by one in less time than NumPy together: adjacent ones, and others.
+ADJACENT, SCATTERED = 2, 9
 
 
 class RowProgram:
     """A function of the time [s] and the columns of one world, built line by line.
 
     Args:
-      row: the columns `(columns,)`; the function reads them at every call.
-      places: the places of the columns in it, by name.
+      columns: the source of each column by name; the function reads them at every call.
       is_first: whether the function is for the first control instant of episodes.
 
     Attributes:
       uses_numpy: whether the function must be called within `np.errstate(all="ignore")`.
     """
 
-    def __init__(self, row: np.ndarray, places: Mapping[str, int], is_first: bool) -> None:
-        self._row, self._places, self._is_first = row, places, is_first
+    def __init__(self, columns: Mapping[str, NumberSource], is_first: bool) -> None:
+        self._columns, self._is_first = columns, is_first
         self._lines: list[str] = []
         self._variables: dict[str, str] = {}  # by their assigned source
         self._vectors: dict[tuple[str, ...], str] = {}
         self._previous: dict[PreviousValue, str] = {}
-        self._objects: dict[str, Any] = {"item": row.item, "isfinite": math.isfinite, "sqrt": math.sqrt}
+        self._objects: dict[str, Any] = {"isfinite": math.isfinite, "sqrt": math.sqrt}
         self.uses_numpy = False
 
     def value(self, evaluator: TaskEvaluator) -> str:
@@ -74,6 +76,17 @@ class RowProgram:
     def add(self, line: str) -> None:
         """Adds a line of source."""
         self._lines.append(line)
+
+    def copy(self, numbers: Mapping[int, NumberSource], target: str) -> None:
+        """Adds lines that copy numbers, by their places in the array `target`."""
+        left = {*numbers}
+        for start in sorted(left):
+            if start in left:
+                source, stop = numbers[start][0], start
+                while stop in left and numbers[stop][0] is source:
+                    left.remove(stop)
+                    stop += 1
+                self._copy_vector(source, [numbers[place][1] for place in range(start, stop)], target, start)
 
     def function(self, parameters: str, result: str) -> Callable[..., Any]:
         """Compiles the function that returns `result`; one of its parameters is `time`."""
@@ -125,21 +138,37 @@ class RowProgram:
         return f"isfinite({self._number(value)})"
 
     def _column(self, name: str) -> str:
-        return self._assigned(f"item({self._places[name]})") if name in self._places else TIME
+        if name not in self._columns:
+            return TIME
+        source, place = self._columns[name]
+        return self._assigned(f"{self._object(source)}.item({place})")
 
     def _vector(self, names: tuple[str, ...]) -> str:
         if names in self._vectors:
             return self._vectors[names]
-        places = [self._places.get(name, -1) for name in names]
-        start = places[0]
-        if -1 in places:
+        sources = [self._columns[name] for name in names if name in self._columns]
+        if len(sources) < len(names) or any(source is not sources[0][0] for source, _ in sources):
             vector = self._numpy(np.array, f"({', '.join(map(self._column, names))},)")
-        elif places == [*range(start, start + len(places))]:
-            vector = self._object(self._row[start : start + len(places)])  # a view, with the numbers of each call
         else:
-            vector = self._assigned(f"{self._object(self._row)}[{self._object(np.array(places))}]")
+            vector = self._gathered(sources[0][0], [place for _, place in sources])
         self._vectors[names] = vector
         return vector
+
+    def _gathered(self, source: np.ndarray, places: Sequence[int]) -> str:
+        """Returns the variable of a vector of some numbers of an array."""
+        chosen = as_slice(np.array(places))
+        if isinstance(chosen, slice):
+            return self._object(source[chosen])  # a view, with the numbers of each call
+        return self._assigned(f"{self._object(source)}[{self._object(chosen)}]")
+
+    def _copy_vector(self, source: np.ndarray, chosen: Sequence[int], target: str, start: int) -> None:
+        """Adds lines that copy numbers of an array to adjacent places of another one, from `start` on."""
+        is_scattered = isinstance(as_slice(np.array(chosen)), np.ndarray)
+        if len(chosen) <= ADJACENT or (is_scattered and len(chosen) <= SCATTERED):
+            for place, index in enumerate(chosen, start):
+                self.add(f"{target}[{place}] = {self._object(source)}.item({index})")
+        else:
+            self.add(f"{target}[{start}:{start + len(chosen)}] = {self._gathered(source, chosen)}")
 
     def _call(self, call: FunctionCall, values: Sequence[str]) -> str:
         """Applies the functions of a call to its operands, or to one number of each."""

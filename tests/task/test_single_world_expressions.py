@@ -56,12 +56,13 @@ def test_a_world_alone_gets_the_same_bits(is_condition: bool) -> None:
     texts = CONDITIONS if is_condition else VALUES
     expressions = [parse(text, COLUMNS, "value") for text in texts]
     expected = among_others(expressions)
-    row, places = np.zeros(len(NAMES)), {name: place for place, name in enumerate(NAMES)}
+    row = np.zeros(len(NAMES))
+    sources = {name: (row, place) for place, name in enumerate(NAMES)}
     for world in range(SERIES.shape[1]):
         alone = [each.evaluator(1) for each in expressions]
         programs = []
         for is_first in (True, False):
-            program = RowProgram(row, places, is_first)
+            program = RowProgram(sources, is_first)
             values = [program.value(each) for each in alone]
             programs.append(program.function("time", f"[{', '.join(values)}]"))
         for instant, columns in enumerate(SERIES[:, world]):
@@ -88,9 +89,34 @@ def same_bits(value: float, other: float) -> bool:
     return np.float64(value).tobytes() == np.float64(other).tobytes() or bool(np.isnan(value) and np.isnan(other))
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_numbers_are_copied_to_their_places(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    arrays = [np.zeros(40), np.zeros(40)]
+    adjacent = [(array, i) for array in arrays for i in range(generator.integers(1, 20))]
+    scattered = [(arrays[generator.integers(2)], int(i)) for i in generator.integers(40, size=generator.integers(30))]
+    sources = adjacent + scattered
+    places = (
+        sorted(generator.choice(60 + len(sources), len(sources), replace=False).tolist())
+        if seed % 2
+        else [*range(len(sources))]
+    )
+    program = RowProgram({}, False)
+    program.copy(dict(zip(places, sources, strict=True)), "values")
+    copy = program.function("values, time", "None")
+    for array in arrays:
+        array[:] = generator.normal(size=40)  # after the function was compiled
+    values = np.zeros(200)
+    copy(values, 0.0)
+    expected = np.zeros(200)
+    expected[places] = [array[i] for array, i in sources]
+    np.testing.assert_array_equal(values, expected)
+
+
 def test_only_arithmetic_needs_no_numpy() -> None:
     def uses_numpy(text: str) -> bool:
-        program = RowProgram(np.zeros(len(NAMES)), {name: place for place, name in enumerate(NAMES)}, False)
+        row = np.zeros(len(NAMES))
+        program = RowProgram({name: (row, place) for place, name in enumerate(NAMES)}, False)
         program.value(parse_task_value(text, COLUMNS, "value").evaluator(1))
         return program.uses_numpy
 
