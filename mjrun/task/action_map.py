@@ -119,11 +119,10 @@ class TargetTorques:
         """True where controls change with every step."""
         return bool(len(self._held))
 
-    def controls_alone(self, ctrl: np.ndarray) -> np.ndarray | None:
-        """Returns a view of the controls `(nu,)` of a single world that equal the targets; None if some differ."""
-        if self.is_needed or self._has_strengths or not isinstance(self._direct_controls, slice):
-            return None
-        return ctrl[self._direct_controls]
+    @property
+    def direct_controls(self) -> slice | np.ndarray | None:
+        """The places of the targets among the controls, unchanged and in their order; None if some differ."""
+        return None if self.is_needed or self._has_strengths else self._direct_controls
 
     def begin(self, world: int, model: mujoco.MjModel) -> None:
         """Reads the strengths of the actuators from the model of a world."""

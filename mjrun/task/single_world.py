@@ -6,7 +6,7 @@ once, and expressions are compiled to Python. Every number is identical to that 
 
 import math
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextvars import Context
 from typing import Any, NamedTuple
 
 import mujoco
@@ -47,7 +47,7 @@ class SingleWorld(TaskWorlds):
         self._without_timers = without_timers()
         self._shape, self.holds_targets = self._action.shape, self._torques.is_needed
         self.whole_state, self.controls = self._state[0], self.disturbances.controls[0]
-        self._controls = self._torques.controls_alone(self.controls)
+        self._direct = self._torques.direct_controls
         self._has_commands = bool(self.commands.names)
         self._has_inputs = self._has_commands or self._observations.has_inputs
         self._commands_read = np.zeros(len(self.commands.names))  # by expressions
@@ -55,6 +55,8 @@ class SingleWorld(TaskWorlds):
         self._plan_alone = MeasurementPlan(self.model(0), plan.names, can_sense=False) if plan.sensed else plan
         self.stage = max(self._plan_alone.stage, self._stage_of_frames)
         self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
+        self._ignoring = Context()  # `np.errstate` takes longer than small expressions
+        self._ignoring.run(np.seterr, all="ignore")
         self._source: SingleMjData | None = None  # of another MjData that is read
         self._start_functions = self._functions_of(self._measurement, is_first=True)
         self._functions = self._own_functions = self._functions_of(self._measurement)
@@ -81,12 +83,9 @@ class SingleWorld(TaskWorlds):
         self._functions, self._source = self._own_functions, None
         self._observations.rotations = self._rotations
 
-        update, judge, fill, uses_numpy = self._start_functions
-        update()
-        with np.errstate(all="ignore") if uses_numpy else nullcontext():
-            inputs = self._inputs_at(0) if self._has_inputs else self._no_inputs
-            self._start_codes[0] = judge(0.0)[2]
-            observed = self._observation(fill, 0.0, inputs, first=True)
+        functions = self._start_functions
+        functions.update()
+        observed = self._ignoring.run(self._start, functions) if functions.uses_numpy else self._start(functions)
         self._only_observed[:] = observed
         return observed
 
@@ -116,11 +115,11 @@ class SingleWorld(TaskWorlds):
         if self._has_delays:
             action = self._arrived(action[None], ALL)[0]
         targets = self.actions.targets(action)
-        if self._controls is None:
+        if self._direct is None:
             self._target[:] = targets
             self._torques.apply(targets, self.disturbances.controls, 0)
         else:
-            self._controls[:] = targets
+            self.controls[self._direct] = targets
 
     def hold(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Updates the controls that hold position and velocity targets in this state, for the next step."""
@@ -157,6 +156,12 @@ class SingleWorld(TaskWorlds):
 
     # --- within ------------------------------------------------------------------------------------
 
+    def _start(self, functions: "_InstantFunctions") -> np.ndarray:
+        """Returns the first observation, and remembers the termination that holds."""
+        inputs = self._inputs_at(0) if self._has_inputs else self._no_inputs
+        self._start_codes[0] = functions.judge(0.0)[2]
+        return self._observation(functions.fill, 0.0, inputs, first=True)
+
     def _forward(self, stage: int) -> None:
         try:
             with self._without_timers:
@@ -180,26 +185,25 @@ class SingleWorld(TaskWorlds):
 
     def _results(self) -> TaskStep:
         """Measures the end of a control period."""
-        update, judge, fill, uses_numpy = self._functions
-        update()
+        functions = self._functions
+        functions.update()
         instant = int(self._instants[0]) + 1
         self._instants[0] = instant
-        if not uses_numpy:
-            return self._result(instant, judge, fill)
-        with np.errstate(all="ignore"):
-            return self._result(instant, judge, fill)
+        if functions.uses_numpy:
+            return self._ignoring.run(self._result, instant, functions)
+        return self._result(instant, functions)
 
-    def _result(self, instant: int, judge: Judge, fill: Fill) -> TaskStep:
+    def _result(self, instant: int, functions: "_InstantFunctions") -> TaskStep:
         """Returns the results of the control period that ended at an instant."""
         endings = self._expressions.endings
         time = self._expressions.time(instant) if self._expressions.reads_time else 0.0
         inputs = self._inputs_at(instant, instant - 1) if self._has_inputs else self._no_inputs
-        reward, terms, code = judge(time)
+        reward, terms, code = functions.judge(time)
         if code == RUNNING and instant >= self._periods:
             code = endings.timeout
 
         inputs = self._inputs_at(instant) if self._has_commands else inputs
-        observed = self._observation(fill, time, inputs, first=False)
+        observed = self._observation(functions.fill, time, inputs, first=False)
         if not self._is_surely_stable(ALL) and self._unstable(ALL)[0]:
             code, reward, terms = endings.unstable, 0.0, [0.0] * len(terms)
             observed = self._only_observed.copy()

@@ -133,7 +133,8 @@ class TaskStepper(PhysicsStepper):
         """
         if step % self.control_steps == 0:
             self._finish_period(step, is_computed)
-        self._world.hold(self._data.qpos, self._data.qvel)
+        if self._world.holds_targets:
+            self._world.hold(self._data.qpos, self._data.qvel)
         self._data.ctrl[:] = self._world.controls
 
     def _lead(self) -> None:
