@@ -224,10 +224,10 @@ def upward_calls(action: Callable[[], object]) -> set[tuple[str, str]]:
     return pairs
 
 
-def test_a_video_calls_upward_only_its_taps_and_its_reporter(swing: Path, tmp_path: Path) -> None:
+def test_a_video_calls_upward_only_its_reporter(swing: Path, tmp_path: Path) -> None:
     simulation = mjrun.Simulation(swing, steps=5)
     video = mjrun.Video(simulation, str(tmp_path / "a.mp4"), size=(64, 48), jobs=1)
-    assert upward_calls(lambda: video.run(Console())) == {("physics", "outputs"), ("outputs", "cli")}
+    assert upward_calls(lambda: video.run(Console())) == {("outputs", "cli")}
 
 
 def test_the_guide_names_every_package() -> None:

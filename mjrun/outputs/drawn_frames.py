@@ -33,7 +33,7 @@ from mjrun.outputs.recorded_scene import (
 )
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.recorded_states import StateBuffer
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
@@ -370,11 +370,11 @@ def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backen
     return [*check_drawing(job, context.model, backend), *remarks, *unused]
 
 
-def frame_taps(frames: OpenFrames, schedule: FrameSchedule) -> list[AnyTap]:
+def frame_taps(frames: OpenFrames, schedule: FrameSchedule) -> list[Tap]:
     """Returns the taps that record everything that the frames show."""
     taps, probes = state_taps(frames.plan.scene, schedule, frames.states), frames.plan.probes
     if probes and not probes.idle:
-        taps.append(Tap(schedule.steps, probes.read, frames.values.append))
+        taps.append(Tap(schedule.steps, lambda stepper: frames.values.append(probes.read(stepper))))
     return taps
 
 

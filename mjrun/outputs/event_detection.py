@@ -13,7 +13,7 @@ from mjrun.errors import OptionPath, SimulationError, UsageError, concerning, op
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, SampledRows
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
@@ -51,11 +51,11 @@ class ConditionDetector:
         names = [name for name in dict.fromkeys([*columns, *read]) if name != "time"]
         self.table = ProbeSampler(model, names, timeline, episode)
 
-    def tap(self, until: int) -> AnyTap:
+    def tap(self, until: int) -> Tap:
         """Returns the tap that evaluates every step up to `until`."""
         steps = range(until + 1)
         self._buffer = RowBuffer(self.table, steps, self.evaluate)
-        return Tap(steps, self.table.read, self._buffer.add)
+        return Tap(steps, self._buffer.record)
 
     def onsets(self) -> list[Sequence[int]]:
         """Returns the steps at which each condition begins to hold."""
@@ -84,14 +84,10 @@ class EventDetector(ConditionDetector):
         super().__init__(model, timeline, self._watched, episode)
         self._states, self._instants = StateBuffer(model), ControlInstants()
 
-    def taps(self, until: int) -> list[AnyTap]:
+    def taps(self, until: int) -> list[Tap]:
         """Returns the taps that observe the simulation up to step `until`."""
         every = range(until + 1)
-        return [
-            Tap(every, lambda stepper: stepper.state(), self._states.append),
-            self.tap(until),
-            Tap(every, self._instants.take, lambda _: None),
-        ]
+        return [Tap(every, self._states.record), self.tap(until), Tap(every, self._instants.record)]
 
     @property
     def event_steps(self) -> Mapping[str, Sequence[int]]:

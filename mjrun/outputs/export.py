@@ -37,8 +37,8 @@ from mjrun.outputs.recorded_scene import (
 )
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import RowFile
-from mjrun.physics.simulation_loop import AnyTap, Tap
-from mjrun.physics.stepper import instants_of
+from mjrun.physics.simulation_loop import Tap
+from mjrun.physics.stepper import Stepper, instants_of
 from mjrun.probe.contacts import CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
@@ -232,9 +232,11 @@ class ContactRecorder:
         self._counts: list[int] = []
         self._rows = RowFile(9)
 
-    def tap(self, steps: Sequence[int]) -> Tap[CopiedContacts]:
-        """Returns the tap that records the contacts at `steps`."""
-        return Tap(steps, lambda stepper: copy_contacts(stepper.instant()), self._add)
+    def record(self, stepper: Stepper) -> None:
+        """Adds the contacts of the stepper's instant."""
+        self._copies.append(copy_contacts(stepper.instant()))
+        if len(self._copies) == BLOCK:
+            self._convert()
 
     def contacts(self, count: int) -> FrameContacts:
         """Returns the contacts of the first `count` frames."""
@@ -245,11 +247,6 @@ class ContactRecorder:
     def close(self) -> None:
         """Frees the recording."""
         self._rows.close()
-
-    def _add(self, copied: CopiedContacts) -> None:
-        self._copies.append(copied)
-        if len(self._copies) == BLOCK:
-            self._convert()
 
     def _convert(self) -> None:
         if not self._copies:
@@ -469,15 +466,15 @@ class ExportOutput(output.Output[ExportResult]):
         self._file: BinaryIO = self._writer.open_file()
         self._size = 0
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
         self._schedule = self._plan.schedule or self._job.schedule(self._plan.scene, event_steps)
         taps = state_taps(self._plan.scene, self._schedule, self._states)
         if self._table:
             self._steps = self._schedule.steps if self._steps is None else self._steps
             self._buffer = RowBuffer(self._table, self._steps, lambda block: self._rows.extend(block.values))
-            taps.append(Tap(self._steps, self._table.read, self._buffer.add))
+            taps.append(Tap(self._steps, self._buffer.record))
         if self._contacts:
-            taps.append(self._contacts.tap(self._schedule.steps))
+            taps.append(Tap(self._schedule.steps, self._contacts.record))
         if self._detector:
             taps.append(self._detector.tap(self._context.timeline.steps))
         return taps

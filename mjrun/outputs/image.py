@@ -33,7 +33,7 @@ from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
 from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan, place_scene
-from mjrun.physics.simulation_loop import AnyTap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.simulation.simulation import require_countable
@@ -182,7 +182,7 @@ class ImageOutput(output.Output[ImageResult]):
             labels = Segmentation(model, job.seg_by).legend if "seg" in job.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
         self._schedule = self._plan.schedule or self._job.schedule(self._plan.frames.scene, event_steps)
         return frame_taps(self._frames, self._schedule)
 

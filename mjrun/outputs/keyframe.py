@@ -14,7 +14,8 @@ from mjrun.model.names import names
 from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions
 from mjrun.outputs import output
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import Tap
+from mjrun.physics.stepper import Stepper
 from mjrun.timeline import nearest
 
 SUFFIX = ".xml"
@@ -133,8 +134,8 @@ class KeyframeOutput(output.Output[KeyframeResult]):
         self.facts = context.facts(job)
         self._writer = stack.enter_context(KeyframeWriter(job.output, plan.source, plan.xml, job.name, model))
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        return [Tap([self._step], lambda stepper: stepper.state(), self._take)]
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
+        return [Tap([self._step], self._record)]
 
     def written(self) -> Sequence[KeyframeWriter]:
         for text in self._writer.write(self._context.model, self._state):
@@ -149,5 +150,5 @@ class KeyframeOutput(output.Output[KeyframeResult]):
             step=self._step,
         )
 
-    def _take(self, state: np.ndarray) -> None:
-        self._state = state
+    def _record(self, stepper: Stepper) -> None:
+        self._state = stepper.state()

@@ -29,7 +29,7 @@ from mjrun.errors import UsageError, clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
-from mjrun.physics.simulation_loop import AnyTap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.reporter import Reporter
@@ -187,7 +187,7 @@ class Output(ABC, Generic[R_co]):
     golden_differences: Sequence[str] = ()
 
     @abstractmethod
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: EventSteps) -> Sequence[Tap]:
         """Returns the taps that observe the simulation; called once.
 
         Args:

@@ -26,7 +26,7 @@ from mjrun.outputs.output import (
     Preview,
     ReservedFiles,
 )
-from mjrun.physics.simulation_loop import AnyTap, Tap, run_with_taps
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.shared_status import doing
@@ -368,27 +368,27 @@ class Pass(Generic[R]):
         self._stack.callback(detector.close)
         run_with_taps(self._stepper, [*taps, *self._guarded(detector.taps(until), waiting)], until)
 
-        taps = list[AnyTap]()
+        taps = list[Tap]()
         for index in waiting:
             if index not in self.failures:
                 with self._failing(index):
                     taps += self._guarded(self.outputs[index].taps(detector.event_steps), [index])
         run_with_taps(detector.replay(self._stepper.model), taps, until)
 
-    def _guarded(self, taps: Sequence[AnyTap], indices: Sequence[int]) -> list[AnyTap]:
+    def _guarded(self, taps: Sequence[Tap], indices: Sequence[int]) -> list[Tap]:
         """Returns `taps` whose first error fails the outputs with these indices, and ends them alone."""
 
-        def take(tap: AnyTap, stepper: Stepper) -> None:
+        def record(tap: Tap, stepper: Stepper) -> None:
             if indices[0] in self.failures:
                 return
             try:
-                tap.take(stepper)
+                tap.record(stepper)
             except errors.SimulationError:
                 raise
             except errors.MjrunError as error:
                 self._fail(indices, error)
 
-        return [Tap(tap.steps, lambda stepper: stepper, partial(take, tap)) for tap in taps]
+        return [Tap(tap.steps, partial(record, tap)) for tap in taps]
 
     def _fail(self, indices: Sequence[int], error: errors.MjrunError) -> None:
         """Records a failure; without any output left, the simulation stops."""

@@ -17,7 +17,7 @@ from mjrun.options.trace import PROBES
 from mjrun.outputs import output
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.plotting.figure_plan import FigurePlan, Panel, TableColumns, panels_by_unit
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib
@@ -145,8 +145,8 @@ class PlotOutput(output.BlockOutput[PlotResult]):
         tags, form = output.metadata_tags(job.output, self.facts), job.figure_format
         self._writer = stack.enter_context(FigureWriter(job.target, form, figure.grid.size, tags))
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        return [Tap(self._steps, self._table.read, self._buffer.add)]
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
+        return [Tap(self._steps, self._buffer.record)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Steps physics in C, block by block."""

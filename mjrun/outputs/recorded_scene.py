@@ -27,7 +27,7 @@ from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
 from mjrun.outputs.output import Context, Job, OutputResult
 from mjrun.physics.recorded_states import StateBuffer
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage
 from mjrun.rendering.visual import visual_of
@@ -162,11 +162,11 @@ def open_states(plan: ScenePlan, stack: ExitStack) -> SceneStates:
     return SceneStates(frames, others)
 
 
-def state_taps(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -> list[AnyTap]:
+def state_taps(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -> list[Tap]:
     """Returns the taps that record the states of frames and of decorations."""
-    taps: list[AnyTap] = [Tap(schedule.steps, lambda stepper: stepper.state(), states.frames.append)]
+    taps = [Tap(schedule.steps, states.frames.record)]
     for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
-        taps.append(Tap(decoration.steps(schedule.observed), lambda stepper: stepper.state(), buffer.append))
+        taps.append(Tap(decoration.steps(schedule.observed), buffer.record))
     return taps
 
 

@@ -11,7 +11,7 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
 from mjrun.outputs import output
-from mjrun.physics.simulation_loop import AnyTap, Tap
+from mjrun.physics.simulation_loop import Tap
 
 
 @options
@@ -65,9 +65,9 @@ class RecordingOutput(output.Output[RecordingResult]):
         self.facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
         self._writer = stack.enter_context(RecordingWriter(job.output, state.size(model), self.facts))
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
         every = range(self._context.timeline.steps + 1)
-        return [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: self._writer.write(*row))]
+        return [Tap(every, lambda stepper: self._writer.write(stepper.step, stepper.state()))]
 
     def written(self) -> Sequence[RecordingWriter]:
         return [self._writer]

@@ -25,7 +25,7 @@ from mjrun.options.trace import COMMENT, METADATA, GoldenOptions, TraceOptions
 from mjrun.outputs import output
 from mjrun.outputs.output import named_files
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, SampledRows, rate_warning
-from mjrun.physics.simulation_loop import AnyTap, Tap, run_with_taps
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, select, selected_columns
@@ -208,8 +208,8 @@ class TraceOutput(output.BlockOutput[TraceResult]):
         self._verdicts: Sequence[Verdict] = ()
         self._comparison: DiffResult | None = None
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
-        return [Tap(self._steps, self._table.read, self._buffer.add)]
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
+        return [Tap(self._steps, self._buffer.record)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Steps physics in C, block by block, and writes blocks in a thread meanwhile."""

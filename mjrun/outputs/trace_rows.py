@@ -273,9 +273,9 @@ class RowBuffer:
         self._rows: list[InstantCopy] = []
         self._written = 0
 
-    def add(self, reading: InstantCopy) -> None:
-        """Adds the next row, as `ProbeSampler.read` returns it."""
-        self._rows.append(reading)
+    def record(self, stepper: Stepper) -> None:
+        """Adds the row of the stepper's instant."""
+        self._rows.append(self._table.read(stepper))
         if len(self._rows) == ROWS:
             self.flush()
 

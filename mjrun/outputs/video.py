@@ -36,7 +36,7 @@ from mjrun.outputs.drawn_frames import (
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.perform import Pass
 from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan, place_scene
-from mjrun.physics.simulation_loop import AnyTap
+from mjrun.physics.simulation_loop import Tap
 from mjrun.reporter import WarningReporter, pass_on
 
 
@@ -176,7 +176,7 @@ class VideoOutput(output.Output[VideoResult]):
             self._calibration = CalibrationOutput(job, motions, job.encoded_files, numbers)
             stack.enter_context(self._calibration.writer)
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
         self._schedule = self._plan.schedule or self._job.schedule(self._plan.frames.scene, event_steps)
         return frame_taps(self._frames, self._schedule)
 
@@ -309,7 +309,7 @@ class MemoryOutput(output.Output[output.OutputResult]):
         self._plan, self._scene = plan, plan.frames.scene
         self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, renderers, job.jobs)
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
         self._schedule = self._plan.schedule or self._job.schedule(self._scene, event_steps)
         return frame_taps(self._frames, self._schedule)
 

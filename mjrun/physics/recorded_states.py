@@ -13,7 +13,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, listing, option
 from mjrun.model import state
-from mjrun.physics.stepper import derive, instant_of
+from mjrun.physics.stepper import Stepper, derive, instant_of
 from mjrun.timeline import rational
 
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -99,6 +99,10 @@ class StateBuffer(RowFile):
     def __init__(self, model: mujoco.MjModel) -> None:
         super().__init__(state.size(model))
         self.model = model
+
+    def record(self, stepper: Stepper) -> None:
+        """Adds the state of the stepper at the end."""
+        self.append(stepper.state())
 
     @property
     def steps(self) -> np.ndarray:

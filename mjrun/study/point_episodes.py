@@ -225,7 +225,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
     states, controls = stack.enter_context(closing(StateBuffer(model))), state.controls(model)
     steps, observations, actions = [*rows, timeline.steps], list[np.ndarray](), list[np.ndarray]()
 
-    def take(stepper: Stepper) -> None:
+    def record(stepper: Stepper) -> None:
         observations.append(sampler.values(stepper))
         row = stepper.state()
         if len(states) < len(rows):
@@ -235,7 +235,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
             last.append(row)
 
     last = list[np.ndarray]()
-    run_with_taps(simulation.stepper(sampler.model), [Tap(steps, lambda stepper: stepper, take)], timeline.steps)
+    run_with_taps(simulation.stepper(sampler.model), [Tap(steps, record)], timeline.steps)
     return EpisodeCourse(
         model=model,
         steps=steps,
@@ -269,11 +269,11 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
     states = stack.enter_context(closing(StateBuffer(model)))
     observations = list[np.ndarray]()
 
-    def take(stepper: Stepper) -> None:
+    def record(stepper: Stepper) -> None:
         observations.append(sampler.values(stepper))
         states.append(stepper.state())
 
-    run_with_taps(simulation.stepper(sampler.model), [Tap(rows, lambda stepper: stepper, take)], rows[-1])
+    run_with_taps(simulation.stepper(sampler.model), [Tap(rows, record)], rows[-1])
     rewards = demonstration.rewards
     return EpisodeCourse(
         model=model,

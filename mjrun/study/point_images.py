@@ -48,7 +48,7 @@ class PointImageMaker:
         steps = sorted({round(time / timeline.timestep) for time in options.times})
         states = list[np.ndarray]()
         stepper = simulation.stepper(model)
-        run_with_taps(stepper, [Tap(steps, lambda stepper: stepper.state().copy(), states.append)], steps[-1])
+        run_with_taps(stepper, [Tap(steps, lambda stepper: states.append(stepper.state().copy()))], steps[-1])
         camera = {key.removeprefix(CAMERA): text for key, text in values.items() if key.startswith(CAMERA)}
         cameras = [camera_argument(each, camera) if isinstance(each, str) else each for each in options.camera]
         times = [float(timeline.time(step)) for step in steps]

@@ -186,7 +186,7 @@ class ControlInstants:
         self._stepper: Stepper | None = None
         self._episode: EpisodeStepper | None = None
 
-    def take(self, stepper: Stepper) -> None:
+    def record(self, stepper: Stepper) -> None:
         """Records the control instant if `stepper` is at one; called at every step."""
         if stepper is not self._stepper:
             self._stepper = stepper

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.outputs.export import BLOCK, ContactRecorder
-from mjrun.physics.simulation_loop import run_with_taps
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 
 MODEL = """
@@ -25,7 +25,7 @@ def test_positions_normals_and_forces_are_those_of_mujoco(cone: str) -> None:
     model = mujoco.MjModel.from_xml_string(MODEL.format(cone=cone))
     frames = range(0, 3 * BLOCK + 10, 2)
     recorder = ContactRecorder(model)
-    run_with_taps(PhysicsStepper(model, mujoco.MjData(model)), [recorder.tap(frames)], frames[-1])
+    run_with_taps(PhysicsStepper(model, mujoco.MjData(model)), [Tap(frames, recorder.record)], frames[-1])
     found = recorder.contacts(len(frames) - 1)
     recorder.close()
 

@@ -71,7 +71,9 @@ def recorded(stepper: PhysicsStepper, steps: Sequence[int]) -> tuple[Kept, list[
     rows: list[np.ndarray] = []
     instants: list[dict[str, bytes]] = []
     run_with_taps(
-        stepper, [Tap(steps, lambda s: s.state(), rows.append), Tap(steps, fields, instants.append)], steps[-1]
+        stepper,
+        [Tap(steps, lambda s: rows.append(s.state())), Tap(steps, lambda s: instants.append(fields(s)))],
+        steps[-1],
     )
     return Kept(np.array(steps), np.stack(rows)), instants
 
@@ -199,7 +201,7 @@ def test_a_recording_on_disk_is_replayed_as_it_ran(tmp_path: Path) -> None:
     seen: list[dict[str, bytes]] = []
     with RecordingReader(tmp_path / "run.npz") as found:
         replay = ReplayStepper(TUMBLER, found, found.facts["sizes"])
-        run_with_taps(replay, [Tap(found.steps.tolist(), fields, seen.append)], 99)
+        run_with_taps(replay, [Tap(found.steps.tolist(), lambda s: seen.append(fields(s)))], 99)
     assert seen == instants
 
 
@@ -215,7 +217,7 @@ def tumbled(stride: int = 1, last: int = 60) -> Kept:
 @settings(max_examples=25, deadline=None)
 def test_observing_a_replay_is_observing_the_run(steps: list[int]) -> None:
     seen: list[bytes] = []
-    run_with_taps(ReplayStepper(TUMBLER, tumbled()), [Tap(steps, lambda s: s.state().tobytes(), seen.append)], 60)
+    run_with_taps(ReplayStepper(TUMBLER, tumbled()), [Tap(steps, lambda s: seen.append(s.state().tobytes()))], 60)
     assert seen == [tumbled().rows[step].tobytes() for step in steps]
 
 

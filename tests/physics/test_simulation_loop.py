@@ -1,9 +1,10 @@
 """Theorems about the one loop: every tap gets its steps in order, and the motion never knows that it is watched."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -26,6 +27,11 @@ CADENCES = st.lists(st.integers(0, UNTIL), max_size=12).map(sorted)
 
 def stepper(model: mujoco.MjModel = BOUNCE) -> PhysicsStepper:
     return PhysicsStepper(model, mujoco.MjData(model))
+
+
+def reading(steps: Sequence[int], read: Callable[[Stepper], Any], write: Callable[[Any], object]) -> Tap:
+    """A tap that writes what it reads."""
+    return Tap(steps, lambda stepper: write(read(stepper)))
 
 
 def step_of(stepper: Stepper) -> int:
@@ -60,7 +66,7 @@ def instant(stepper: Stepper) -> bytes:
 def test_every_tap_is_served_exactly_at_its_steps_in_order(cadences: list[list[int]]) -> None:
     served: list[list[int]] = [[] for _ in cadences]
     run = stepper()
-    run_with_taps(run, [Tap(c, step_of, s.append) for c, s in zip(cadences, served, strict=True)], UNTIL)
+    run_with_taps(run, [reading(c, step_of, s.append) for c, s in zip(cadences, served, strict=True)], UNTIL)
     assert served == cadences
     assert run.step == UNTIL
 
@@ -72,7 +78,7 @@ def test_watching_changes_nothing_and_sees_what_a_bare_loop_goes_through(
 ) -> None:
     seen: list[list[bytes]] = [[] for _ in taps]
     run = stepper()
-    run_with_taps(run, [Tap(c, read, s.append) for (c, read), s in zip(taps, seen, strict=True)], UNTIL)
+    run_with_taps(run, [reading(c, read, s.append) for (c, read), s in zip(taps, seen, strict=True)], UNTIL)
     path = bare(BOUNCE, UNTIL)
     assert seen == [[path[step] for step in cadence] for cadence, _ in taps]
     assert motion(run) == path[UNTIL]
@@ -81,7 +87,9 @@ def test_watching_changes_nothing_and_sees_what_a_bare_loop_goes_through(
 def test_watching_every_step_in_every_way_is_the_same_run_as_watching_none() -> None:
     watched, alone = stepper(), stepper()
     always = range(UNTIL + 1)
-    run_with_taps(watched, [Tap(always, motion, len), Tap(always, instant, len), Tap(always, step_of, abs)], UNTIL)
+    run_with_taps(
+        watched, [reading(always, motion, len), reading(always, instant, len), reading(always, step_of, abs)], UNTIL
+    )
     run_with_taps(alone, [], UNTIL)
     assert watched.state().tobytes() == alone.state().tobytes()
     assert motion(alone) == bare(BOUNCE, UNTIL)[UNTIL]
@@ -89,7 +97,7 @@ def test_watching_every_step_in_every_way_is_the_same_run_as_watching_none() -> 
 
 def test_taps_that_share_a_step_see_the_same_instant_in_the_order_they_were_given() -> None:
     log: list[tuple[str, int, int]] = []
-    taps = [Tap(range(0, 31, n), lambda s, n=n: (str(n), s.step, id(s.instant())), log.append) for n in (10, 15, 5)]
+    taps = [reading(range(0, 31, n), lambda s, n=n: (str(n), s.step, id(s.instant())), log.append) for n in (10, 15, 5)]
     run_with_taps(stepper(), taps, 30)
     assert [(name, step) for name, step, _ in log] == [
         *(("10", 0), ("15", 0), ("5", 0), ("5", 5), ("10", 10), ("5", 10)),
@@ -104,7 +112,7 @@ def test_each_write_follows_its_read_before_the_next_step_is_taken() -> None:
         log.append(("read", stepper.step))
         return stepper.step
 
-    run_with_taps(stepper(), [Tap([1, 2], read, lambda step: log.append(("write", step)))], 3)
+    run_with_taps(stepper(), [reading([1, 2], read, lambda step: log.append(("write", step)))], 3)
     assert log == [("read", 1), ("write", 1), ("read", 2), ("write", 2)]
 
 
@@ -117,7 +125,7 @@ def test_a_cadence_is_read_as_it_is_needed_so_a_long_one_costs_no_memory() -> No
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_with_taps(stepper(), [Tap(range(0, 10**15, 10), step_of, stop)], 10**15)
+        run_with_taps(stepper(), [reading(range(0, 10**15, 10), step_of, stop)], 10**15)
     assert served == [0, 10, 20]
 
 
@@ -126,7 +134,7 @@ def test_a_tap_never_sees_a_step_beyond_the_end_of_the_run(steps: list[int]) -> 
     served: list[int] = []
     run = stepper()
     with suppress(ValueError):
-        run_with_taps(run, [Tap(steps, step_of, served.append)], 5)
+        run_with_taps(run, [reading(steps, step_of, served.append)], 5)
     assert 7 not in served
     assert run.step <= 5
 
@@ -151,9 +159,9 @@ def test_what_is_written_before_a_run_becomes_unstable_is_good_and_nothing_is_wr
     steps: list[int] = []
     instants: list[float] = []
     taps = [
-        Tap(range(0, 500, every), motion, states.append),
-        Tap(range(0, 500, every), step_of, steps.append),
-        Tap(range(500), lambda s: s.instant().qvel[0].item(), instants.append),
+        reading(range(0, 500, every), motion, states.append),
+        reading(range(0, 500, every), step_of, steps.append),
+        reading(range(500), lambda s: s.instant().qvel[0].item(), instants.append),
     ]
     with pytest.raises(UnstableError) as caught:
         run_with_taps(stepper(model), taps, 500)

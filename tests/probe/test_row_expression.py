@@ -116,7 +116,7 @@ def begins(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float] =
     table, data, rows = ProbeSampler(model, watched.columns, timeline), mujoco.MjData(model), []
     data.qvel[: len(qvel)] = qvel
     stepper = PhysicsStepper(table.model, data)
-    tap = Tap(range(steps + 1), lambda s: [float(timeline.time(s.step)), *table.values(s)], rows.append)
+    tap = Tap(range(steps + 1), lambda s: rows.append([float(timeline.time(s.step)), *table.values(s)]))
     run_with_taps(stepper, [tap], steps)
     onsets = RisingEdgeDetector()
     onsets.feed(holds(watched, np.array(rows)))

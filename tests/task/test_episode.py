@@ -49,9 +49,9 @@ def test_what_held_at_control_instants_holds_again() -> None:
     stepper, instants, seen = TaskStepper(SingleWorld(arm()), Wave(), 3), ControlInstants(), []
     with closing(StateBuffer(MODEL)) as states:
         taps = [
-            Tap(range(31), lambda stepper: stepper.state(), states.append),
-            Tap(range(31), instants.take, lambda _: None),
-            Tap(range(31), lambda _: stepper.now(), seen.append),
+            Tap(range(31), states.record),
+            Tap(range(31), instants.record),
+            Tap(range(31), lambda _: seen.append(stepper.now())),
         ]
         run_with_taps(stepper, taps, 30)
         replay = instants.replay(MODEL, states)
@@ -66,5 +66,5 @@ def test_what_held_at_control_instants_holds_again() -> None:
 def test_other_simulations_are_replayed_as_ever() -> None:
     stepper, instants = PhysicsStepper(MODEL, mujoco.MjData(MODEL)), ControlInstants()
     with closing(StateBuffer(MODEL)) as states:
-        run_with_taps(stepper, [Tap(range(3), lambda s: s.state(), states.append), Tap(range(3), instants.take, id)], 2)
+        run_with_taps(stepper, [Tap(range(3), states.record), Tap(range(3), instants.record)], 2)
         assert type(instants.replay(MODEL, states)) is ReplayStepper

@@ -206,7 +206,7 @@ def test_an_action_that_is_not_finite_is_told_with_its_step() -> None:
 @pytest.mark.parametrize("every", [1, 8])
 def test_an_unstable_simulation_is_told_with_its_first_bad_step(every: int) -> None:
     stepper = TaskStepper(SingleWorld(arm()), Answers([0, 0], *[[1e10, 0]] * 10), 0)
-    steps = [Tap(range(0, 41, every), lambda _: None, id)]
+    steps = [Tap(range(0, 41, every), id)]
     with pytest.raises(UnstableError, match=r"the simulation became unstable at step 4, .*joint 'shoulder'"):
         run_with_taps(stepper, steps, 40)
 
@@ -276,7 +276,7 @@ def test_a_block_that_fails_is_repeated_without_another_call_of_the_policy(actio
             assert (stepper.step, stepper.now().total) == (0, 0.0)
             totals, states = [], []
         with pytest.raises(UnstableError, match=r"at step 1[67],"):
-            run_with_taps(stepper, [Tap(range(41), lambda _: stepper.instant(), read)], 40)
+            run_with_taps(stepper, [Tap(range(41), lambda _: read(stepper.instant()))], 40)
         return actor.calls, totals, states
 
     (calls, *singly), (calls_in_block, *in_block) = played(rows=False), played(rows=True)
