@@ -5,7 +5,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -108,6 +108,16 @@ class ProbeSampler:
             self.model = copy.copy(model)
             self.model.opt.enableflags |= ENERGY
 
+    def with_timeline(self, timeline: Timeline) -> "ProbeSampler":
+        """Returns a sampler of the same columns on another timeline."""
+        sampler = copy.copy(self)
+        sampler._timeline = timeline
+        return sampler
+
+    def times(self, steps: np.ndarray) -> Any:
+        """Returns the times [s] of `steps` `(n,)`."""
+        return seconds(steps, self._timeline.timestep)
+
     @property
     def fields(self) -> Sequence[str]:
         """The fields of MjData that the probes read from recorded fields, not from an MjData."""
@@ -122,7 +132,7 @@ class ProbeSampler:
         fields = {name: values[chosen] for name, values in block.fields.items()}
         initial = {name: values[chosen] for name, values in block.initial.items()}
         tables = np.empty((len(block.counts[chosen]), len(block.steps), len(self.columns)))
-        tables[..., 0] = seconds(block.steps, self._timeline.timestep)
+        tables[..., 0] = self.times(block.steps)
         start = 1
         with np.errstate(all="ignore"):  # of rows after a failure
             for probe in self.probes:
@@ -262,7 +272,7 @@ class ProbeSampler:
         return _fields(stepper.model, stepper.initial(), self._initial_fields) if self._initial_fields else {}
 
     def _timed(self, steps: np.ndarray, parts: Sequence[np.ndarray]) -> np.ndarray:
-        return np.column_stack([seconds(steps, self._timeline.timestep), *parts])
+        return np.column_stack([self.times(steps), *parts])
 
 
 class RowBuffer:

@@ -247,9 +247,14 @@ class Simulation(SimulationOptions):
                 replace(self, snapshot=None).source.compile()  # whose error names the original files
             raise
 
-    def timeline(self, model: mujoco.MjModel) -> Timeline:
-        """Returns the timeline of this simulation in timesteps of `model`."""
-        timestep, requested = rational(model.opt.timestep), self._requested_timeline(model)
+    def timeline(self, model: mujoco.MjModel, timestep: Fraction | None = None) -> Timeline:
+        """Returns the timeline of this simulation.
+
+        Args:
+          timestep: the timestep if it is not that of `model` [s]; a replay depends on the model's own.
+        """
+        timestep = rational(model.opt.timestep) if timestep is None else timestep
+        requested = self._requested_timeline(timestep)
         if self.episode is not None:
             return self.episode.timeline(timestep, requested)
         if requested is None and self.replay is not None:
@@ -260,9 +265,8 @@ class Simulation(SimulationOptions):
             return Timeline.of_steps(timestep, steps)
         return requested or Timeline.lasting(timestep, DURATION)
 
-    def _requested_timeline(self, model: mujoco.MjModel) -> Timeline | None:
+    def _requested_timeline(self, timestep: Fraction) -> Timeline | None:
         """Returns the timeline that the options request; None if they do not specify a length."""
-        timestep = rational(model.opt.timestep)
         if self.steps is not None:
             timeline = Timeline.of_steps(timestep, self.steps)
         elif self.duration is not None:
@@ -316,7 +320,7 @@ class Simulation(SimulationOptions):
         pushes = self._pushes(model)
         useless = pushes.remarks(self.timeline(model).steps) if pushes else []
         replay = self.replay_remarks(model)
-        episode = self.episode.remarks(self._requested_timeline(model)) if self.episode else []
+        episode = self.episode.remarks(self._requested_timeline(rational(model.opt.timestep))) if self.episode else []
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | KinematicMotion":

@@ -41,7 +41,7 @@ from mjrun.study.chunk_files import point_keys, points_digest, study_digest, stu
 from mjrun.study.dataset_specs import EpisodeSpec
 from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
-from mjrun.study.simulate import WORLD_BYTES
+from mjrun.study.simulate import WORLD_BYTES, timeline_of
 from mjrun.study.spec import (
     BY_NAME,
     FILES,
@@ -173,7 +173,7 @@ class PreparedStudy(PreparedPoints):
         def count(key: tuple[str, ...]) -> int:
             try:
                 simulation = varying.simulation(key)
-                return simulation.timeline(variants.load(simulation.source).model).steps
+                return timeline_of(simulation, variants.load(simulation.source)).steps
             except MjrunError:
                 return 0
 

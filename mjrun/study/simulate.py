@@ -35,7 +35,7 @@ from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricBatch
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, StudyPoint, StudySpec, is_path
-from mjrun.timeline import Timeline
+from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.study.point_episodes import EpisodeFileMaker
@@ -256,8 +256,10 @@ class PointSimulator:
         for block in blocks if first.compiled.end else joined(blocks, ENOUGH):
             tables = first.sampler.tables(block)
             for index, ready in enumerate(points):
-                if ready.sampler is not first.sampler:
+                if ready.sampler.probes is not first.sampler.probes:
                     tables[index] = ready.sampler.tables(block, slice(index, index + 1))[0]
+                elif ready.sampler is not first.sampler:
+                    tables[index, :, 0] = ready.sampler.times(block.steps)
             measured.feed(block.steps, tables, block.counts)
             failures |= {index: error for index, error in block.failures.items() if not measured.has_ended[index]}
         return failures
@@ -295,10 +297,12 @@ class _CompiledModel:
 
     def sampler(self, variant: ModelVariant, timeline: Timeline) -> ProbeSampler:
         """Returns the sampler of the columns of all metrics; variants share it if it does not read their numbers."""
-        if self._sampler is None or self._timeline != timeline:
+        if self._sampler is None:
             self._timeline, self._sampler = timeline, self._new_sampler(self._model, timeline)
             probes = self._sampler.probes
             self.reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in probes)
+        elif self._timeline != timeline:
+            self._timeline, self._sampler = timeline, self._sampler.with_timeline(timeline)
         return self._new_sampler(variant.model, timeline) if self.reads_model else self._sampler
 
     def _new_sampler(self, model: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
@@ -320,15 +324,25 @@ class _ReadyPoint:
     def __init__(
         self, point: StudyPoint, simulation: Simulation, variant: ModelVariant, compiled: _CompiledModel
     ) -> None:
-        self.point, self.simulation, self.variant = point, simulation, variant
-        has_own_time = TIMESTEP in variant.arrays or not variant.differs_as_copied
-        self.timeline = simulation.timeline(variant.model if has_own_time else variant.compiled)
-        self.compiled = compiled
-        self.sampler = compiled.sampler(variant, self.timeline)
+        self.point, self.simulation, self.variant, self.compiled = point, simulation, variant, compiled
+        self.wall = 0.0
+        self._set_time()
+
+    def _set_time(self) -> None:
+        """Sets everything that depends on the timestep."""
+        self.timeline = timeline_of(self.simulation, self.variant)
+        self.sampler = self.compiled.sampler(self.variant, self.timeline)
         self.kind: tuple[object, ...] | None = None
         if self._can_share():
-            self.kind = (compiled.structure, self.timeline.steps)
-        self.wall = 0.0
+            self.kind = (self.compiled.structure, self.timeline.steps)
+
+    def similar(self, point: StudyPoint, variant: ModelVariant) -> "_ReadyPoint":
+        """Returns a point of the same simulation, whose model differs in copied fields only."""
+        ready = copy.copy(self)
+        ready.point, ready.variant, ready.wall = point, variant, 0.0
+        if TIMESTEP in variant.arrays or TIMESTEP in self.variant.arrays:
+            ready._set_time()
+        return ready
 
     @property
     def start_key(self) -> tuple[int, ...]:
@@ -348,7 +362,7 @@ class _ReadyPoint:
 
     def may_have_similar(self, names: Sequence[str]) -> bool:
         """Returns whether points with other values of the parameters `names` may be `_SimilarPoints`."""
-        has_paths = ABSENT not in self.point.values and all(map(_changes_numbers, names))
+        has_paths = ABSENT not in self.point.values and all(map(is_path, names))
         is_shared = self.kind is not None and not self.compiled.reads_model
         return bool(names) and has_paths and is_shared and self.variant.differs_as_copied
 
@@ -362,7 +376,7 @@ class _ReadyPoint:
 
 
 class _SimilarPoints:
-    """Points that differ from one only in copied fields of its model, without the timestep.
+    """Points that differ from one only in copied fields of its model.
 
     Preparing them from that point is many times faster, as it takes no other simulation, source or model.
 
@@ -386,9 +400,7 @@ class _SimilarPoints:
         variant = self._first.variant.compilation.with_values([*self._before, *own, *self._after])
         if variant is None:
             return None
-        ready = copy.copy(self._first)
-        ready.point, ready.variant, ready.wall = point, variant, 0.0
-        return ready
+        return self._first.similar(point, variant)
 
 
 class _MeasuredRows:
@@ -437,9 +449,12 @@ class _MeasuredRows:
         return self._metrics.values()
 
 
-def _changes_numbers(name: str) -> bool:
-    """Returns whether a parameter changes numbers of the model that do not determine the number of steps."""
-    return is_path(name) and Override(name, "").target != TIMESTEP
+def timeline_of(simulation: Simulation, variant: ModelVariant) -> Timeline:
+    """Returns the timeline of a simulation of a variant; makes no model for it if it differs in copied fields only."""
+    if not variant.differs_as_copied or simulation.replay is not None:
+        return simulation.timeline(variant.model)
+    timestep = rational(variant.arrays[TIMESTEP].item()) if TIMESTEP in variant.arrays else None
+    return simulation.timeline(variant.compiled, timestep)
 
 
 def _model_sizes(points: Sequence[_ReadyPoint]) -> dict[int, int]:

@@ -15,7 +15,7 @@ from mjrun.errors import DeviceMemoryError, UnstableError
 from mjrun.experiment.design_points import ABSENT
 from mjrun.model.model_arrays import VariedModel
 from mjrun.model.source import Source
-from mjrun.model.variants import ModelVariant, VariantLoader
+from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from mjrun.outputs.recording import Recording
 from mjrun.physics.c_engine import CEngine
 from mjrun.physics.engine import Models, RolloutBlock, models_of
@@ -44,12 +44,15 @@ def simulated(spec: StudySpec, points: list[tuple[str, ...]]) -> list[PointResul
     return sorted(chain.from_iterable(parts), key=lambda result: result.index)
 
 
-def bare(z: float = 0.3, size: float = 0.1, every: int = 1, steps: int = 300) -> tuple[float, float, float]:
+def bare(
+    z: float = 0.3, size: float = 0.1, every: int = 1, steps: int = 300, timestep: str = "0.002"
+) -> tuple[float, float, float]:
     """Computes the metrics in a bare MuJoCo loop."""
     spec = mujoco.MjSpec.from_string(BALL)
     spec.geom("ball").size[0] = size
     model = spec.compile()
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    model.opt.timestep = float(timestep)
     data = mujoco.MjData(model)
     data.qpos[2] = z
     heights, energies, touches = [], [], []
@@ -60,7 +63,7 @@ def bare(z: float = 0.3, size: float = 0.1, every: int = 1, steps: int = 300) ->
             energies.append(data.energy.sum())
             touches.append(data.ncon > 0)
         mujoco.mj_step(model, data)
-    first = float(min(touches.index(True) * every, steps) * Fraction("0.002")) if any(touches) else math.nan
+    first = float(min(touches.index(True) * every, steps) * Fraction(timestep)) if any(touches) else math.nan
     return min(heights), float(np.abs(np.array(energies) - energies[0]).max()), first
 
 
@@ -105,6 +108,21 @@ def test_numbers_that_are_copied_are_those_of_a_model_alone(tmp_path: Path) -> N
             np.testing.assert_array_equal(result.metrics, alone.metrics)
         assert {result.status for result in together} == {"ok", "failed"}
         assert len({result.metrics for result in together if result.status == "ok"}) > 2
+
+
+@pytest.mark.parametrize(("steps", "duration"), [(300, None), (None, "0.6")])
+def test_points_that_differ_in_the_timestep_share_one_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int | None, duration: str | None
+) -> None:
+    copies = list[object]()
+    monkeypatch.setattr(SharedCompilation, "model_with", lambda self, arrays: copies.append(arrays))
+    timesteps = ("0.001", "0.0015", "0.002", "0.003", "0.0015")
+    spec = spec_of(tmp_path, ("opt.timestep",), steps=steps, duration=duration)
+    for result, timestep in zip(simulated(spec, [(each,) for each in timesteps]), timesteps, strict=True):
+        count = steps or int(Fraction("0.6") / Fraction(timestep))
+        assert (result.status, result.steps) == ("ok", count)
+        np.testing.assert_array_equal(result.metrics, bare(steps=count, timestep=timestep))
+    assert not copies
 
 
 @pytest.mark.parametrize(("path", "most"), [("geom/ball.friction[0]", 1), ("geom/ball.size[0]", 3)])
