@@ -1,7 +1,6 @@
 """Geoms added to a scene: trails of objects, and ghosts of the whole model."""
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -32,23 +31,28 @@ SHAPE = ("type", "dataid", "texcoord", "size", "pos", "mat", "emission", "specul
 SHARED = (mujoco.mjtGeom.mjGEOM_FLEX.value, mujoco.mjtGeom.mjGEOM_SKIN.value)  # types with one geom per scene
 
 
-class Decoration(Protocol):
-    """A source of additional geoms. It can be pickled, also after it has added some."""
+class Decoration:
+    """An addition to colour images: geoms in the scene, or a drawing over frames.
+
+    It can be pickled, also after it has added some geoms.
+    """
 
     @property
     def geoms(self) -> int:
         """The maximum number of geoms that `add` adds."""
-        ...
+        return 0
 
     def add(self, scene: mujoco.MjvScene, index: int) -> None:
         """Adds the geoms of frame `index` of the video to `scene`, after mjv_updateScene.
 
         Each is detached from the model with `detach`. Geoms that do not fit in the scene are omitted.
         """
-        ...
+
+    def draw(self, frame: np.ndarray, index: int) -> None:
+        """Draws over the panels of frame `index`, `(h, w, 3)` uint8."""
 
 
-class Trail:
+class Trail(Decoration):
     """The path of an object up to the current instant, wider and warmer in colour where the object was faster.
 
     It is rendered as capsules, more of them where the path bends and where the speed changes. They end at the same
@@ -142,7 +146,7 @@ class Trail:
         return times[np.unique(np.searchsorted(count, np.arange(spacing, count[-1], spacing)))]
 
 
-class Ghost:
+class Ghost(Decoration):
     """A second copy of the model: translucent, in pale colours without textures, displaced.
 
     Skins and flexes are left out, since a scene has room for only one of each.

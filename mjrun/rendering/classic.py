@@ -38,7 +38,7 @@ class ClassicRenderer:
       backend: a working backend, from `BackendDetection`.
       visual: flags, groups, frames, labels and quality.
       segmentation: the grouping of ids.
-      decorations: geoms added to colour images.
+      decorations: additions to colour images, of which geoms are used.
 
     Raises:
       UsageError: the frame is larger than the backend's maximum.

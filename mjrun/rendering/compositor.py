@@ -136,7 +136,7 @@ class SceneCompositor:
       names: names of the cameras, for captions.
       poses: the pose of each camera, for each frame.
       segmentation: the grouping of ids; None if no view is a segmentation.
-      decorations: geoms added to colour images.
+      decorations: additions to colour images.
       ranges: the depths [m] of the first and the last colour for each camera; required for depth in colour.
       renderer: the name of the renderer.
     """
@@ -245,6 +245,8 @@ class SceneCompositor:
         captions = [self.caption(panel) for panel in stream.panels] if style.captions else None
         frame = compose(panels, style.layout, captions) if len(panels) > 1 or captions else panels[0]
 
+        for decoration in self.decorations:
+            decoration.draw(frame, index)
         if overlay.texts:
             stamp(frame, overlay.texts[index], overlay.corner)
         if overlay.graphs:

@@ -15,7 +15,7 @@ from mjrun.camera.script_poses import CameraMotion
 from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
 from mjrun.options.rendering import LAYOUTS
-from mjrun.rendering.added_geoms import Ghost
+from mjrun.rendering.added_geoms import Decoration, Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor, compose
@@ -181,6 +181,25 @@ def test_captions_and_text_are_stamped_on_the_plain_frame(scene: Swing) -> None:
         assert np.array_equal(written, expected)
         assert np.array_equal(captioned, compose([plain], labels=["side"]))
     compositor.close()
+
+
+class Bar(Decoration):
+    """Stands for a clock: a row whose brightness is the number of the frame."""
+
+    def draw(self, frame: np.ndarray, index: int) -> None:
+        frame[-1] = 100 + index
+
+
+def test_decorations_draw_over_the_panels_of_a_frame_in_colour(scene: Swing) -> None:
+    streams = stream(RGB, CameraPanel(1, "rgb")), stream(SEG), stream(DEPTH, exact=True)
+    plain, drawn = (scene.compositor(*streams, ranges=[(1, 3)] * 2, decorations=each) for each in ([], [Bar()]))
+    for index in range(len(ANGLES)):
+        expected = scene.frames(plain, index)
+        for frame in expected[:2]:
+            frame[-1] = 100 + index
+        assert all(map(np.array_equal, scene.frames(drawn, index), expected))
+    plain.close()
+    drawn.close()
 
 
 class Stripes:
