@@ -20,6 +20,7 @@ from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,
     FailureReport,
+    FileError,
     MjrunError,
     OutOfMemoryError,
     TerminatedError,
@@ -206,9 +207,19 @@ def _failure(error: BaseException) -> FailureReport:
 
             if (cause := cause_of(error)) is not None:
                 return FailureReport.of(cause)
+            if isinstance(error, FileNotFoundError) and not _has_working_folder():
+                return FailureReport.of(FileError(os.curdir, "the working folder has been removed"))
             return FailureReport("InternalError", _bug_message(error), BUG)
         case _:
             raise error
+
+
+def _has_working_folder() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _usage_message(error: click.UsageError) -> str:
