@@ -107,9 +107,10 @@ class ChildProcess:
       stdout, stderr: their destinations, possibly descriptors. Captured output is read continuously, so that the child
         never waits for it.
       stdout_limit: bytes of captured output to keep.
-      fork: function to call with the new numbers of `descriptors` instead of the program, in a copy of this process
-        without its other descriptors, signal handlers and status; it must not return. See `may_fork`. Its output is
-        read from the first `wait` or `capture`, since reading takes a thread, which no later copy could have.
+      run_in_fork: function to call instead of the program, in a copy of this process without its other descriptors,
+        signal handlers and status; its arguments are the new numbers of `descriptors`, and it must not return. See
+        `may_fork`. Its output is read from the first `wait` or `capture`, since reading takes a thread, which no later
+        copy could have.
 
     Raises:
       FileError: the program is not executable.
@@ -127,7 +128,7 @@ class ChildProcess:
         stdout: Stream = "discard",
         stderr: Stream = "inherit",
         stdout_limit: float = STDOUT_LIMIT,
-        fork: Callable[..., NoReturn] | None = None,
+        run_in_fork: Callable[..., NoReturn] | None = None,
     ) -> None:
         self._cause: Cause | None = None
         variables = {**os.environ, **(environment or {})}
@@ -146,7 +147,7 @@ class ChildProcess:
                     stdout=_target(stdout),
                     stderr=_target(stderr),
                     env=variables,
-                    preexec_fn=partial(_continue_in_fork, fork, variables, copies) if fork else None,
+                    preexec_fn=partial(_continue_in_fork, run_in_fork, variables, copies) if run_in_fork else None,
                     **system.process_options([*copies, *inherited]),
                 )
             except PermissionError as error:
@@ -158,7 +159,7 @@ class ChildProcess:
             system.make_nonblocking(self._popen.stdin.fileno())
         self._stdout = _Capture(self._popen.stdout, stdout_limit, keep="beginning")
         self._stderr = _Capture(self._popen.stderr, STDERR_LIMIT, keep="end")
-        if fork is None:
+        if run_in_fork is None:
             self.capture()
 
     @property
@@ -191,7 +192,7 @@ class ChildProcess:
         return self.stderr.decode(errors="replace").strip().rpartition("\n")[2]
 
     def capture(self) -> None:
-        """Reads captured output from now on; needed only after a `fork`."""
+        """Reads captured output from now on; needed only after `run_in_fork`."""
         self._stdout.start()
         self._stderr.start()
 

@@ -151,7 +151,7 @@ class Worker:
                 environment=environment,
                 descriptors=[theirs.fileno(), *descriptors],
                 stderr=stderr,
-                fork=partial(serve, server) if is_fork else None,
+                run_in_fork=partial(serve, server) if is_fork else None,
             )
             stack.pop_all()
 

@@ -344,7 +344,7 @@ def parse_camera(text: str, model: mujoco.MjModel) -> CameraScript:
     """
     cameras = names(model, "camera")
     kind, _, rest = text.partition(":")
-    rig = RIGS.get(kind)
+    rig = RIGS.get(kind)  # a class in a module of camera/rigs, whose `kind` is this name
     if text in cameras or rig is None or kind not in RIG_EXAMPLES:
         shot = Shot(_model_camera(text, model, cameras))
     else:

@@ -157,6 +157,19 @@ class SectionedCommand(click.Command):
 
     context_class = HelpContext
     declaration = Declaration()
+    body: Body
+
+    def invoke(self, ctx: click.Context) -> None:
+        """Calls the body of the command; standard output is reserved for what it prints."""
+        console, command_line = cast("Console", ctx.obj), CommandLine(ctx.params)
+        gc.freeze()
+        gc.enable()
+        _set_verbosity(console, command_line)
+        with _confined_if_asked(console, command_line):
+            console.guard_stdout()
+            self.body(console, command_line)
+        if command_line.value("open"):
+            console.open_file(cast("str | None", command_line.value("html")))
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
@@ -288,8 +301,6 @@ def command(
 ) -> Callable[[Body], SectionedCommand]:
     """Turns a function of a console and a command line into a command with the options of `classes`.
 
-    Standard output is reserved for what the command prints.
-
     Args:
       name: the name of the command; by default, that of the function.
       without: names of options that this command does not accept.
@@ -298,23 +309,11 @@ def command(
     """
 
     def decorate(body: Body) -> SectionedCommand:
-        @click.pass_obj
-        def callback(console: Console, /, **params: object) -> None:
-            gc.freeze()
-            gc.enable()
-            command_line = CommandLine(params)
-            _set_verbosity(console, command_line)
-            with _confined_if_asked(console, command_line):
-                console.guard_stdout()
-                body(console, command_line)
-            if command_line.value("open"):
-                console.open_file(cast("str | None", command_line.value("html")))
-
         declared = {each.name: each for cls in (*classes, ConsoleOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]
-        made = cls(name or body.__name__, callback=callback, params=params, help=body.__doc__)
-        made.declaration = Declaration(classes, **facts)
+        made = cls(name or body.__name__, params=params, help=body.__doc__)
+        made.declaration, made.body = Declaration(classes, **facts), body
         return made
 
     return decorate

@@ -15,7 +15,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.temporary_output import temporary_file
 from mjrun.model import state
-from mjrun.model.compilation import compile_model
+from mjrun.model.compilation import compile_spec, refusals_named
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import identify
 from mjrun.model.xml_source import START_TAG, Element, XmlParser
@@ -91,7 +91,9 @@ class KeyframeWriter(OutputWriter):
         beside = Path(self.destination.path).with_name(shown.name)
         with self.writing(), temporary_file(beside, text, ".xml") as path:
             try:
-                return compile_model(lambda: mujoco.MjSpec.from_file(str(path)), (), shown)[1]
+                with refusals_named(shown):
+                    spec = mujoco.MjSpec.from_file(str(path))
+                return compile_spec(spec, (), shown)[1]
             except BrokenModelError as error:
                 reason = str(error).removeprefix(f"{clean(str(shown))}:").lstrip()
                 reason = f"line {reason}" if error.line else reason

@@ -3,7 +3,8 @@
 import math
 import re
 import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -117,10 +118,25 @@ NOT_UTF8 = "it contains a name that is not UTF-8; save the file as UTF-8"
 _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTILINE)
 
 
-def compile_model(
-    parse: Callable[[], mujoco.MjSpec], overrides: Sequence[Override], path: Path, advice: str = ""
+@contextmanager
+def refusals_named(path: Path, advice: str = "") -> Generator[None]:
+    """Raises what MuJoCo refuses within the `with` block, where a model is parsed, as BrokenModelError.
+
+    Args:
+      path: the name of the model in errors.
+      advice: a note for MuJoCo's refusal.
+    """
+    try:
+        with without_log(), doing("reading", path):
+            yield
+    except FAULTS as error:
+        raise broken_model(path, error, advice=advice) from error
+
+
+def compile_spec(
+    spec: mujoco.MjSpec, overrides: Sequence[Override], path: Path, advice: str = ""
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Compiles the specification that `parse` returns, with overrides; returns both.
+    """Applies overrides to a specification, in place, and compiles it; returns both.
 
     Args:
       overrides: overrides, applied in order.
@@ -131,13 +147,8 @@ def compile_model(
       BrokenModelError: MuJoCo refuses the model.
       UsageError: an override refers to nothing, or its value does not fit.
     """
+    refuse_plugins(spec, path)
     with without_log():
-        try:
-            with doing("reading", path):
-                spec = parse()
-        except FAULTS as error:
-            raise broken_model(path, error, advice=advice) from error
-        refuse_plugins(spec, path)
         try:
             for override in overrides:
                 with concerning(*override.option_path):

@@ -197,8 +197,13 @@ class BackendTrialProcess:
         script = Path(__file__).with_name("try_backend.py")
         command = [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])]
         self._log = os.fdopen(memory_file(), "w+b")  # a file, since the child reads Filament's log from it
-        fork = partial(_report, name) if is_fork else None
-        self._process = ChildProcess(command, environment=environment, stdout="capture", stderr=self._log, fork=fork)
+        self._process = ChildProcess(
+            command,
+            environment=environment,
+            stdout="capture",
+            stderr=self._log,
+            run_in_fork=partial(_report, name) if is_fork else None,
+        )
 
     def answer(self) -> dict[str, Any]:
         """Waits for the child's answer, which has an `error` if the backend fails."""

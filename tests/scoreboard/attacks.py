@@ -414,7 +414,7 @@ def attacked(arguments: list[str]) -> int:
     from mjrun.model.sources import file
 
     place, begun, results = os.environ[PLACE], list[int](), list[int]()
-    load, compile_model = simulation_command.import_mujoco, file.compile_model
+    load, compile_spec = simulation_command.import_mujoco, file.compile_spec
 
     def in_main() -> None:
         if not begun:
@@ -440,10 +440,10 @@ def attacked(arguments: list[str]) -> int:
     def in_loader(*arguments: object, **settings: object) -> object:
         if place == LOADER and results:
             attack(begun[0], results.pop())
-        return partial(compile_model, *arguments, **settings)()  # type: ignore[arg-type]
+        return partial(compile_spec, *arguments, **settings)()  # type: ignore[arg-type]
 
     simulation_command.import_mujoco = in_main
-    file.compile_model = in_loader  # type: ignore[assignment]
+    file.compile_spec = in_loader  # type: ignore[assignment]
     watcher, continue_in_fork = os.getpid(), child_process._continue_in_fork
 
     def in_fork(*arguments: Any) -> NoReturn:

@@ -15,11 +15,11 @@ from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_reada
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
 from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList
-from mjrun.model.compilation import compile_model
+from mjrun.model.compilation import compile_spec, refusals_named
 from mjrun.model.model_files import AbsolutePathModel, file_content, installed_packages, packages_in, placed
 from mjrun.model.override import ASSETS
 from mjrun.model.source import Source
-from mjrun.model.sources.file import parse_checked
+from mjrun.model.sources.file import parsing_checked
 from mjrun.model.xml_source import is_regular
 from mjrun.packages import require
 
@@ -171,15 +171,13 @@ class DemonstrationSource(Source):
             raise _missing_files(name, model, origin)
         overrides = [each for each in self.overrides if each.option != ASSETS]
         text, shown = model.text.decode("utf-8", "replace"), clean(shlex.quote(self.text))
-        return compile_model(
-            lambda: parse_checked(
-                self.path, model.text, str(self.path), lambda: mujoco.MjSpec.from_string(text), overrides
-            ),
-            overrides,
-            name,
+        advice = (
             f"`mjrun info {shown} --xml > fixed.xml` writes its MJCF, `mjrun check --fix fixed.xml` corrects what is "
-            f"certain, and {option('replay')} {shown} replays the states on the corrected model",
+            f"certain, and {option('replay')} {shown} replays the states on the corrected model"
         )
+        with refusals_named(name, advice), parsing_checked(self.path, model.text, str(self.path), overrides):
+            spec = mujoco.MjSpec.from_string(text)
+        return compile_spec(spec, overrides, name, advice)
 
     def _model(self) -> tuple[AbsolutePathModel, DemonstrationFileOrigin]:
         """Reads the text of the model, in which files have their places on this machine."""

@@ -4,7 +4,8 @@ import shlex
 import stat
 import zipfile
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.model import model_files
-from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
+from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_spec, refusals_named
 from mjrun.model.model_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override
@@ -67,8 +68,13 @@ class FileSource(Source):
         self._check_file()
         if self.path.suffix in COMPILED:
             return None, self._load_compiled()
+        name = Path(self.text)
         advice = f"mjrun check {clean(shlex.quote(self.text))} shows the place and a remedy"
-        return compile_model(self._parse, self.overrides, Path(self.text), advice)
+        with refusals_named(name, advice):
+            text, main = model_files.main_text(self.path)
+            with parsing_checked(self.path, text, main, self.overrides):
+                spec = self._parse()
+        return compile_spec(spec, self.overrides, name, advice)
 
     def _check_file(self) -> None:
         path = self.path
@@ -125,10 +131,6 @@ class FileSource(Source):
         return model
 
     def _parse(self) -> mujoco.MjSpec:
-        text, main = model_files.main_text(self.path)
-        return parse_checked(self.path, text, main, self._parse_file, self.overrides)
-
-    def _parse_file(self) -> mujoco.MjSpec:
         path = self.path
         if path.suffix not in ARCHIVES:
             return mujoco.MjSpec.from_file(str(path))
@@ -162,14 +164,9 @@ class CollectionFileSource(CollectionModelSource):
         return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
-def parse_checked(
-    path: Path,
-    text: bytes | None,
-    main: str,
-    parse: Callable[[], mujoco.MjSpec],
-    overrides: Sequence[Override] = (),
-) -> mujoco.MjSpec:
-    """Returns the specification that `parse` makes of a text, which is checked for hazards before.
+@contextmanager
+def parsing_checked(path: Path, text: bytes | None, main: str, overrides: Sequence[Override] = ()) -> Generator[None]:
+    """Checks a text for hazards before the `with` block, where MuJoCo parses it, and explains a foreign file there.
 
     Args:
       path: the file that contains the text, or the archive.
@@ -184,7 +181,7 @@ def parse_checked(
     if main:
         require_finite_nesting(path, main, text)
     try:
-        return parse()
+        yield
     except FAULTS:
         if foreign := foreign_file(path, text):
             raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None

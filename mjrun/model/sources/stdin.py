@@ -11,10 +11,10 @@ import mujoco
 from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
-from mjrun.model.compilation import compile_model
+from mjrun.model.compilation import compile_spec, refusals_named
 from mjrun.model.model_files import existing_files
 from mjrun.model.source import Source
-from mjrun.model.sources.file import FileSource, parse_checked
+from mjrun.model.sources.file import FileSource, parsing_checked
 
 LABEL = Path("<stdin>")
 DEVICE = Path("/dev/stdin")
@@ -62,12 +62,9 @@ class StdinSource(Source):
         return confined_load(lambda: self._compile(xml))
 
     def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        text, overrides = xml.encode(), self.overrides
-        return compile_model(
-            lambda: parse_checked(LABEL, text, str(LABEL), lambda: mujoco.MjSpec.from_string(xml), overrides),
-            overrides,
-            LABEL,
-        )
+        with refusals_named(LABEL), parsing_checked(LABEL, xml.encode(), str(LABEL), self.overrides):
+            spec = mujoco.MjSpec.from_string(xml)
+        return compile_spec(spec, self.overrides, LABEL)
 
     def __reduce__(self) -> tuple[type, tuple[()], dict[str, object]]:
         # The standard input of another process is different.
