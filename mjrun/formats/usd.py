@@ -58,9 +58,12 @@ def write_usd(
         writer = _Writer(Path(folder), graph, motion, fps, has_textures=suffix == PACKAGE)
         writer.stage.GetRootLayer().customLayerData = {"mjrun": json.dumps(facts, default=str)}
         whole = Path(folder) / f"scene{'.usdc' if suffix == PACKAGE else suffix}"
-        writer.stage.GetRootLayer().Export(str(whole))
-        if suffix == PACKAGE:
-            whole = _package([whole, *sorted(Path(folder).glob("*.png"))], Path(folder) / f"scene{PACKAGE}")
+        try:
+            writer.stage.GetRootLayer().Export(str(whole))
+            if suffix == PACKAGE:
+                whole = _package([whole, *sorted(Path(folder).glob("*.png"))], Path(folder) / f"scene{PACKAGE}")
+        except Tf.ErrorException as error:
+            raise FileError(whole, f"cannot be written: {clean(error.args[0].commentary)}") from error
         with whole.open("rb") as source:
             shutil.copyfileobj(source, file)
         texts = [clean(each.commentary) for each in messages.TakeUncoalescedDiagnostics()]

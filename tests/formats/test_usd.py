@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.errors import FileError
 from mjrun.formats.usd import write_usd
 from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import (
@@ -54,6 +55,18 @@ def stage_of(
     remarks = write_usd(file, suffix, graph, motion, 30000 / 1001, {"model": "m.xml"})
     (folder / f"a{suffix}").write_bytes(file.getvalue())
     return Usd.Stage.Open(str(folder / f"a{suffix}")), remarks
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_a_file_that_cannot_be_written_is_reported(suffix: str) -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(FileError, match=r"scene\.usd.: cannot be written: .*File too large"):
+            write_usd(io.BytesIO(), suffix, SceneGraph(NODES), MOTION, 30, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def place(stage: Any, path: str, frame: float) -> np.ndarray:
