@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mjrun.confinement.confinement import is_writable
-from mjrun.errors import FileError, file_errors, option
+from mjrun.errors import FileError, clean, file_errors, option
 from mjrun.formats.parent_folders import TRIES, ParentFolders
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove, unused_name
 from mjrun.platform import system
@@ -195,6 +195,11 @@ class Destination:
     folder: Path | None = None
     stdout: int | None = None
 
+    @property
+    def remark(self) -> str:
+        """A warning about the published output, or an empty string."""
+        return ""
+
     def sync(self) -> None:
         """Syncs the output to the disk."""
 
@@ -369,6 +374,13 @@ class StagedFrames(_Staged):
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
         self.others = [self._place(number).name for number in later if number >= len(places)]
         return [self._shown.parent / place.name for place in places]
+
+    @property
+    def remark(self) -> str:
+        if not self.others:
+            return ""
+        more = f" and {len(self.others) - 1} more" if len(self.others) > 1 else ""
+        return f"{clean(self.others[0])}{more} already existed and follow the last frame: not part of this video"
 
     def take_back(self) -> None:
         take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)

@@ -143,11 +143,6 @@ class VideoWriter(OutputWriter):
         self.end()
         self._check()
 
-    @property
-    def others(self) -> Sequence[str]:
-        """Frames of an older video that match the pattern and follow the last one, known after publication."""
-        return self.destination.others if isinstance(self.destination, StagedFrames) else ()
-
     def _start(self, tags: Mapping[str, str]) -> ChildProcess:
         width, height = self.size
         source = [

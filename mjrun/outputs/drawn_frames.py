@@ -28,6 +28,7 @@ from mjrun.outputs.recorded_scene import (
     check_once,
     check_scene,
     open_states,
+    place_scene,
     plan_scene,
     state_taps,
 )
@@ -304,11 +305,12 @@ class VideoOrImagePlan(Plan[R_co]):
     schedule: FrameSchedule | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class OpenFrames:
     """The frames of a video or an image, which can be recorded and then drawn.
 
     Attributes:
+      schedule: the schedule of the frames; None until events decide.
       files: the files that the frames are written to.
       states: the recorded states.
       values: the values of each frame in a text and in plots.
@@ -317,16 +319,33 @@ class OpenFrames:
     """
 
     plan: FramePlan
+    schedule: FrameSchedule | None
     files: Sequence[VideoOrImageFile]
     states: SceneStates
     values: list[FrameValues]
     backend: Backend
     processes: "DrawingProcesses"
 
-    def facts(self, schedule: FrameSchedule | None) -> dict[str, object]:
-        """Returns facts for the manifest, from the schedule if it is known."""
-        facts = self.plan.scene.context.facts(self.plan.job, schedule.observed if schedule else None)
+    @property
+    def facts(self) -> dict[str, object]:
+        """Facts for the manifest, from the schedule if it is known."""
+        facts = self.plan.scene.context.facts(self.plan.job, self.schedule.observed if self.schedule else None)
         return {**facts, "renderer": self.backend.renderer}
+
+    @property
+    def taps(self) -> list[Tap]:
+        """The taps that record everything that the frames show; none until the schedule is known."""
+        if self.schedule is None:
+            return []
+        taps, probes = state_taps(self.plan.scene, self.schedule, self.states), self.plan.probes
+        if probes and not probes.idle:
+            taps.append(Tap(self.schedule.steps, lambda stepper: self.values.append(probes.read(stepper))))
+        return taps
+
+    def place(self) -> PlacedScene:
+        """Returns the scene at the frames that were recorded."""
+        assert self.schedule
+        return place_scene(self.plan.scene, self.schedule, self.states)
 
 
 def open_frames(
@@ -334,7 +353,7 @@ def open_frames(
     schedule: FrameSchedule | None,
     files: Sequence[VideoOrImageFile],
     stack: ExitStack,
-    renderers: BackendsAndWorkers,
+    backends: BackendsAndWorkers,
     jobs: int | str = 1,
 ) -> OpenFrames:
     """Makes room for the states of frames, waits for the backend, and starts the processes that draw.
@@ -350,15 +369,15 @@ def open_frames(
     """
     context = plan.scene.context
     states = open_states(plan.scene, stack)
-    processes = DrawingProcesses(plan.job, jobs, renderers, context.reporter)
+    processes = DrawingProcesses(plan.job, jobs, backends, context.reporter)
     if schedule and lacks_gpu():
         processes.start(len(schedule.steps), software=True)  # while the backend is being detected
-    backend = renderers.backend(plan.job)
+    backend = backends.backend(plan.job)
     if schedule:
         processes.start(len(schedule.steps), software=backend.software)
     for text in _drawing_warnings(plan, files, backend):
         context.reporter.warn(text)
-    return OpenFrames(plan, files, states, [], backend, processes)
+    return OpenFrames(plan, schedule, files, states, [], backend, processes)
 
 
 def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: Backend) -> list[str]:
@@ -368,14 +387,6 @@ def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backen
     remarks = [text for each in plan.scene.decorations for text in each.remarks if text not in replay_remarks]
     unused = unused_options(job, plan.plots) if all(file.exact for file in files) else []
     return [*check_drawing(job, context.model, backend), *remarks, *unused]
-
-
-def frame_taps(frames: OpenFrames, schedule: FrameSchedule) -> list[Tap]:
-    """Returns the taps that record everything that the frames show."""
-    taps, probes = state_taps(frames.plan.scene, schedule, frames.states), frames.plan.probes
-    if probes and not probes.idle:
-        taps.append(Tap(schedule.steps, lambda stepper: frames.values.append(probes.read(stepper))))
-    return taps
 
 
 def frame_compositor(frames: OpenFrames, scene: PlacedScene, *, legend: bool = False) -> SceneCompositor:
@@ -486,12 +497,12 @@ class DrawingProcesses:
     """
 
     def __init__(
-        self, options: ViewOptions, asked: int | str, renderers: BackendsAndWorkers, reporter: Reporter
+        self, options: ViewOptions, asked: int | str, backends: BackendsAndWorkers, reporter: Reporter
     ) -> None:
         # Filament's noise continues from frame to frame: only a single process makes the same video each time.
         self._asked = 1 if asked == AUTO and options.renderer == "filament" else asked
         self._cost = estimated_cost(options.size, len(panels_of(options)))
-        self._renderers, self._reporter = renderers, reporter
+        self._backends, self._reporter = backends, reporter
         self._processes: CompositorProcesses | None = None
         self.count = 1
 
@@ -508,7 +519,7 @@ class DrawingProcesses:
         if self._processes is None:
             cores = available_cores() if system.PASSES_DESCRIPTORS else 1  # by which the processes share memory
             self.count = jobs_for(self._asked, software, frames, cost or self._cost, cores)
-            self._processes = self._renderers.workers(self.count) if self.count > 1 else None
+            self._processes = self._backends.workers(self.count) if self.count > 1 else None
 
     def frames(self, compositor: SceneCompositor, states: StateBuffer, backend: Backend) -> Generator[np.ndarray]:
         """Yields every frame in order, the files of a frame one after the other in flat bytes."""

@@ -433,80 +433,69 @@ class ExportPlan(output.Plan[ExportResult]):
     rows: Sequence[int] | None
     detector: MarkDetector | None
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "ExportOutput":
-        return ExportOutput(self, stack, renderers)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "ExportOutput":
+        return ExportOutput(self, stack, backends)
 
 
 class ExportOutput(output.Output[ExportResult]):
     """An export with an open file."""
 
-    _schedule: FrameSchedule
-
-    def __init__(self, plan: ExportPlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: ExportPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
         job = self._job = plan.job
         self._plan, self._context = plan, plan.scene.context
-        self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
+        self._facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
         self._images: OpenFrames | None = None
         if plan.images:
             from mjrun.outputs.camera_panels import panel_files
             from mjrun.outputs.drawn_frames import open_frames
 
             files = panel_files(plan.images.job, plan.images.job.output)
-            self._images = open_frames(plan.images, plan.schedule, files, stack, renderers, job.jobs)
+            self._images = open_frames(plan.images, plan.schedule, files, stack, backends, job.jobs)
         self._states = self._images.states if self._images else open_states(plan.scene, stack)
-        self._table, self._steps = plan.table, plan.rows
         self._rows = stack.enter_context(closing(RowFile(len(plan.table.columns) if plan.table else 0)))
         self._detector = plan.detector
         self._contacts: ContactRecorder | None = None
         if job.file_format.contacts:
             self._contacts = stack.enter_context(closing(ContactRecorder(self._context.model)))
-        self._verdicts: Sequence[Verdict] = ()
         destination = StandardOutput() if job.output == "-" else StagedFile(Path(job.output))
         self._writer = stack.enter_context(OutputWriter(destination))
         self._file: BinaryIO = self._writer.open_file()
-        self._size = 0
+        if plan.schedule:
+            self._observe(plan.schedule)
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        self._schedule = self._plan.schedule or self._job.schedule(self._plan.scene, event_steps)
-        taps = state_taps(self._plan.scene, self._schedule, self._states)
-        if self._table:
-            self._steps = self._schedule.steps if self._steps is None else self._steps
-            self._buffer = RowBuffer(self._table, self._steps, lambda block: self._rows.extend(block.values))
-            taps.append(Tap(self._steps, self._buffer.record))
+    def schedule(self, event_steps: output.EventSteps) -> None:
+        self._observe(self._job.schedule(self._plan.scene, event_steps))
+
+    def _observe(self, schedule: FrameSchedule) -> None:
+        """Makes the taps that record the frames of a schedule."""
+        self._schedule, table = schedule, self._plan.table
+        self.taps = state_taps(self._plan.scene, schedule, self._states)
+        self._steps = schedule.steps if self._plan.rows is None else self._plan.rows
+        if table:
+            self._buffer = RowBuffer(table, self._steps, lambda block: self._rows.extend(block.values))
+            self.taps.append(Tap(self._steps, self._buffer.record))
         if self._contacts:
-            taps.append(Tap(self._schedule.steps, self._contacts.record))
+            self.taps.append(Tap(schedule.steps, self._contacts.record))
         if self._detector:
-            taps.append(self._detector.tap(self._context.timeline.steps))
-        return taps
+            self.taps.append(self._detector.tap(self._context.timeline.steps))
 
-    def draw(self) -> None:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[ExportResult]:
         """Writes the scene, and draws its images as the format asks for them."""
         placed = place_scene(self._plan.scene, self._schedule, self._states)
-        marks, self._verdicts = self._detector.finish() if self._detector else ((), ())
-        self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
+        marks, verdicts = self._detector.finish() if self._detector else ((), ())
+        failed = [verdict.message for verdict in verdicts if not verdict.passed]
         contacts = self._contacts.contacts(len(placed.states)) if self._contacts else None
         values, plan = self._measured(), self._plan.scene
-        scene = ExportedScene(self._job, plan, placed, self._images, values, marks, contacts, self.facts)
+        scene = ExportedScene(self._job, plan, placed, self._images, values, marks, contacts, self._facts)
         write = self._job.file_format.write
         assert write
         with self._writer.writing():
             write(scene, self._file)
             self._file.flush()
-            self._size = self._file.tell() if self._file.seekable() else 0
+            size = self._file.tell() if self._file.seekable() else 0
 
-    def written(self) -> Sequence[OutputWriter]:
-        self.facts = {**self.facts, "frames": len(self._states.frames)}
-        return [self._writer]
-
-    def _measured(self) -> MeasuredValues | None:
-        if self._table is None or self._steps is None:
-            return None
-        self._buffer.flush()
-        return MeasuredValues(self._table.columns, self._steps, self._rows)
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> ExportResult:
-        job, timeline, count = self._job, self._context.timeline, len(self._states.frames)
-        return ExportResult(
+        job, timeline, count = self._job, self._context.timeline, len(placed.states)
+        result = ExportResult(
             path=job.output,
             format=job.file_format.name,
             frames=count,
@@ -514,10 +503,18 @@ class ExportOutput(output.Output[ExportResult]):
             duration=float(count / job.fps),
             simulated=float(timeline.duration),
             steps=timeline.steps,
-            size=self._size,
+            size=size,
             simulation_wall=simulation_wall,
-            assertions=self._verdicts,
+            assertions=verdicts,
         )
+        return output.FinishedOutput(result, [self._writer], {**self._facts, "frames": count}, failed)
+
+    def _measured(self) -> MeasuredValues | None:
+        table = self._plan.table
+        if table is None:
+            return None
+        self._buffer.flush()
+        return MeasuredValues(table.columns, self._steps, self._rows)
 
 
 def _positions(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> Iterator[mujoco.MjData]:

@@ -25,15 +25,13 @@ from mjrun.outputs.drawn_frames import (
     VideoOrImageJob,
     VideoOrImagePlan,
     frame_compositor,
-    frame_taps,
     open_frames,
     plan_frames,
 )
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
-from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan, place_scene
-from mjrun.physics.simulation_loop import Tap
+from mjrun.outputs.recorded_scene import ScenePlan
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.simulation.simulation import require_countable
@@ -151,24 +149,22 @@ class ImagePlan(VideoOrImagePlan[ImageResult]):
 
     job: Image
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "ImageOutput":
-        return ImageOutput(self, stack, renderers)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "ImageOutput":
+        return ImageOutput(self, stack, backends)
 
 
 class ImageOutput(output.Output[ImageResult]):
     """An image with open files."""
 
-    _schedule: FrameSchedule
-    _scene: PlacedScene
-
-    def __init__(self, plan: ImagePlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: ImagePlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
         job, files = plan.job, plan.job.formatted_files
         self._plan, self._job = plan, job
-        self._frames = open_frames(plan.frames, plan.schedule, files, stack, renderers)
-        self.facts = self._frames.facts(plan.schedule)
+        self._frames = open_frames(plan.frames, plan.schedule, files, stack, backends)
+        self.taps = self._frames.taps
+        self._facts = self._frames.facts
         self._writers: list[ImageWriter] = []
         for file in files:
-            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self.facts)
+            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self._facts)
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
         self._calibration: CalibrationOutput | None = None
@@ -182,57 +178,55 @@ class ImageOutput(output.Output[ImageResult]):
             labels = Segmentation(model, job.seg_by).legend if "seg" in job.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        self._schedule = self._plan.schedule or self._job.schedule(self._plan.frames.scene, event_steps)
-        return frame_taps(self._frames, self._schedule)
+    def schedule(self, event_steps: output.EventSteps) -> None:
+        self._frames.schedule = self._job.schedule(self._plan.frames.scene, event_steps)
+        self.taps = self._frames.taps
 
-    def draw(self) -> None:
-        self._scene = place_scene(self._plan.frames.scene, self._schedule, self._frames.states)
-        compositor = frame_compositor(self._frames, self._scene, legend=self._job.legend)
-        pictures = self._pictures(compositor)
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[ImageResult]:
+        scene = self._frames.place()
+        compositor = frame_compositor(self._frames, scene, legend=self._job.legend)
+        pictures = self._pictures(compositor, scene.states[0])
         for index in range(len(self._writers)):
             self._write(index, compositor, pictures)
+        clipped = max(writer.clipped for writer in self._writers)
+        if clipped:
+            text = f"{clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
+            self._plan.frames.scene.context.reporter.warn(text)
+
+        writers: list[OutputWriter] = [*self._writers]
+        if self._calibration:
+            self._calibration.write(scene.poses[0], 0, scene.times[0])
+            writers.append(self._calibration.writer)
         if self._pointcloud:
             for picture in pictures:
                 self._pointcloud.write(picture)
-        if self._clipped:
-            text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
-            self._plan.frames.scene.context.reporter.warn(text)
+            writers.append(self._pointcloud)
+        return output.FinishedOutput(self._result(scene.schedule, clipped, writers), writers, self._facts)
 
-    def written(self) -> Sequence[OutputWriter]:
-        writers: list[OutputWriter] = [*self._writers]
-        if self._calibration:
-            self._calibration.write(self._scene.poses[0], 0, self._scene.times[0])
-            writers.append(self._calibration.writer)
-        return [*writers, *([self._pointcloud] if self._pointcloud else [])]
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> ImageResult:
-        backend, schedule = self._frames.backend, self._scene.schedule
+    def _result(self, schedule: FrameSchedule, clipped: float, writers: Sequence[OutputWriter]) -> ImageResult:
+        backend, file = self._frames.backend, self._job.formatted_files[0]
+        places = [part.destination for writer in writers for part in writer.together]
         return ImageResult(
             path=self._job.output,
-            paths=[str(file) for file in files],
-            format=self._job.formatted_files[0].format,
-            size=self._plan.frames.size_of(self._job.formatted_files[0]),
+            paths=[str(place.shown) for place in places if place.stdout is None],
+            format=file.format,
+            size=self._plan.frames.size_of(file),
             time=schedule.times[0],
             step=schedule.steps[0],
-            clipped=self._clipped,
+            clipped=clipped,
             renderer=backend.renderer,
             gl=backend.name,
             software=backend.software,
         )
 
-    @property
-    def _clipped(self) -> float:
-        return max(writer.clipped for writer in self._writers)
-
-    def _pictures(self, compositor: SceneCompositor) -> list[RenderedView]:
+    def _pictures(self, compositor: SceneCompositor, state: np.ndarray) -> list[RenderedView]:
         """Renders the view of each camera."""
-        job, state = self._job, self._scene.states[0]
+        views = self._job.view
         try:
             compositor.open()
-            if not compositor.ranges and "depth" in job.view:
+            if not compositor.ranges and "depth" in views:
                 compositor.choose_ranges({0: state})
-            return compositor.render(state, 0, [*job.view, *(POINTCLOUD_VIEWS if self._pointcloud else ())])
+            return compositor.render(state, 0, [*views, *(POINTCLOUD_VIEWS if self._pointcloud else ())])
         finally:
             compositor.close()
 

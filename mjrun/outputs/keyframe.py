@@ -115,7 +115,7 @@ class KeyframePlan(output.Plan[KeyframeResult]):
     source: Path
     xml: bytes
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "KeyframeOutput":
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "KeyframeOutput":
         return KeyframeOutput(self, stack)
 
 
@@ -131,24 +131,20 @@ class KeyframeOutput(output.Output[KeyframeResult]):
             model = replace(origin, overrides=()).load()
             overrides = listing([str(override) for override in origin.overrides])
             context.reporter.warn(f"{job.output} holds the model without its overrides: {overrides} is left out")
-        self.facts = context.facts(job)
+        self._facts = context.facts(job)
+        self.taps = [Tap([plan.until], self._record)]
         self._writer = stack.enter_context(KeyframeWriter(job.output, plan.source, plan.xml, job.name, model))
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        return [Tap([self._step], self._record)]
-
-    def written(self) -> Sequence[KeyframeWriter]:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[KeyframeResult]:
         for text in self._writer.write(self._context.model, self._state):
             self._context.reporter.warn(f"{clean(self._job.output)}: {text}")
-        return [self._writer]
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> KeyframeResult:
-        return KeyframeResult(
+        result = KeyframeResult(
             path=self._job.output,
             name=self._job.name,
             time=float(self._context.timeline.time(self._step)),
             step=self._step,
         )
+        return output.FinishedOutput(result, [self._writer], self._facts)
 
     def _record(self, stepper: Stepper) -> None:
         self._state = stepper.state()

@@ -1,15 +1,15 @@
-"""An output in two phases: a plan, with everything checked and nothing open, and an output, whose files are open.
+"""An output in three phases, each a value: a plan, an output whose files are open, and a finished output.
 
 A *job* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
-An *output* observes the simulation through its taps. Then it draws what they recorded into its files.
+An *output* observes the simulation through its taps. A *finished output* has its result, and its files are complete.
 
 The pass in `perform` calls, in this order:
 
 - of each job, `files` and `check`, and then `plan` with the compiled model, while the backend is being detected;
 - of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
-- of each output, `taps`, which are served in one simulation, or `simulate` of a single one that reads blocks of steps;
-  then `draw` and `written`, which ends the encoders;
-- when its files are in their places, `result` and `remarks`.
+- in the simulation, the `taps` of each output, or `simulate` of a single one that reads blocks of steps; outputs that
+  wait for events first `schedule` their taps;
+- of each output, `finish`, which draws what the taps recorded, ends the encoders, and returns the finished output.
 """
 
 import os
@@ -173,22 +173,36 @@ class BackendsAndWorkers:
             detection.cancel()
 
 
-class Output(ABC, Generic[R_co]):
-    """An output with open files, which proves that they can be written.
+@dataclass(frozen=True)
+class FinishedOutput(Generic[R_co]):
+    """An output whose files are complete, and remain to be published.
 
     Attributes:
+      result: the result, without what the pass adds to every result.
+      writers: the writers of all files.
       facts: facts for the manifest.
-      failed_assertions: messages of failed assertions, once finished.
-      golden_differences: messages about differences from a golden table, once finished.
+      failed_assertions: messages of failed assertions.
+      golden_differences: messages about differences from a golden table.
     """
 
+    result: R_co
+    writers: Sequence[OutputWriter]
     facts: Mapping[str, object]
     failed_assertions: Sequence[str] = ()
     golden_differences: Sequence[str] = ()
 
-    @abstractmethod
-    def taps(self, event_steps: EventSteps) -> Sequence[Tap]:
-        """Returns the taps that observe the simulation; called once.
+
+class Output(ABC, Generic[R_co]):
+    """An output with open files, which proves that they can be written.
+
+    Attributes:
+      taps: the taps that observe the simulation; empty while the output waits for events.
+    """
+
+    taps: Sequence[Tap] = ()
+
+    def schedule(self, event_steps: EventSteps) -> None:
+        """Chooses the taps of an output that waits for events.
 
         Args:
           event_steps: steps of the conditions of its plan.
@@ -196,34 +210,18 @@ class Output(ABC, Generic[R_co]):
         Raises:
           UsageError: an event that the output waits for does not happen.
         """
+        raise NotImplementedError
 
-    def draw(self) -> None:
-        """Draws frames and figures into the files after the simulation, from what the taps recorded.
+    @abstractmethod
+    def finish(self, simulation_wall: float) -> FinishedOutput[R_co]:
+        """Draws frames and figures from what the taps recorded, and completes the files.
+
+        Args:
+          simulation_wall: wall time of stepping [s].
 
         Raises:
           MjrunError: a frame cannot be rendered, or a file cannot be written.
         """
-        return
-
-    @abstractmethod
-    def written(self) -> Sequence[OutputWriter]:
-        """Writes what is left, and returns the writers of all files, which remain to be finished and published.
-
-        Raises:
-          MjrunError: the output cannot be completed.
-        """
-
-    @abstractmethod
-    def result(self, files: Sequence[Path], simulation_wall: float) -> R_co:
-        """Returns the result once the files are published, without what the pass adds to every result.
-
-        Args:
-          simulation_wall: wall time of stepping [s].
-        """
-
-    def remarks(self) -> Sequence[str]:
-        """Returns warnings about the published files."""
-        return ()
 
 
 class BlockOutput(Output[R_co]):
@@ -251,8 +249,8 @@ class Plan(ABC, Generic[R_co]):
     conditions: Sequence[str] = ()
 
     @abstractmethod
-    def open(self, stack: ExitStack, renderers: BackendsAndWorkers) -> Output[R_co]:
-        """Opens the files, whose unpublished ones the stack discards, and starts the renderers."""
+    def open(self, stack: ExitStack, backends: BackendsAndWorkers) -> Output[R_co]:
+        """Opens the files, whose unpublished ones the stack removes, and starts drawing processes and encoders."""
 
 
 @options

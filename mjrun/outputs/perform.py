@@ -3,7 +3,7 @@
 import copy
 import os
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -12,13 +12,14 @@ from typing import Generic, TypeVar
 
 from mjrun import errors
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import MovedTogether, OutputWriter, publishing
+from mjrun.formats.atomic_output import MovedTogether, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.output import (
     BackendsAndWorkers,
     BlockOutput,
     Context,
+    FinishedOutput,
     Job,
     Output,
     OutputResult,
@@ -65,18 +66,19 @@ def perform(
       SimulationError: the simulation became unstable; only outputs that keep partial results are published.
       MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
-    reporter = reporter or WarningReporter()
+    reporter, start = reporter or WarningReporter(), time.perf_counter()
     with ExitStack() as stack:
         with doing("simulating"), collected_warnings() as warnings, without_timers():
-            current: Pass[R] = Pass(jobs, reporter, stack)
+            backends = stack.enter_context(closing(BackendsAndWorkers()))
+            plan = plan_pass(jobs, reporter, backends)
+            current = open_pass(plan, stack, backends)
             current.simulate()
-            current.draw()
             current.finish()
         if current.instability is None:  # which describes it better
             pass_on(warnings, reporter)
         if current.episode:
             reporter.note(current.episode.sentence)
-        current.publish(tuple(warnings), [] if published is None else published)
+        current.publish(tuple(warnings), start, [] if published is None else published)
 
     if error := current.error():
         error.results = current.results
@@ -105,17 +107,34 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     Raises:
       MjrunError: the pass would fail before its first step.
     """
-    with collected_warnings(), closing(BackendsAndWorkers()) as renderers:
-        plans, context, _ = _plan(jobs, reporter or WarningReporter(), renderers)
-    timeline = context.timeline
-    outputs = [plan.preview for plan in plans]
+    with collected_warnings(), closing(BackendsAndWorkers()) as backends:
+        plan = plan_pass(jobs, reporter or WarningReporter(), backends)
+    timeline = plan.context.timeline
+    outputs = [each.preview for each in plan.outputs]
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
 
 
-def _plan(
-    jobs: Sequence[Job[R]], reporter: Reporter, renderers: BackendsAndWorkers
-) -> tuple[list[Plan[R]], Context, Stepper]:
-    """Plans all jobs, after collecting every error in them."""
+@dataclass(frozen=True)
+class PassPlan(Generic[R]):
+    """The planned outputs of one simulation.
+
+    Attributes:
+      stepper: takes the steps; its model computes everything that the outputs measure.
+      outputs: the plan of each job.
+    """
+
+    jobs: Sequence[Job[R]]
+    context: Context
+    stepper: Stepper
+    outputs: Sequence[Plan[R]]
+
+
+def plan_pass(jobs: Sequence[Job[R]], reporter: Reporter, backends: BackendsAndWorkers) -> PassPlan[R]:
+    """Plans all jobs, after collecting every error in them.
+
+    Raises:
+      FaultyJobsError: there are several errors; a single one is raised unchanged.
+    """
     if not jobs:
         raise errors.UsageError("nothing to do: no output is requested")
     simulation = jobs[0].simulation
@@ -127,7 +146,7 @@ def _plan(
         with collected.errors_of(index):
             job.check()
             if job.renderer_options is not None:
-                renderers.detect(job.renderer_options)
+                backends.detect(job.renderer_options)
     collected.raise_all()
 
     with collected.errors_of(None):
@@ -144,7 +163,7 @@ def _plan(
     with collected.errors_of(None):
         stepper = simulation.stepper(measured)
     collected.raise_all()
-    return plans, context, stepper
+    return PassPlan(jobs, context, stepper, plans)
 
 
 def _context(simulation: Simulation, reporter: Reporter) -> Context:
@@ -206,11 +225,23 @@ def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> 
                     reserved.reserve(path, f"the {name}")
 
 
-class Pass(Generic[R]):
-    """A simulation with its open outputs. An output that fails is left out from then on.
+def open_pass(plan: PassPlan[R], stack: ExitStack, backends: BackendsAndWorkers) -> "OpenPass[R]":
+    """Opens all files, whose unpublished ones the stack removes, and starts encoders and drawing processes.
 
-    Args:
-      stack: discards everything that is not published.
+    Raises:
+      MjrunError: a file cannot be written, or no backend works.
+    """
+    context = plan.context
+    manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in plan.jobs]
+    for text in context.simulation.notes(context.model):
+        context.reporter.note(text)
+    for text in context.simulation.remarks(context.model):
+        context.reporter.warn(text)
+    return OpenPass(plan, manifests, [each.open(stack, backends) for each in plan.outputs])
+
+
+class OpenPass(Generic[R]):
+    """A simulation with its open outputs. An output that fails is left out from then on.
 
     Attributes:
       outputs: the open outputs.
@@ -219,35 +250,30 @@ class Pass(Generic[R]):
       results: the results of the published outputs.
     """
 
-    def __init__(self, jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack) -> None:
+    def __init__(
+        self, plan: PassPlan[R], manifests: Sequence[ManifestWriter | None], outputs: Sequence[Output[R]]
+    ) -> None:
+        self.outputs = outputs
         self.failures: dict[int, tuple[str, errors.MjrunError]] = {}
         self.instability: errors.SimulationError | None = None
         self.results: list[R] = []
-        self._made: list[str] = []
-        self._start = time.perf_counter()
+        self._plan, self._manifests = plan, manifests
         self._simulation_wall = 0.0
-        self._jobs, self._stack = jobs, stack
-        self._manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
-
-        renderers = stack.enter_context(closing(BackendsAndWorkers()))
-        self._plans, self._context, self._stepper = _plan(jobs, reporter, renderers)
-        for text in self._context.simulation.notes(self._context.model):
-            reporter.note(text)
-        for text in self._context.simulation.remarks(self._context.model):
-            reporter.warn(text)
-        self.outputs = [plan.open(stack, renderers) for plan in self._plans]
-        self._writers: dict[int, Sequence[OutputWriter]] = {}  # of the outputs that are complete
+        self._finished: dict[int, FinishedOutput[R]] = {}
+        self._made: list[str] = []
 
     def simulate(self) -> None:
         """Runs the simulation once; outputs that wait for events observe its recording."""
         start = time.perf_counter()
-        until = max(plan.until for plan in self._plans)
-        waiting = [index for index, plan in enumerate(self._plans) if plan.conditions]
+        stepper, until = self._plan.stepper, max(each.until for each in self._plan.outputs)
+        waiting = [index for index, each in enumerate(self._plan.outputs) if each.conditions]
         try:
-            if len(self._plans) == 1 and not waiting:
-                self._simulate_alone(until)
+            if waiting:
+                self._simulate_and_replay(until, waiting)
+            elif len(self.outputs) == 1 and isinstance(self.outputs[0], BlockOutput):
+                self.outputs[0].simulate(stepper, until)
             else:
-                self._simulate_together(until, waiting)
+                run_with_taps(stepper, self._taps(range(len(self.outputs))), until)
         except errors.SimulationError as error:
             self.instability = error
         except EpisodeOver as error:
@@ -255,54 +281,59 @@ class Pass(Generic[R]):
                 f"{error}, earlier than when it was simulated before: the policy acts at random"
             ) from None
         except errors.MjrunError as error:
-            if error not in [failure for _, failure in self.failures.values()]:  # a controller's, which affects all
+            if len(self.outputs) == 1:
+                self._fail([0], error)
+                if isinstance(error.__context__, errors.SimulationError):
+                    self.instability = error.__context__
+            elif error not in [failure for _, failure in self.failures.values()]:  # a controller's, which affects all
                 raise
         self._simulation_wall = time.perf_counter() - start
 
     @property
     def episode(self) -> EpisodeResult | None:
         """The result of the policy's episode so far; None if there is no policy, or the outputs play others."""
-        episode, stepper = self._context.simulation.episode, self._stepper
-        if episode is None or not isinstance(stepper, EpisodeStepper) or not any(plan.until for plan in self._plans):
+        episode, stepper = self._plan.context.simulation.episode, self._plan.stepper
+        if episode is None or not isinstance(stepper, EpisodeStepper):
             return None
-        return episode.result(stepper)
-
-    def draw(self) -> None:
-        """Draws what the outputs recorded."""
-        for index, output in self._completed():
-            with self._failing(index):
-                output.draw()
+        return episode.result(stepper) if any(each.until for each in self._plan.outputs) else None
 
     def finish(self) -> None:
-        """Completes the outputs that can be completed."""
-        for index, output in self._completed():
-            with self._failing(index):
-                writers = output.written()
-                for part in (part for writer in writers for part in writer.together):
-                    part.finish()
-                self._writers[index] = writers
-
-    def publish(self, warnings: Sequence[str], published: list[PublishedOutput]) -> None:
-        """Moves the outputs that are complete to their places, each only together with its manifest; signals wait."""
-        with publishing([writer for writers in self._writers.values() for writer in writers]):
-            for index, writers in self._writers.items():
+        """Draws what the outputs recorded and completes their files; after an instability, only of partial results."""
+        for index, output in enumerate(self.outputs):
+            is_whole = self.instability is None or self._plan.jobs[index].keeps_partial
+            if is_whole and index not in self.failures:
                 with self._failing(index):
-                    output, manifest = self.outputs[index], self._manifests[index]
-                    wall = time.perf_counter() - self._start
+                    finished = output.finish(self._simulation_wall)
+                    for part in (part for writer in finished.writers for part in writer.together):
+                        part.finish()
+                    self._finished[index] = finished
+
+    def publish(self, warnings: Sequence[str], start: float, published: list[PublishedOutput]) -> None:
+        """Moves the finished outputs to their places, each only together with its manifest; signals wait.
+
+        Args:
+          warnings: MuJoCo's warnings.
+          start: time at which the pass began, on the clock of `perf_counter` [s].
+          published: receives the published outputs.
+        """
+        with publishing([writer for finished in self._finished.values() for writer in finished.writers]):
+            for index, finished in self._finished.items():
+                with self._failing(index):
+                    manifest, wall = self._manifests[index], time.perf_counter() - start
+                    result = replace(finished.result, episode=self.episode, wall=wall, warnings=warnings)
+                    failure = None if self.instability is None else str(self.instability)
+                    facts = {**finished.facts, "result": asdict(result), "failure": failure}
                     with MovedTogether() as together:
-                        files = [file for writer in writers for file in together.move(writer)]
-                        result = output.result(files, self._simulation_wall)
-                        result = replace(result, episode=self.episode, wall=wall, warnings=warnings)
-                        failure = None if self.instability is None else str(self.instability)
-                        facts = {**output.facts, "result": asdict(result), "failure": failure}
+                        files = [file for writer in finished.writers for file in together.move(writer)]
                         if manifest:
                             manifest.write(facts, files)
                             together.move(manifest)
-                    for text in output.remarks():
-                        self._context.reporter.warn(text)
                     self.results.append(result)
-                    self._made += [str(part.destination.shown) for writer in writers for part in writer.together]
                     published.append(PublishedOutput(facts, result, files))
+                    for part in (part for writer in finished.writers for part in writer.together):
+                        self._made.append(str(part.destination.shown))
+                        if part.destination.remark:
+                            self._plan.context.reporter.warn(part.destination.remark)
 
     def error(self) -> errors.MjrunError | None:
         """Returns the error to raise at the end, if any."""
@@ -326,57 +357,40 @@ class Pass(Generic[R]):
                 main.add_note(other.spelled(errors.option))
         return main
 
-    def _completed(self) -> Iterator[tuple[int, Output[R]]]:
-        """Yields the outputs that can be completed: those that have not failed, and keep what an instability left."""
-        for index, output in enumerate(self.outputs):
-            if index not in self.failures and (self.instability is None or self._jobs[index].keeps_partial):
-                yield index, output
-
     def _verdicts(self) -> list[errors.MjrunError]:
-        """Returns the errors of complete outputs with failed assertions or golden differences."""
-        complete = [self.outputs[index] for index in self._writers]
-        assertions = [message for output in complete for message in output.failed_assertions]
-        differences = [message for output in complete for message in output.golden_differences]
+        """Returns the errors of finished outputs with failed assertions or golden differences."""
+        finished = self._finished.values()
+        assertions = [message for output in finished for message in output.failed_assertions]
+        differences = [message for output in finished for message in output.golden_differences]
         failed: list[errors.MjrunError] = [errors.FailedAssertionError(assertions)] if assertions else []
         return [*failed, *([errors.GoldenDifferenceError(differences)] if differences else [])]
 
-    def _simulate_alone(self, until: int) -> None:
-        (output,) = self.outputs
-        try:
-            if isinstance(output, BlockOutput):
-                output.simulate(self._stepper, until)
-            else:
-                run_with_taps(self._stepper, output.taps({}), until)
-        except errors.SimulationError:
-            raise
-        except errors.MjrunError as error:
-            if isinstance(error.__context__, errors.SimulationError):
-                self.instability = error.__context__
-            self._fail([0], error)
+    def _simulate_and_replay(self, until: int, waiting: Sequence[int]) -> None:
+        """Runs the simulation while events are detected, and then replays it for the outputs that wait for them."""
+        from mjrun.outputs.event_detection import EventDetector  # which few passes need
 
-    def _simulate_together(self, until: int, waiting: Sequence[int]) -> None:
-        others = [index for index in range(len(self._plans)) if index not in waiting]
-        taps = [tap for index in others for tap in self._guarded(self.outputs[index].taps({}), [index])]
-        if not waiting:
-            run_with_taps(self._stepper, taps, until)
-            return
-        from mjrun.outputs.event_detection import EventDetector
+        context = self._plan.context
+        conditions = {text for index in waiting for text in self._plan.outputs[index].conditions}
+        with closing(EventDetector(context.model, context.timeline, conditions, context.episode)) as detector:
+            taps = self._taps([index for index in range(len(self.outputs)) if index not in waiting])
+            taps += self._guarded(detector.taps(until), waiting)
+            run_with_taps(self._plan.stepper, taps, until)
 
-        context = self._context
-        conditions = {text for index in waiting for text in self._plans[index].conditions}
-        detector = EventDetector(context.model, context.timeline, conditions, context.episode)
-        self._stack.callback(detector.close)
-        run_with_taps(self._stepper, [*taps, *self._guarded(detector.taps(until), waiting)], until)
+            for index in waiting:
+                if index not in self.failures:
+                    with self._failing(index):
+                        self.outputs[index].schedule(detector.event_steps)
+            observing = [index for index in waiting if index not in self.failures]
+            run_with_taps(detector.replay(self._plan.stepper.model), self._taps(observing), until)
 
-        taps = list[Tap]()
-        for index in waiting:
-            if index not in self.failures:
-                with self._failing(index):
-                    taps += self._guarded(self.outputs[index].taps(detector.event_steps), [index])
-        run_with_taps(detector.replay(self._stepper.model), taps, until)
+    def _taps(self, indices: Iterable[int]) -> list[Tap]:
+        """Returns the taps of the outputs with these indices, of which each output fails alone."""
+        return [tap for index in indices for tap in self._guarded(self.outputs[index].taps, [index])]
 
     def _guarded(self, taps: Sequence[Tap], indices: Sequence[int]) -> list[Tap]:
-        """Returns `taps` whose first error fails the outputs with these indices, and ends them alone."""
+        """Returns `taps` whose first error fails the outputs with these indices; without others, it ends the run."""
+        if len(self.outputs) == 1:
+            return [*taps]
 
         def record(tap: Tap, stepper: Stepper) -> None:
             if indices[0] in self.failures:
@@ -387,15 +401,15 @@ class Pass(Generic[R]):
                 raise
             except errors.MjrunError as error:
                 self._fail(indices, error)
+                if len(self.failures) == len(self.outputs):
+                    raise
 
         return [Tap(tap.steps, partial(record, tap)) for tap in taps]
 
     def _fail(self, indices: Sequence[int], error: errors.MjrunError) -> None:
-        """Records a failure; without any output left, the simulation stops."""
+        """Records a failure of the outputs with these indices."""
         for index in indices:
-            self.failures[index] = self._plans[index].preview.path, error
-        if len(self.failures) == len(self._plans):
-            raise error
+            self.failures[index] = self._plan.outputs[index].preview.path, error
 
     @contextmanager
     def _failing(self, index: int) -> Generator[None]:
@@ -403,4 +417,4 @@ class Pass(Generic[R]):
         try:
             yield
         except errors.MjrunError as error:
-            self.failures[index] = self._plans[index].preview.path, error
+            self._fail([index], error)

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field
-from pathlib import Path
 
 import numpy as np
 
@@ -129,7 +128,7 @@ class PlotPlan(output.Plan[PlotResult]):
     steps: Sequence[int]
     figure: FigurePlan
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "PlotOutput":
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "PlotOutput":
         return PlotOutput(self, stack)
 
 
@@ -141,12 +140,10 @@ class PlotOutput(output.BlockOutput[PlotResult]):
         self._job, self._context, self._table, self._steps, self._figure = job, context, table, steps, figure
         self._collectors = [figure.collector(index) for index in range(len(figure.tables))]
         self._buffer = RowBuffer(table, steps, lambda block: self.feed(0, table.names, block.values))
-        self.facts = context.facts(job)
-        tags, form = output.metadata_tags(job.output, self.facts), job.figure_format
+        self.taps = [Tap(steps, self._buffer.record)]
+        self._facts = context.facts(job)
+        tags, form = output.metadata_tags(job.output, self._facts), job.figure_format
         self._writer = stack.enter_context(FigureWriter(job.target, form, figure.grid.size, tags))
-
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        return [Tap(self._steps, self._buffer.record)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Steps physics in C, block by block."""
@@ -154,23 +151,19 @@ class PlotOutput(output.BlockOutput[PlotResult]):
             self.feed(0, self._table.names, block().values)
         stepper.advance(until)
 
-    def draw(self) -> None:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[PlotResult]:
         self._buffer.flush()
         for text in (*self._figure.notes, *(text for collector in self._collectors for text in collector.notes())):
             self._context.reporter.note(text)
         self._writer.write(self._figure.drawing(self._collectors), self._figure.grid, self._job.style)
-
-    def written(self) -> Sequence[FigureWriter]:
-        return [self._writer]
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> PlotResult:
-        return PlotResult(
+        result = PlotResult(
             path=self._job.output,
             size=self._figure.grid.size,
             samples=sum(self.rows),
             panels=[panel.label for panel in self._figure.panels],
             curves=sum(len(panel.curves) for panel in self._figure.panels) * len(self._collectors),
         )
+        return output.FinishedOutput(result, [self._writer], self._facts)
 
     @property
     def rows(self) -> list[int]:

@@ -1,8 +1,6 @@
 """Recording output: the replayable states of a simulation, one for each step."""
 
-from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.formats.recording import RecordingWriter
@@ -12,6 +10,7 @@ from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
 from mjrun.outputs import output
 from mjrun.physics.simulation_loop import Tap
+from mjrun.physics.stepper import Stepper
 
 
 @options
@@ -52,7 +51,7 @@ class RecordingPlan(output.Plan[RecordingResult]):
     job: Recording
     context: output.Context
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "RecordingOutput":
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "RecordingOutput":
         return RecordingOutput(self.job, self.context, stack)
 
 
@@ -62,21 +61,19 @@ class RecordingOutput(output.Output[RecordingResult]):
     def __init__(self, job: Recording, context: output.Context, stack: ExitStack) -> None:
         model = context.model
         self._job, self._context = job, context
-        self.facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
-        self._writer = stack.enter_context(RecordingWriter(job.output, state.size(model), self.facts))
+        self._facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
+        self._writer = stack.enter_context(RecordingWriter(job.output, state.size(model), self._facts))
+        self.taps = [Tap(range(context.timeline.steps + 1), self._record)]
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        every = range(self._context.timeline.steps + 1)
-        return [Tap(every, lambda stepper: self._writer.write(stepper.step, stepper.state()))]
-
-    def written(self) -> Sequence[RecordingWriter]:
-        return [self._writer]
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> RecordingResult:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[RecordingResult]:
         count = self._writer.count
-        return RecordingResult(
+        result = RecordingResult(
             path=self._job.output,
             states=count,
             size=state.size(self._context.model),
             simulated=float(self._context.timeline.time(count - 1)),
         )
+        return output.FinishedOutput(result, [self._writer], self._facts)
+
+    def _record(self, stepper: Stepper) -> None:
+        self._writer.write(stepper.step, stepper.state())

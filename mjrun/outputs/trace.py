@@ -177,7 +177,7 @@ class TracePlan(output.Plan[TraceResult]):
     steps: Sequence[int]
     assertions: "Sequence[Assertion]"
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "TraceOutput":
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "TraceOutput":
         return TraceOutput(self, stack)
 
 
@@ -187,29 +187,25 @@ class TraceOutput(output.BlockOutput[TraceResult]):
     def __init__(self, plan: TracePlan, stack: ExitStack) -> None:
         job, context, table, steps = plan.job, plan.context, plan.table, plan.steps
         self._job, self._context, self._table, self._steps = job, context, table, steps
-        self.facts = context.facts(job)
+        self._facts = context.facts(job)
         self._format = output_format(job.target, job.format).name
         self._writer = self._contacts = self._golden = None
         if job.written:
             self._writer = stack.enter_context(
-                TableWriter(job.target, self._format, table.columns, self.facts, job.units)
+                TableWriter(job.target, self._format, table.columns, self._facts, job.units)
             )
         if job.contacts is not None:
             form = output_format(job.contacts).name
             self._contacts = stack.enter_context(
-                TableWriter(job.contacts, form, table.contact_columns, self.facts, job.units)
+                TableWriter(job.contacts, form, table.contact_columns, self._facts, job.units)
             )
         if job.golden is not None:
-            self._golden = GoldenTable(job, table.columns, self.facts, stack)
+            self._golden = GoldenTable(job, table.columns, self._facts, stack)
         self._rows_to = job.rows_to(table.columns) if job.rows_to else None
         self._checkers = [assertion.checker() for assertion in plan.assertions]
         self._buffer = RowBuffer(table, steps, self._write)
+        self.taps = [Tap(steps, self._buffer.record)]
         self._rows = 0
-        self._verdicts: Sequence[Verdict] = ()
-        self._comparison: DiffResult | None = None
-
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        return [Tap(self._steps, self._buffer.record)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Steps physics in C, block by block, and writes blocks in a thread meanwhile."""
@@ -217,26 +213,24 @@ class TraceOutput(output.BlockOutput[TraceResult]):
             _stream(self._table.blocks(stepper, self._steps), self._write)
             stepper.advance(until)
         else:
-            run_with_taps(stepper, self.taps({}), until)
+            run_with_taps(stepper, self.taps, until)
 
-    def written(self) -> Sequence[OutputWriter]:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[TraceResult]:
         self._buffer.flush()
         writers: list[OutputWriter] = [writer for writer in (self._writer, self._contacts) if writer]
-        self._verdicts = [checker.verdict() for checker in self._checkers]
-        self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
-        if self._golden is None:
-            return writers
+        verdicts = [checker.verdict() for checker in self._checkers]
+        failed = [verdict.message for verdict in verdicts if not verdict.passed]
+        comparison, differences = None, list[str]()
+        if self._golden:
+            complete = self._rows == len(self._steps) and not failed
+            source = self._context.simulation.source.text or "the simulation"
+            comparison, replaced = self._golden.finish(source, replace=complete)
+            writers += replaced
+            if not (comparison.equal or self._job.update):
+                differences.append(difference_message(comparison))
 
-        complete = self._rows == len(self._steps) and not self.failed_assertions
-        source = self._context.simulation.source.text or "the simulation"
-        self._comparison, replaced = self._golden.finish(source, replace=complete)
-        if not (self._comparison.equal or self._job.update):
-            self.golden_differences = [difference_message(self._comparison)]
-        return [*writers, *replaced]
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> TraceResult:
         timeline = self._context.timeline
-        return TraceResult(
+        result = TraceResult(
             path=self._job.output if self._job.written else "",
             format=self._format,
             rows=self._rows,
@@ -244,9 +238,10 @@ class TraceOutput(output.BlockOutput[TraceResult]):
             contacts=self._contacts.rows if self._contacts else None,
             simulated=float(timeline.duration),
             steps=timeline.steps,
-            assertions=self._verdicts,
-            golden=self._comparison,
+            assertions=verdicts,
+            golden=comparison,
         )
+        return output.FinishedOutput(result, writers, self._facts, failed, differences)
 
     def _write(self, rows: SampledRows) -> None:
         for checker in self._checkers:

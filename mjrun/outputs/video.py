@@ -1,19 +1,17 @@
 """Video output: saves the state of every frame during the simulation, then draws the states into the encoder."""
 
 from collections.abc import Generator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import field
 from fractions import Fraction
 from functools import cached_property
 from math import prod
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.image_encoding import UINT16_MAX
@@ -29,14 +27,13 @@ from mjrun.outputs.drawn_frames import (
     VideoOrImagePlan,
     draw_frames,
     frame_compositor,
-    frame_taps,
     open_frames,
     plan_frames,
 )
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.outputs.perform import Pass
-from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan, place_scene
-from mjrun.physics.simulation_loop import Tap
+from mjrun.outputs.perform import open_pass, plan_pass
+from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan
+from mjrun.rendering.compositor import SceneCompositor
 from mjrun.reporter import WarningReporter, pass_on
 
 
@@ -146,50 +143,62 @@ class VideoPlan(VideoOrImagePlan[VideoResult]):
 
     job: Video
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "VideoOutput":
-        return VideoOutput(self, stack, renderers)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "VideoOutput":
+        return VideoOutput(self, stack, backends)
 
 
 class VideoOutput(output.Output[VideoResult]):
     """A video with open files."""
 
-    _schedule: FrameSchedule  # of the frames that are recorded, then of those that were
-    _scene: PlacedScene
-
-    def __init__(self, plan: VideoPlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
-        job, context = plan.job, plan.frames.scene.context
-        self._plan, self._job, self._timeline, self._reporter = plan, job, context.timeline, context.reporter
-        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, renderers, job.jobs)
+    def __init__(self, plan: VideoPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
+        job = plan.job
+        self._job, self._scene_plan, self._reporter = job, plan.frames.scene, plan.frames.scene.context.reporter
+        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, backends, job.jobs)
+        self.taps = self._frames.taps
         count = {"frames": len(plan.schedule.steps)} if plan.schedule else {}
-        self.facts = {**self._frames.facts(plan.schedule), **count}
-        self._draw_wall = 0.0
+        self._facts = {**self._frames.facts, **count}
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in job.encoded_files:
-            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self.facts)
+            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self._facts)
             self._note_padding(file.encoding, size)
             writer = VideoWriter(file.target, file.encoding, size, job.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
         self._calibration: CalibrationOutput | None = None
         if job.calibration is not None:
-            motions, numbers = plan.frames.scene.motions, job.style == "exact"
-            self._calibration = CalibrationOutput(job, motions, job.encoded_files, numbers)
+            numbers = job.style == "exact"
+            self._calibration = CalibrationOutput(job, self._scene_plan.motions, job.encoded_files, numbers)
             stack.enter_context(self._calibration.writer)
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        self._schedule = self._plan.schedule or self._job.schedule(self._plan.frames.scene, event_steps)
-        return frame_taps(self._frames, self._schedule)
+    def schedule(self, event_steps: output.EventSteps) -> None:
+        self._frames.schedule = self._job.schedule(self._scene_plan, event_steps)
+        self.taps = self._frames.taps
 
-    def draw(self) -> None:
-        """Draws every recorded state, here or in other processes, and writes the frames to the encoders."""
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[VideoResult]:
+        """Draws every recorded state, here or in other processes, into the encoders, and ends them."""
         start = perf_counter()
-        self._scene = place_scene(self._plan.frames.scene, self._schedule, self._frames.states)
-        compositor, count = frame_compositor(self._frames, self._scene), len(self._scene.states)
+        scene = self._frames.place()
+        self._draw(scene, frame_compositor(self._frames, scene))
+        writers: list[OutputWriter] = [*self._writers, *filter(None, self._labels)]
+        if self._calibration:
+            for index, (poses, time) in enumerate(zip(scene.poses, scene.times, strict=True)):
+                self._calibration.write(poses, index, time)
+            writers.append(self._calibration.writer)
+        for writer in writers:
+            writer.finish()  # the encoder may have frames left
+
+        count = len(scene.times)
+        result = self._result(count, simulation_wall, perf_counter() - start)
+        return output.FinishedOutput(result, writers, {**self._facts, "frames": count})
+
+    def _draw(self, scene: PlacedScene, compositor: SceneCompositor) -> None:
+        """Draws every frame into the encoders, and writes the labels of segmentations."""
+        count = len(scene.states)
         for writer in self._writers:
             writer.count = count
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for parts in draw_frames(self._frames, self._scene, compositor):
+        for parts in draw_frames(self._frames, scene, compositor):
             for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
                 writer.write(part)
                 clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
@@ -202,27 +211,12 @@ class VideoOutput(output.Output[VideoResult]):
                 assert compositor.segmentation
                 colours = None if stream.exact else compositor.colors
                 labels.write(stream.size, compositor.segmentation.legend, colours)
-        self._draw_wall = perf_counter() - start
 
-    def written(self) -> Sequence[OutputWriter]:
-        start = perf_counter()
-        writers: list[OutputWriter] = [*self._writers, *filter(None, self._labels)]
-        if self._calibration:
-            for index, (poses, time) in enumerate(zip(self._scene.poses, self._scene.times, strict=True)):
-                self._calibration.write(poses, index, time)
-            writers.append(self._calibration.writer)
-        for writer in writers:
-            writer.finish()  # the encoder may have frames left
-        self.facts = {**self.facts, "frames": len(self._scene.times)}
-        self._draw_wall += perf_counter() - start
-        return writers
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> VideoResult:
-        job, timeline, backend = self._job, self._timeline, self._frames.backend
+    def _result(self, count: int, simulation_wall: float, draw_wall: float) -> VideoResult:
+        job, timeline, backend = self._job, self._scene_plan.context.timeline, self._frames.backend
         encoded, (width, height) = job.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
         videos = [file.path for file in job.encoded_files]
-        count = len(self._scene.times)
         return VideoResult(
             path=job.output,
             paths=[*videos, *(path for what, path in job.files if what != "manifest" and path not in videos)],
@@ -239,16 +233,8 @@ class VideoOutput(output.Output[VideoResult]):
             gl=backend.name,
             software=backend.software,
             simulation_wall=simulation_wall,
-            draw_wall=self._draw_wall,
+            draw_wall=draw_wall,
         )
-
-    def remarks(self) -> Sequence[str]:
-        """Returns warnings about older frames that match the frame pattern of this video."""
-        texts: list[str] = []
-        for older in filter(None, (writer.others for writer in self._writers)):
-            more = f" and {len(older) - 1} more" if len(older) > 1 else ""
-            texts.append(f"{clean(older[0])}{more} already existed and follow the last frame: not part of this video")
-        return texts
 
     def _note_padding(self, encoded: Encoding, size: tuple[int, int]) -> None:
         right, bottom = encoded.padding(*size)
@@ -295,34 +281,29 @@ class MemoryPlan(VideoOrImagePlan[output.OutputResult]):
 
     job: VideoInMemory
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "MemoryOutput":
-        return MemoryOutput(self, stack, renderers)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "MemoryOutput":
+        return MemoryOutput(self, stack, backends)
 
 
 class MemoryOutput(output.Output[output.OutputResult]):
     """The frames of a video, without a file."""
 
-    _schedule: FrameSchedule
-
-    def __init__(self, plan: MemoryPlan, stack: ExitStack, renderers: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: MemoryPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
         job = self._job = plan.job
-        self._plan, self._scene = plan, plan.frames.scene
-        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, renderers, job.jobs)
+        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, backends, job.jobs)
+        self.taps = self._frames.taps
 
-    def taps(self, event_steps: output.EventSteps) -> Sequence[Tap]:
-        self._schedule = self._plan.schedule or self._job.schedule(self._scene, event_steps)
-        return frame_taps(self._frames, self._schedule)
+    def schedule(self, event_steps: output.EventSteps) -> None:
+        self._frames.schedule = self._job.schedule(self._frames.plan.scene, event_steps)
+        self.taps = self._frames.taps
 
     def images(self) -> Generator[np.ndarray]:
         """Draws the frames one by one, when they are requested, and yields copies of them."""
-        scene = place_scene(self._scene, self._schedule, self._frames.states)
+        scene = self._frames.place()
         for parts in draw_frames(self._frames, scene, frame_compositor(self._frames, scene)):
             yield parts[0].copy()
 
-    def written(self) -> Sequence[OutputWriter]:
-        return []
-
-    def result(self, files: Sequence[Path], simulation_wall: float) -> output.OutputResult:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[output.OutputResult]:
         raise NotImplementedError
 
 
@@ -335,7 +316,8 @@ def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:
     reporter = WarningReporter()
     with ExitStack() as stack:
         with collected_warnings() as warnings, without_timers():
-            current = Pass([video], reporter, stack)
+            backends = stack.enter_context(closing(output.BackendsAndWorkers()))
+            current = open_pass(plan_pass([video], reporter, backends), stack, backends)
             current.simulate()
         if error := current.error():
             raise error

@@ -4,7 +4,6 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import field, replace
 from functools import cached_property
-from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, SimulationError, UsageError, flag, option
@@ -133,7 +132,7 @@ class VariedPlotPlan(PlotPlan):
     job: VariedPlot
     points: Sequence[DrawnPoint]
 
-    def open(self, stack: ExitStack, renderers: output.BackendsAndWorkers) -> "VariedPlotOutput":
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "VariedPlotOutput":
         return VariedPlotOutput(self, stack)
 
 
@@ -170,6 +169,7 @@ class VariedPlotOutput(PlotOutput):
                 first.add_note(f"{values} failed at step {error.step}, time {error.time:.9g} s")
             raise first
 
-    def result(self, files: Sequence[Path], simulation_wall: float) -> PlotResult:
+    def finish(self, simulation_wall: float) -> output.FinishedOutput[PlotResult]:
+        finished = super().finish(simulation_wall)
         points = {point.values: rows for point, rows in zip(self._points, self.rows, strict=True)}
-        return replace(super().result(files, simulation_wall), points=points)
+        return replace(finished, result=replace(finished.result, points=points))

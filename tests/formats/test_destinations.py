@@ -278,6 +278,7 @@ def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
     assert (tmp_path / expected[1]).read_text() == "of 2 1"
     left = [made[0].with_name(pattern % number).name for number in range(2, 12)]
     assert staged.others == [*left, *(["2024.png"] if pattern == "%d.png" else [])]
+    assert staged.remark.startswith(f"{left[0]} and {len(staged.others) - 1} more already existed")
     assert names(tmp_path) == sorted([*expected, *left, *others])
     assert all((tmp_path / name).read_text() == "precious" for name in others)
 

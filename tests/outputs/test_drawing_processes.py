@@ -183,7 +183,7 @@ def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None
 def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     swing: Path, monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
 ) -> None:
-    def backend(renderers: BackendsAndWorkers, choice: object) -> Backend:
+    def backend(backends: BackendsAndWorkers, choice: object) -> Backend:
         assert counts == started
         raise NoRendererError({}, "")
 

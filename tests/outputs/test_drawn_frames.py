@@ -17,12 +17,10 @@ from mjrun.outputs.drawn_frames import (
     check_drawing,
     check_view,
     frame_compositor,
-    frame_taps,
     open_frames,
     plan_frames,
 )
 from mjrun.outputs.output import BackendsAndWorkers, Context
-from mjrun.outputs.recorded_scene import place_scene
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
@@ -73,10 +71,10 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     with ExitStack() as stack:
         plan = plan_frames(job, context, job.plot, job.plot_side)
         schedule = job.schedule(plan.scene, {})
-        renderers = stack.enter_context(closing(BackendsAndWorkers()))
-        frames = open_frames(plan, schedule, job.encoded_files, stack, renderers)
-        run_with_taps(PhysicsStepper(model, data), frame_taps(frames, schedule), 50)
-        scene = place_scene(plan.scene, schedule, frames.states)
+        backends = stack.enter_context(closing(BackendsAndWorkers()))
+        frames = open_frames(plan, schedule, job.encoded_files, stack, backends)
+        run_with_taps(PhysicsStepper(model, data), frames.taps, 50)
+        scene = frames.place()
         assert list(scene.times) == [k / 50 for k in range(5)]
         assert len(scene.states) == len(scene.poses) == 5
         heights = []

@@ -1,4 +1,4 @@
-"""The two phases of an output: a plan, and an output with its files open, which publishes nothing itself."""
+"""The phases of an output: a plan, and an output with its files open, which publishes nothing itself."""
 
 import json
 from contextlib import ExitStack, closing
@@ -60,11 +60,11 @@ def simulate(output: Output[Any], stepper: Stepper, until: int) -> None:
     if isinstance(output, BlockOutput):
         output.simulate(stepper, until)
     else:
-        run_with_taps(stepper, output.taps({}), until)
+        run_with_taps(stepper, output.taps, until)
 
 
 @pytest.mark.parametrize("kind", JOBS)
-def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind: str) -> None:
+def test_nothing_is_published_by_any_phase(swing: Path, tmp_path: Path, kind: str) -> None:
     simulation = Simulation(swing, steps=20)
     job: Job[Any] = JOBS[kind](simulation, tmp_path)
     job.check()
@@ -76,18 +76,17 @@ def test_nothing_is_published_by_either_phase(swing: Path, tmp_path: Path, kind:
 
         output = plan.open(stack, stack.enter_context(closing(BackendsAndWorkers())))
         simulate(output, simulation.stepper(context.model), plan.until)
-        output.draw()
-        writers = output.written()
+        finished = output.finish(1.0)
         assert visible(tmp_path) == ["swing.xml"]
 
-        files = publish_together(writers)
+        files = publish_together(finished.writers)
     assert sorted(path.name for path in files) == sorted(Path(path).name for _, path in job.files)
     assert visible(tmp_path) == sorted([*(path.name for path in files), "swing.xml"])
-    assert output.result(files, 1.0).path == job.output
+    assert finished.result.path == job.output
 
 
 @pytest.mark.parametrize("kind", JOBS)
-@pytest.mark.parametrize("until", ["open", "simulate", "draw", "written"])
+@pytest.mark.parametrize("until", ["open", "simulate", "finish"])
 def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, kind: str, until: str) -> None:
     simulation = Simulation(swing, steps=5)
     context = context_of(simulation)
@@ -96,10 +95,8 @@ def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, 
         output = plan.open(stack, stack.enter_context(closing(BackendsAndWorkers())))
         if until != "open":
             simulate(output, simulation.stepper(context.model), plan.until)
-        if until in ("draw", "written"):
-            output.draw()
-        if until == "written":
-            output.written()
+        if until == "finish":
+            output.finish(1.0)
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
@@ -108,9 +105,7 @@ def test_a_plan_is_frozen_and_is_only_opened(swing: Path, tmp_path: Path, kind: 
     plan = JOBS[kind](simulation := Simulation(swing, steps=5), tmp_path).plan(context_of(simulation))
     with pytest.raises(FrozenInstanceError):
         plan.until = 3
-    assert {name for name in ("check", "plan", "open", "taps", "draw", "written", "result") if hasattr(plan, name)} == {
-        "open"
-    }
+    assert [name for name in ("check", "plan", "open", "taps", "finish") if hasattr(plan, name)] == ["open"]
     assert {name for name in ("check", "plan", "open") if hasattr(Output, name)} == set()
 
 
@@ -189,22 +184,22 @@ def test_videos_of_one_pass_share_one_group_of_workers(
 
 
 def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
-    with closing(BackendsAndWorkers()) as renderers:
+    with closing(BackendsAndWorkers()) as backends:
         choice = ViewOptions(gl=backend.name)
-        renderers.detect(choice)
-        renderers.detect(ViewOptions(gl=backend.name, camera="side"))
+        backends.detect(choice)
+        backends.detect(ViewOptions(gl=backend.name, camera="side"))
         assert started["detections"] == 1
-        assert renderers.backend(choice) is renderers.backend(choice)
-        assert renderers.backend(choice).renderer == backend.renderer
-        assert renderers.backend(ViewOptions()).max_size > 0
+        assert backends.backend(choice) is backends.backend(choice)
+        assert backends.backend(choice).renderer == backend.renderer
+        assert backends.backend(ViewOptions()).max_size > 0
     assert started["detections"] == 2
 
 
 def test_workers_are_added_and_never_started_again(started: dict[str, int]) -> None:
-    with closing(BackendsAndWorkers()) as renderers:
-        first = renderers.workers(1)
-        assert renderers.workers(2) is first
-        assert renderers.workers(1) is first
+    with closing(BackendsAndWorkers()) as backends:
+        first = backends.workers(1)
+        assert backends.workers(2) is first
+        assert backends.workers(1) is first
         assert started["workers"] == 2
 
 
@@ -221,7 +216,7 @@ def test_the_physically_based_renderer_detects_vulkan_once_and_no_backend_of_ope
             pass
 
     monkeypatch.setattr(backend_module, "VulkanDetection", Detection)
-    with closing(BackendsAndWorkers()) as renderers:
+    with closing(BackendsAndWorkers()) as backends:
         for gl in ("egl", "osmesa"):
-            renderers.detect(ViewOptions(renderer="filament", gl=gl))
+            backends.detect(ViewOptions(renderer="filament", gl=gl))
     assert (len(vulkan), started["detections"]) == (1, 0)

@@ -5,7 +5,6 @@ import hashlib
 import json
 import os
 import signal
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from mjrun.errors import (
     UnstableError,
     UsageError,
 )
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.video_writer import VideoWriter
@@ -34,7 +34,7 @@ from mjrun.outputs.image import Image
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
-from mjrun.outputs.trace import Trace, TraceOutput
+from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.formats.file_faults import MOST, fault
@@ -375,15 +375,15 @@ def test_nobody_else_publishes_between_two_outputs_of_one_pass(
     """Else two runs at once could each leave one of the files."""
     simulation, refused = Simulation(swing, steps=2), list[bool]()
 
-    def remarks(_: TraceOutput) -> Sequence[str]:  # of a published output
+    def remark(_: StagedFile) -> str:  # of a published output
         descriptor = os.open(tmp_path, os.O_RDONLY)
         with pytest.raises(BlockingIOError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.close(descriptor)
         refused.append(True)
-        return ()
+        return ""
 
-    monkeypatch.setattr(TraceOutput, "remarks", remarks)
+    monkeypatch.setattr(StagedFile, "remark", property(remark))
     perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")])
     assert refused == [True, True]
 
@@ -391,11 +391,11 @@ def test_nobody_else_publishes_between_two_outputs_of_one_pass(
 def test_a_signal_between_two_outputs_of_one_pass_waits_for_both(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def remarks(_: TraceOutput) -> Sequence[str]:  # of a published output
+    def remark(_: StagedFile) -> str:  # of a published output
         interrupt(KeyboardInterrupt())
-        return ()
+        return ""
 
-    monkeypatch.setattr(TraceOutput, "remarks", remarks)
+    monkeypatch.setattr(StagedFile, "remark", property(remark))
     simulation = Simulation(swing, steps=2)
     with pytest.raises(KeyboardInterrupt):
         perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")])
