@@ -44,14 +44,15 @@ def copy_contacts(data: mujoco.MjData) -> CopiedContacts:
 
 def contact_copier(data: mujoco.MjData) -> Callable[[], CopiedContacts]:
     """Returns a function that copies the present contacts in `data`."""
-    size, address = _layout().itemsize, 0
+    size, arena = _layout().itemsize, b""
 
     def copy() -> CopiedContacts:
-        nonlocal address
+        nonlocal arena
         count = data.ncon
-        if count and not address:  # contacts come first in the memory of a step, and stay at one address
-            address = ctypes.addressof(ctypes.c_double.from_buffer(data.contact.dist[:1]))
-        return CopiedContacts(ctypes.string_at(address, count * size), data.efc_force.tobytes())
+        if count and not arena:  # the memory of a step, which contacts begin, and which stays at one address
+            first = ctypes.c_double.from_buffer(data.contact.dist[:1])
+            arena = (ctypes.c_char * data.narena).from_address(ctypes.addressof(first))
+        return CopiedContacts(arena[: count * size], data.efc_force.tobytes())
 
     return copy
 
