@@ -142,7 +142,7 @@ class Options:
 
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
-            value = getattr(self, each.attribute)
+            value = _without_numpy(getattr(self, each.attribute))
             if value is each.default or value == {} == each.default:  # which was converted when it was declared
                 continue
             try:
@@ -168,6 +168,18 @@ class Options:
             condition = exclusion.when and values.get(exclusion.when[0], _by_name(cls)[exclusion.when[0]].default)
             if exclusion.applies(condition) and all(_is_set(values.get(name)) for name in exclusion.names):
                 yield (exclusion.names[1],), exclusion.message()
+
+
+def _without_numpy(value: object) -> object:
+    """Converts NumPy's numbers and arrays to Python's, also within lists and dictionaries."""
+    if type(value).__module__ == "numpy":
+        return cast("Any", value).tolist()
+    if type(value) is dict:
+        return {name: _without_numpy(each) for name, each in cast("dict[object, object]", value).items()}
+    if type(value) in (list, tuple):
+        elements = map(_without_numpy, cast("Sequence[object]", value))
+        return [*elements] if type(value) is list else (*elements,)
+    return value
 
 
 def _is_set(value: object) -> bool:

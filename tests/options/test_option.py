@@ -1,7 +1,8 @@
 import dataclasses
 from dataclasses import field
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
@@ -20,6 +21,7 @@ from mjrun.options.option import (
     required,
 )
 from mjrun.options.setting_kinds import NamedNumbers
+from mjrun.options.simulation import SimulationOptions
 
 
 @options
@@ -111,3 +113,17 @@ def test_a_class_that_narrows_a_field_keeps_the_order_of_arguments() -> None:
 
     assert CarRace("cars", "oval").subject == "cars"
     assert [each.name for each in options_of(CarRace)] == [each.name for each in options_of(Race)]
+
+
+@pytest.mark.parametrize(
+    ("values", "plain"),
+    [
+        ({"ctrl": {"motor": np.int64(3)}}, {"ctrl": {"motor": 3}}),
+        ({"qvel": {"root": np.arange(3.0)}}, {"qvel": {"root": [0.0, 1.0, 2.0]}}),
+        ({"qpos": {"root": [np.float32(0.5), 1]}}, {"qpos": {"root": [0.5, 1]}}),
+        ({"qpos": {"hip": np.float32(0.5)}}, {"qpos": {"hip": 0.5}}),
+        ({"steps": np.array(3)}, {"steps": 3}),
+    ],
+)
+def test_numbers_of_numpy_are_those_of_python(values: dict[str, Any], plain: dict[str, Any]) -> None:
+    assert SimulationOptions(**values) == SimulationOptions(**plain)
