@@ -2,8 +2,8 @@
 
 import math
 import string
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 
 import mujoco
@@ -403,28 +403,6 @@ def frame_compositor(frames: OpenFrames, scene: PlacedScene, *, legend: bool = F
     return scene_compositor(plan.job, scene.model, frames.backend, streams, scene.poses, scene.decorations)
 
 
-def draw_frames(frames: OpenFrames, scene: PlacedScene, compositor: SceneCompositor) -> Generator[Sequence[np.ndarray]]:
-    """Draws every frame, and yields its pixels in each file, which are valid until the next one is requested.
-
-    Raises:
-      MjrunError: a frame cannot be rendered.
-    """
-    _choose_depth_colours(compositor, scene.states)
-    reporter, total = frames.plan.scene.context.reporter, len(scene.states)
-    for index, frame in enumerate(frames.processes.frames(compositor, scene.states, frames.backend)):
-        yield compositor.parts(frame)
-        reporter.progress("frames", index + 1, total)
-
-
-def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> None:
-    """Chooses the colour range of depth from sampled frames, unless a range was set."""
-    coloured = any(panel.view == "depth" and not s.exact for s in compositor.streams for panel in s.panels)
-    if coloured and not compositor.ranges:
-        compositor.open()
-        chosen = dict.fromkeys(np.linspace(0, len(states) - 1, DEPTH_SAMPLES).astype(int).tolist())
-        compositor.choose_ranges({index: states[index] for index in chosen})
-
-
 def check_view(options: ViewOptions) -> None:
     """Checks everything about a scene and images of it that does not depend on the model.
 
@@ -494,6 +472,7 @@ class DrawingProcesses:
 
     Attributes:
       count: the number of processes that render; 1 is this process.
+      others: the processes that render instead of this one, if any.
     """
 
     def __init__(
@@ -503,7 +482,7 @@ class DrawingProcesses:
         self._asked = 1 if asked == AUTO and options.renderer == "filament" else asked
         self._cost = estimated_cost(options.size, len(panels_of(options)))
         self._backends, self._reporter = backends, reporter
-        self._processes: CompositorProcesses | None = None
+        self.others: CompositorProcesses | None = None
         self.count = 1
 
     def start(self, frames: int, *, software: bool, cost: float | None = None) -> None:
@@ -516,65 +495,12 @@ class DrawingProcesses:
           BadValueError: the requested number of processes is invalid.
           DrawError: the processes cannot be started.
         """
-        if self._processes is None:
+        if self.others is None:
             cores = available_cores() if system.PASSES_DESCRIPTORS else 1  # by which the processes share memory
             self.count = jobs_for(self._asked, software, frames, cost or self._cost, cores)
-            self._processes = self._backends.workers(self.count) if self.count > 1 else None
+            self.others = self._backends.workers(self.count) if self.count > 1 else None
 
-    def frames(self, compositor: SceneCompositor, states: StateBuffer, backend: Backend) -> Generator[np.ndarray]:
-        """Yields every frame in order, the files of a frame one after the other in flat bytes."""
-        total, done = len(states), 0
-        self.start(total, software=backend.software)
-        if self._processes is None:
-            done = yield from self._drawn_here(compositor, states, backend)
-        if self._processes:
-            compositor.close()
-            yield from self._drawn_by_processes(compositor, states, backend, done)
-
-    def _drawn_here(
-        self, compositor: SceneCompositor, states: StateBuffer, backend: Backend
-    ) -> Generator[np.ndarray, None, int]:
-        """Yields the frames that this process renders: all, unless the cost of the first ones justifies processes.
-
-        Returns:
-          The number of these frames.
-        """
-        total, frame = len(states), np.empty(compositor.bytes, np.uint8)
-        try:
-            with doing("drawing"):
-                compositor.open()
-            for index in range(total):
-                with doing("drawing"):
-                    compositor.compose(states[index], index, frame)
-                yield frame
-                if index + 1 == TRIED and backend.software:
-                    costs = compositor.costs()
-                    self.start(total - TRIED, software=True, cost=costs.frame)
-                    self._report_costs(backend, total, costs, alone=True)
-                    if self._processes:
-                        return TRIED
-        finally:
-            compositor.close()
-        return total
-
-    def _drawn_by_processes(
-        self, compositor: SceneCompositor, states: StateBuffer, backend: Backend, first: int
-    ) -> Generator[np.ndarray]:
-        """Yields the frames from the `first` one on, and reports their cost unless that is known already."""
-        total, reported = len(states), first > 0 or not backend.software
-        pool = CompositorPool(compositor, (compositor.bytes,), self.count, workers=self._processes)
-        with closing(pool):
-            for index, frame in enumerate(pool.frames((states[k] for k in range(first, total)), first)):
-                yield frame
-                if index + 1 == TRIED and not reported:
-                    pool.ask(SceneCompositor.costs)
-                if isinstance(pool.answer, DrawingCosts) and not reported:
-                    self._report_costs(backend, total, pool.answer, alone=False)
-                    reported = True
-        if isinstance(pool.answer, DrawingCosts) and not reported:
-            self._report_costs(backend, total, pool.answer, alone=False)
-
-    def _report_costs(self, backend: Backend, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
+    def report_costs(self, backend: Backend, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
         """Reports the cost of slow software rendering: of a frame, of all, and of a draft."""
         whole = frames * costs.frame
         if whole < LONG:
@@ -591,6 +517,86 @@ class DrawingProcesses:
             draft = f"{option('quality')} draft takes about {1e3 * costs.draft:.0f} ms"
             text += f"; {draft}, without shadows and reflections"
         self._reporter.note(text)
+
+
+class FrameDrawing:
+    """The drawing of recorded frames, one after the other, by this process or by others. To be closed.
+
+    Raises:
+      MjrunError: the frames sampled for the colours of depth cannot be rendered, or no processes can be started.
+    """
+
+    def __init__(self, frames: OpenFrames, scene: PlacedScene, compositor: SceneCompositor) -> None:
+        self._compositor, self._states = compositor, scene.states
+        self._processes, self._backend = frames.processes, frames.backend
+        self._reporter = frames.plan.scene.context.reporter
+        self._drawn = 0  # the number of frames so far
+        self._frame = np.empty(compositor.bytes, np.uint8)
+        self._pool: CompositorPool[SceneCompositor] | None = None
+        self._drawn_by_others: Iterator[np.ndarray] = iter(())
+        self._is_reported = not frames.backend.software  # the cost of a frame
+        _choose_depth_colours(compositor, scene.states)
+        self._processes.start(len(scene.states), software=frames.backend.software)
+
+    def draw(self) -> Sequence[np.ndarray]:
+        """Draws the next frame, and returns its pixels in each file, which are valid until the next one is drawn.
+
+        Raises:
+          MjrunError: the frame cannot be rendered.
+        """
+        frame = self._drawn_elsewhere() if self._processes.others else self._drawn_here()
+        self._drawn += 1
+        self._reporter.progress("frames", self._drawn, len(self._states))
+        return self._compositor.parts(frame)
+
+    def close(self) -> None:
+        """Frees the renderer of this process, or the other processes."""
+        if self._pool:
+            if self._drawn == len(self._states):
+                next(self._drawn_by_others, None)  # waits for the cost of a frame, if it was asked for
+            self._pool.close()
+            self._report(self._pool.answer, alone=False)
+        self._compositor.close()
+
+    def _drawn_here(self) -> np.ndarray:
+        """Renders the next frame in this process; the cost of the first ones may start other processes."""
+        with doing("drawing"):
+            self._compositor.open()
+            self._compositor.compose(self._states[self._drawn], self._drawn, self._frame)
+        if self._drawn + 1 == TRIED and self._backend.software:
+            costs = self._compositor.costs()
+            self._processes.start(len(self._states) - TRIED, software=True, cost=costs.frame)
+            self._report(costs, alone=True)
+        return self._frame
+
+    def _drawn_elsewhere(self) -> np.ndarray:
+        """Returns the next frame from other processes, which draw ahead."""
+        if self._pool is None:
+            self._compositor.close()
+            compositor, processes, first = self._compositor, self._processes, self._drawn
+            self._pool = CompositorPool(compositor, (compositor.bytes,), processes.count, workers=processes.others)
+            states = (self._states[index] for index in range(first, len(self._states)))
+            self._drawn_by_others = iter(self._pool.frames(states, first))
+        frame = next(self._drawn_by_others)
+        if self._drawn + 1 == TRIED and not self._is_reported:
+            self._pool.ask(SceneCompositor.costs)
+        self._report(self._pool.answer, alone=False)
+        return frame
+
+    def _report(self, costs: object, *, alone: bool) -> None:
+        """Reports the cost of frames once it is known."""
+        if isinstance(costs, DrawingCosts) and not self._is_reported:
+            self._is_reported = True
+            self._processes.report_costs(self._backend, len(self._states), costs, alone=alone)
+
+
+def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> None:
+    """Chooses the colour range of depth from sampled frames, unless a range was set."""
+    coloured = any(panel.view == "depth" and not s.exact for s in compositor.streams for panel in s.panels)
+    if coloured and not compositor.ranges:
+        compositor.open()
+        chosen = dict.fromkeys(np.linspace(0, len(states) - 1, DEPTH_SAMPLES).astype(int).tolist())
+        compositor.choose_ranges({index: states[index] for index in chosen})
 
 
 def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:

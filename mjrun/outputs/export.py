@@ -342,10 +342,13 @@ class ExportedScene:
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
-        from mjrun.outputs.drawn_frames import draw_frames, frame_compositor
+        from mjrun.outputs.drawn_frames import FrameDrawing, frame_compositor
 
         assert self._images
-        return draw_frames(self._images, self.frames, frame_compositor(self._images, self.frames))
+        compositor = frame_compositor(self._images, self.frames)
+        with closing(FrameDrawing(self._images, self.frames, compositor)) as drawing:
+            for _ in self.times:
+                yield drawing.draw()
 
     @cached_property
     def layers(self) -> Sequence[str]:

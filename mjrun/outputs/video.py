@@ -23,9 +23,9 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.drawn_frames import (
+    FrameDrawing,
     VideoOrImageJob,
     VideoOrImagePlan,
-    draw_frames,
     frame_compositor,
     open_frames,
     plan_frames,
@@ -198,10 +198,11 @@ class VideoOutput(output.Output[VideoResult]):
             writer.count = count
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for parts in draw_frames(self._frames, scene, compositor):
-            for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
-                writer.write(part)
-                clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
+        with closing(FrameDrawing(self._frames, scene, compositor)) as drawing:
+            for _ in range(count):
+                for writer, part, depth in zip(self._writers, drawing.draw(), is_depth, strict=True):
+                    writer.write(part)
+                    clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
         if clipped:
             share = clipped / (count * sum(is_depth) * prod(self._job.size))
             self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
@@ -300,8 +301,9 @@ class MemoryOutput(output.Output[output.OutputResult]):
     def images(self) -> Generator[np.ndarray]:
         """Draws the frames one by one, when they are requested, and yields copies of them."""
         scene = self._frames.place()
-        for parts in draw_frames(self._frames, scene, frame_compositor(self._frames, scene)):
-            yield parts[0].copy()
+        with closing(FrameDrawing(self._frames, scene, frame_compositor(self._frames, scene))) as drawing:
+            for _ in scene.times:
+                yield drawing.draw()[0].copy()
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[output.OutputResult]:
         raise NotImplementedError
