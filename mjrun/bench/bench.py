@@ -136,7 +136,7 @@ class Bench(BenchOptions):
         with collected_warnings() as warnings, ExitStack() as stack:
             target = None if self.save is None else StagedFile(Path(self.save))
             if target:
-                stack.callback(target.discard)
+                stack.callback(target.cleanup)
             result = self._measured(reporter, clock)
             result = replace(result, wall=clock() - begun)
             if target:

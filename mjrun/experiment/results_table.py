@@ -121,7 +121,7 @@ class ResultsTable:
     ) -> list[TableWriter]:
         """Writes the table to `files` in the folder, each in the format of its suffix.
 
-        The files must then be published; otherwise `stack` discards them.
+        The files must then be published; otherwise `stack` removes them.
 
         Raises:
           FileError: a file cannot be written.

@@ -86,7 +86,7 @@ def comparison_rows(comparisons: Solutions, logs: Sequence[str]) -> np.ndarray:
 
 
 def write_comparison(stack: ExitStack, path: str, signals: Sequence[Column], rows: np.ndarray) -> TableWriter:
-    """Writes the table, to be published by the caller; `stack` discards it otherwise.
+    """Writes the table, to be published by the caller; `stack` removes it otherwise.
 
     Raises:
       FileError: the table cannot be written.
@@ -318,7 +318,7 @@ def _check_names(fit: FitOptions, simulation: Simulation) -> None:
     for name, path in named_files(**outputs, video=fit.video):
         with concerning(name):
             reserved.reserve(path, f"the {name}")
-            StagedFile(Path(path)).discard()  # shows that the file can be written
+            StagedFile(Path(path)).cleanup()  # shows that the file can be written
 
 
 @dataclass(frozen=True)
@@ -351,7 +351,7 @@ class FittedModelFile:
             )
 
     def write(self, stack: ExitStack, overrides: Sequence[Override]) -> tuple[OutputWriter, list[Change]]:
-        """Writes the text, to be published by the caller; `stack` discards it otherwise.
+        """Writes the text, to be published by the caller; `stack` removes it otherwise.
 
         Raises:
           FileError: the file cannot be written, or does not compile to the model with `overrides`.
@@ -377,7 +377,7 @@ class FittedModelFile:
 def write_ranges(
     stack: ExitStack, path: str, free: Sequence[FreeParameter], fitted: Sequence[FittedParameter], confidence: float
 ) -> OutputWriter:
-    """Writes the section `vary` of a study, to be published by the caller; `stack` discards it otherwise.
+    """Writes the section `vary` of a study, to be published by the caller; `stack` removes it otherwise.
 
     Each parameter that an override can set alone has a normal distribution with the confidence interval of the fit,
     truncated to the bounds.
@@ -407,7 +407,7 @@ def write_fit_page(
     rows: np.ndarray,
     logs: Sequence[str],
 ) -> PageWriter:
-    """Writes the page, to be published by the caller; `stack` discards it otherwise.
+    """Writes the page, to be published by the caller; `stack` removes it otherwise.
 
     Args:
       model: name of the model.

@@ -24,17 +24,16 @@ class OutputWriter:
     Creating the destination checks that the output can be written.
 
     Attributes:
-      resources: open files and processes, closed with the writer, last opened first; the destination is discarded last.
+      resources: open files and processes, closed with the writer, last opened first; then the destination cleans up.
     """
 
     def __init__(self, destination: Destination) -> None:
         self.destination = destination
         self.resources = contextlib.ExitStack()
-        self.resources.callback(destination.discard)
-        self._is_finished = False
+        self.resources.callback(destination.cleanup)
 
     def finish(self) -> None:
-        """Completes, verifies and syncs the output, which then only has to be moved; does nothing the second time.
+        """Syncs the output, which then only has to be moved; called once. Writers first write its end and verify it.
 
         All outputs of a pass are finished before any of them is published.
 
@@ -43,14 +42,8 @@ class OutputWriter:
           EncoderError: the encoder failed, or frames are missing.
           ClosedPipeError: the reader of standard output closed the pipe.
         """
-        if not self._is_finished:
-            self.complete()
-            with file_errors(self.destination.shown, "written"):
-                self.destination.sync()
-            self._is_finished = True
-
-    def complete(self) -> None:
-        """Writes the end of the output and verifies it; for subclasses, called once by `finish`."""
+        with file_errors(self.destination.shown, "written"):
+            self.destination.sync()
 
     def publish(self) -> list[Path]:
         """Finishes the output, moves it to its final place, and returns its files.
@@ -62,7 +55,7 @@ class OutputWriter:
 
     @property
     def together(self) -> Sequence["OutputWriter"]:
-        """The writers of all files that are published with this one."""
+        """The writers of all files that are finished and published with this one."""
         return [self]
 
     def close(self) -> None:
@@ -125,8 +118,8 @@ def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
     Raises:
       MjrunError: as `OutputWriter.finish` and `MovedTogether`.
     """
-    for part in (part for writer in writers for part in writer.together):
-        part.finish()
+    for writer in writers:
+        writer.finish()
     with publishing(writers), MovedTogether() as together:
         return [file for writer in writers for file in together.move(writer)]
 
@@ -160,15 +153,14 @@ class MovedTogether:
         return self
 
     def move(self, writer: OutputWriter) -> list[Path]:
-        """Finishes an output, moves it to its place, and returns its files.
+        """Moves a finished output to its place, and returns its files.
 
         Raises:
-          MjrunError: the output cannot be finished or moved.
+          MjrunError: the output cannot be moved.
         """
         files: list[Path] = []
         for part in writer.together:
             self._last = part.destination.shown
-            part.finish()
             files += part.destination.publish()
             self._moved.append(part.destination)
         return files
@@ -176,7 +168,7 @@ class MovedTogether:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if error is None:
             for destination in self._moved:
-                destination.discard()  # the older output
+                destination.cleanup()  # removes the older output
             return
         remaining = [str(each.shown) for each in reversed(self._moved) if not _is_taken_back(each)]
         if remaining and isinstance(error, MjrunError):

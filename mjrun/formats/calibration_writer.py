@@ -124,10 +124,11 @@ class CalibrationWriter(OutputWriter):
         with self.writing():
             self._file.write((separator + self._format.encode(entry)).encode())
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         with self.writing():
             self._file.write(self._format.tail.encode())
             self._file.close()
+        super().finish()
 
     def _check_perspective(self, camera: str, perspective: bool) -> None:
         if self._format.perspective and not perspective:

@@ -204,7 +204,7 @@ class Destination:
         """Syncs the output to the disk."""
 
     def publish(self) -> list[Path]:
-        """Moves the output to its final place and returns its files. The older output is kept until `discard`."""
+        """Moves the output to its final place and returns its files. The older output is kept until `cleanup`."""
         return []
 
     def take_back(self) -> None:
@@ -215,37 +215,33 @@ class Destination:
         """
         raise NotImplementedError
 
-    def discard(self) -> None:
-        """Removes everything that is not published."""
+    def cleanup(self) -> None:
+        """Removes temporary files: the output unless it was published, and the older one that it replaced."""
 
 
 class _Staged(Destination):
-    """An output that is written beside its place: a file, or a folder of frames."""
+    """An output that is written beside its place: a file, or a folder of frames.
 
-    def __init__(self, shown: Path, target: Path, *, is_folder: bool) -> None:
+    Args:
+      check: checks that the output can be placed there, and finishes what a killed process left unfinished.
+    """
+
+    def __init__(self, shown: Path, target: Path, check: Callable[[], None], *, is_folder: bool) -> None:
         self.shown, self._shown, self.folder = shown, shown, target.parent
         self._target, self._parents = target, _parents(shown, target)
         with self._parents.opening():
             with file_errors(shown, "written"):
-                self.prepare()
+                check()
             self._temporary = _temporary(target, shown, self._parents, folder=is_folder)
         self.path = str(self._temporary.path)
         if is_folder:
             self.path = f"{self.path.replace('%', '%%')}/{NEW}/{FRAME_NAME}"
 
-    def prepare(self) -> None:
-        """Checks that the output can be placed there, and finishes what a killed process left unfinished.
-
-        Raises:
-          FileError: the output cannot be placed there; may be an OSError too.
-        """
-        raise NotImplementedError
-
     def is_between(self) -> bool:
         """Returns whether only a part of it is in its place, so that the next run with this name has to finish."""
         return False
 
-    def discard(self) -> None:
+    def cleanup(self) -> None:
         if self.is_between():
             self._temporary.release()
         else:
@@ -261,10 +257,10 @@ class StagedFile(_Staged):
     """
 
     def __init__(self, target: Path) -> None:
-        super().__init__(target, Path(os.path.realpath(target)), is_folder=False)  # a link stays a link
+        super().__init__(target, Path(os.path.realpath(target)), self._check, is_folder=False)  # a link stays a link
         self._older: Path | None = None  # the file that was in its place
 
-    def prepare(self) -> None:
+    def _check(self) -> None:
         try:
             mode = self._target.stat().st_mode
         except FileNotFoundError:
@@ -292,10 +288,10 @@ class StagedFile(_Staged):
         else:
             raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
 
-    def discard(self) -> None:
+    def cleanup(self) -> None:
         if self._older:
             remove(self._older)
-        super().discard()
+        super().cleanup()
 
 
 class StagedFolder(_Staged):
@@ -309,9 +305,9 @@ class StagedFolder(_Staged):
     """
 
     def __init__(self, target: Path) -> None:
-        super().__init__(target, Path(os.path.realpath(target)), is_folder=True)
+        super().__init__(target, Path(os.path.realpath(target)), self._check, is_folder=True)
 
-    def prepare(self) -> None:
+    def _check(self) -> None:
         with left_behind(self._target.parent, self._target) as leftovers:
             for path in leftovers:
                 restore_folder(path, self._target)
@@ -348,9 +344,10 @@ class StagedFrames(_Staged):
 
     def __init__(self, pattern: Path) -> None:
         self.others: list[str] = []
-        super().__init__(pattern, Path(os.path.realpath(pattern.parent)) / pattern.name, is_folder=True)
+        target = Path(os.path.realpath(pattern.parent)) / pattern.name
+        super().__init__(pattern, target, self._check, is_folder=True)
 
-    def prepare(self) -> None:
+    def _check(self) -> None:
         folder = self._target.parent
         self._before, self._width, self._after = re.split(r"%(\d*)d", self._shown.name, maxsplit=1)
         with one_at_a_time(folder), left_behind(folder, self._shown) as leftovers:

@@ -267,7 +267,7 @@ class UploadedFile(Destination):
     def take_back(self) -> None:
         raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
 
-    def discard(self) -> None:
+    def cleanup(self) -> None:
         self._scratch.__exit__(None, None, None)
 
 

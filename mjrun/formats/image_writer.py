@@ -106,11 +106,14 @@ class ImageWriter(OutputWriter):
         if self._labels:
             self._labels.write(self._size, legend, colours, self._format.nothing or 0, pixels)
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         if not self._written:
             raise ValueError("there is no image yet")
         if not self._format.encoder:
             self.write_file(self._coco.document().encode())
+        super().finish()
+        if self._labels:
+            self._labels.finish()
 
     @property
     def together(self) -> Sequence[OutputWriter]:

@@ -91,6 +91,7 @@ class SidecarWriter(ManifestWriter):
         super().__init__(str(path))
         self._table, self._facts = table.destination, facts
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         table = {**fingerprint(Path(self._table.path)), "path": str(self._table.shown)}
         self.write_document({**self._facts, "outputs": [table]})
+        super().finish()

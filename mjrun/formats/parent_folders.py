@@ -1,6 +1,6 @@
 """Folders of outputs: missing ones are created, and removed again if nothing is published in them.
 
-All outputs of a process share the folders that it has created. The last output that is discarded removes the empty
+All outputs of a process share the folders that it has created. The last output that is cleaned up removes the empty
 ones; if the process is killed, the process that monitors it removes them.
 """
 

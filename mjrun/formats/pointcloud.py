@@ -54,11 +54,12 @@ class PointCloudWriter(OutputWriter):
             self._file.write(points.tobytes())
         self.count += len(points)
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         with self.writing():
             self._file.seek(0)
             self._file.write(self._header())
             self._file.close()
+        super().finish()
 
     def _points(self, view: RenderedView) -> np.ndarray:
         """Returns the points as a structured array `(n,)`, row by row."""

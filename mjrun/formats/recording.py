@@ -274,7 +274,7 @@ class RecordingWriter(OutputWriter):
             self.count += 1
             self.last = step
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         if not self.count:
             raise ValueError("a recording has at least one state")
         with self.writing():
@@ -289,6 +289,7 @@ class RecordingWriter(OutputWriter):
                 np.lib.format.write_array(member, np.array(facts), allow_pickle=False)
             self._archive.close()
             self._file.close()
+        super().finish()
 
     def _head(self, count: int) -> dict[str, Any]:
         return _head("<f8", (count, self._size))

@@ -240,16 +240,19 @@ class TableWriter(OutputWriter):
                 self._file.flush()
         self.rows += len(block)
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         with self.writing():
             self._rows.finish(self._manifest)
             self._file.close()
+        super().finish()
+        if self._metadata:
+            self._metadata.finish()
 
     def publish(self, manifest: Mapping[str, Any] | None = None) -> list[Path]:
         """Finishes the table, moves it to its final place, and returns its files.
 
         Args:
-          manifest: replaces the one given at opening, except in feather, if the table is not finished yet.
+          manifest: replaces the one given at opening, except in feather.
 
         Raises:
           FileError: the output cannot be written.

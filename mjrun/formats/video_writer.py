@@ -139,9 +139,10 @@ class VideoWriter(OutputWriter):
         if self._wait().code != 0:
             raise self._failure()
 
-    def complete(self) -> None:
+    def finish(self) -> None:
         self.end()
         self._check()
+        super().finish()
 
     def _start(self, tags: Mapping[str, str]) -> ChildProcess:
         width, height = self.size

@@ -496,6 +496,7 @@ class ExportOutput(output.Output[ExportResult]):
             write(scene, self._file)
             self._file.flush()
             size = self._file.tell() if self._file.seekable() else 0
+        self._writer.finish()
 
         job, timeline, count = self._job, self._context.timeline, len(placed.states)
         result = ExportResult(

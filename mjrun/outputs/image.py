@@ -201,6 +201,8 @@ class ImageOutput(output.Output[ImageResult]):
             for picture in pictures:
                 self._pointcloud.write(picture)
             writers.append(self._pointcloud)
+        for writer in writers:
+            writer.finish()
         return output.FinishedOutput(self._result(scene.schedule, clipped, writers), writers, self._facts)
 
     def _result(self, schedule: FrameSchedule, clipped: float, writers: Sequence[OutputWriter]) -> ImageResult:

@@ -144,6 +144,7 @@ class KeyframeOutput(output.Output[KeyframeResult]):
             time=float(self._context.timeline.time(self._step)),
             step=self._step,
         )
+        self._writer.finish()
         return output.FinishedOutput(result, [self._writer], self._facts)
 
     def _record(self, stepper: Stepper) -> None:

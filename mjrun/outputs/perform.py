@@ -303,10 +303,7 @@ class OpenPass(Generic[R]):
             is_whole = self.instability is None or self._plan.jobs[index].keeps_partial
             if is_whole and index not in self.failures:
                 with self._failing(index):
-                    finished = output.finish(self._simulation_wall)
-                    for part in (part for writer in finished.writers for part in writer.together):
-                        part.finish()
-                    self._finished[index] = finished
+                    self._finished[index] = output.finish(self._simulation_wall)
 
     def publish(self, warnings: Sequence[str], start: float, published: list[PublishedOutput]) -> None:
         """Moves the finished outputs to their places, each only together with its manifest; signals wait.
@@ -327,6 +324,7 @@ class OpenPass(Generic[R]):
                         files = [file for writer in finished.writers for file in together.move(writer)]
                         if manifest:
                             manifest.write(facts, files)
+                            manifest.finish()
                             together.move(manifest)
                     self.results.append(result)
                     published.append(PublishedOutput(facts, result, files))

@@ -163,6 +163,7 @@ class PlotOutput(output.BlockOutput[PlotResult]):
             panels=[panel.label for panel in self._figure.panels],
             curves=sum(len(panel.curves) for panel in self._figure.panels) * len(self._collectors),
         )
+        self._writer.finish()
         return output.FinishedOutput(result, [self._writer], self._facts)
 
     @property

@@ -73,6 +73,7 @@ class RecordingOutput(output.Output[RecordingResult]):
             size=state.size(self._context.model),
             simulated=float(self._context.timeline.time(count - 1)),
         )
+        self._writer.finish()
         return output.FinishedOutput(result, [self._writer], self._facts)
 
     def _record(self, stepper: Stepper) -> None:

@@ -218,6 +218,8 @@ class TraceOutput(output.BlockOutput[TraceResult]):
     def finish(self, simulation_wall: float) -> output.FinishedOutput[TraceResult]:
         self._buffer.flush()
         writers: list[OutputWriter] = [writer for writer in (self._writer, self._contacts) if writer]
+        for writer in writers:
+            writer.finish()
         verdicts = [checker.verdict() for checker in self._checkers]
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
         comparison, differences = None, list[str]()

@@ -73,7 +73,7 @@ def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says
             assert all(text.startswith("new") for text in after.values())
 
         for make, name in TOGETHER:
-            make(here / name).discard()
+            make(here / name).cleanup()
         assert not list(here.glob(".*"))
         if len(tried) < number:
             break
@@ -83,7 +83,7 @@ def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says
 
 def test_an_output_that_cannot_be_finished_leaves_the_others_as_they_were(tmp_path: Path) -> None:
     class Failing(OutputWriter):
-        def complete(self) -> None:
+        def finish(self) -> None:
             raise FileError(self.destination.shown, "cannot be written: the disk is full")
 
     with OutputWriter(StagedFile(tmp_path / "a")) as one, Failing(StagedFile(tmp_path / "b")) as other:

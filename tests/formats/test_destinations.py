@@ -23,7 +23,7 @@ def publish(target: Destination, count: int, text: str) -> None:
         fill(target, count, text)
         target.publish()
     finally:
-        target.discard()
+        target.cleanup()
 
 
 @pytest.mark.parametrize("target", [StagedFile, StagedFolder, StagedFrames])
@@ -43,7 +43,7 @@ def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
     fill(staged, 1, "new")
     assert film.read_text() == "old"
     staged.publish()
-    staged.discard()
+    staged.cleanup()
     assert film.read_text() == "new"
     assert names(tmp_path) == ["film.mp4"]
 
@@ -55,7 +55,7 @@ def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
 def test_what_is_discarded_leaves_no_trace(tmp_path: Path, make: Callable[[Path], Destination], name: str) -> None:
     staged = make(tmp_path / name)
     fill(staged, 3, "new")
-    staged.discard()
+    staged.cleanup()
     assert names(tmp_path) == []
 
 
@@ -67,7 +67,7 @@ def test_a_link_stays_a_link_to_the_new_file(tmp_path: Path) -> None:
     staged = StagedFile(link)
     fill(staged, 1, "new")
     staged.publish()
-    staged.discard()
+    staged.cleanup()
     assert link.is_symlink()
     assert real.read_text() == "new"
 
@@ -76,7 +76,7 @@ def test_the_file_has_the_permissions_that_any_new_file_would_have(tmp_path: Pat
     (tmp_path / "other").write_text("")
     staged = StagedFile(tmp_path / "film.mp4")
     staged.publish()
-    staged.discard()
+    staged.cleanup()
     assert (tmp_path / "film.mp4").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
@@ -113,7 +113,7 @@ def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
         staged = StagedFolder(tmp_path / "frames")
         fill(staged, count, text)
         staged.publish()
-        staged.discard()
+        staged.cleanup()
     assert names(tmp_path / "frames") == ["000000.png", "000001.png", "000002.png"]
     assert (tmp_path / "frames/000002.png").read_text() == "new 2"
     assert names(tmp_path) == ["frames"]
@@ -168,7 +168,7 @@ def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_
         if exchange is not no_exchange or make is not StagedFolder:
             assert len(contents(here / folder)) in (len(old), len(new))  # nothing is missing, not even for a moment
 
-        make(here / name).discard()  # the next run finishes or undoes it
+        make(here / name).cleanup()  # the next run finishes or undoes it
         assert contents(here / folder) in (old, new)
         assert not killed or not list(here.glob(".*"))
         if not killed:
@@ -189,9 +189,9 @@ def test_what_killed_runs_have_left_is_removed_by_the_next_output_to_their_folde
         left = make(tmp_path / name)
         fill(left, 3, "half")
         left._temporary.release()
-    StagedFile(tmp_path / "table.csv").discard()
+    StagedFile(tmp_path / "table.csv").cleanup()
     assert [path.name for path in tmp_path.iterdir()] == [Path(live.path).name]
-    live.discard()
+    live.cleanup()
 
 
 @both_ways
@@ -228,7 +228,7 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
         elif not message:
             assert found == new
 
-        make(here / name).discard()
+        make(here / name).cleanup()
         assert contents(here / folder) in (old, new)
         assert not list(here.glob(".*"))
         if not failed:
@@ -245,7 +245,7 @@ def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[P
     for number in numbers:  # six digits, then seven
         Path(staged.path % number).write_text(str(number))
     assert [int(path.read_text()) for path in staged.publish()] == numbers
-    staged.discard()
+    staged.cleanup()
 
 
 def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
         staged = StagedFrames(tmp_path / pattern)
         fill(staged, count, f"of {count}")
         made = staged.publish()
-        staged.discard()
+        staged.cleanup()
         assert [path.name for path in made[:2]] == expected
     assert (tmp_path / expected[1]).read_text() == "of 2 1"
     left = [made[0].with_name(pattern % number).name for number in range(2, 12)]
@@ -288,7 +288,7 @@ def test_a_percent_sign_in_the_folder_s_own_name_is_no_pattern(tmp_path: Path) -
     staged = StagedFolder(tmp_path / "100%d/frames")
     assert (staged.path % 7).endswith("000007.png")
     assert (Path(staged.path % 7)).parent.is_dir()
-    staged.discard()
+    staged.cleanup()
 
 
 def test_a_video_is_never_written_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

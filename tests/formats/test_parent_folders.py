@@ -30,7 +30,7 @@ def test_missing_folders_are_made_and_stay_with_what_is_published(
     staged = make(tmp_path / "a/b" / name)
     fill(staged, 2, "new")
     files = staged.publish()
-    staged.discard()
+    staged.cleanup()
     assert all(file.is_file() for file in files)
     assert names(tmp_path / "a") == ["b"]
 
@@ -46,8 +46,8 @@ def test_folders_go_again_with_an_output_that_is_not_published(
         if taken_back:
             staged.publish()
             staged.take_back()
-        staged.discard()
-        staged.discard()
+        staged.cleanup()
+        staged.cleanup()
         assert names(tmp_path) == ["a"]
         assert names(tmp_path / "a") == []
 
@@ -63,7 +63,7 @@ def test_outputs_share_their_folders_in_whichever_order_they_are_discarded(
         fill(outputs[published], 1, "new")
         outputs[published].publish()
     for index in order:
-        outputs[index].discard()
+        outputs[index].cleanup()
     made = {path for path in tmp_path.rglob("*") if path.is_file()}
     assert made == (set() if published is None else {paths[published]})
     folders = {path for path in tmp_path.rglob("*") if path.is_dir()}
@@ -73,13 +73,13 @@ def test_outputs_share_their_folders_in_whichever_order_they_are_discarded(
 def test_what_somebody_else_has_put_in_a_folder_stays(tmp_path: Path) -> None:
     staged = StagedFile(tmp_path / "a/b/film")
     (tmp_path / "a/notes.txt").write_text("mine")
-    staged.discard()
+    staged.cleanup()
     assert names(tmp_path / "a") == ["notes.txt"]
 
 
 def test_a_folder_that_was_there_before_stays_empty(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    StagedFile(tmp_path / "a/film").discard()
+    StagedFile(tmp_path / "a/film").cleanup()
     assert names(tmp_path) == ["a"]
 
 
@@ -129,7 +129,7 @@ def test_links_are_followed_and_a_folder_is_where_they_lead(tmp_path: Path) -> N
     staged = StagedFile(tmp_path / "link/a/film")
     fill(staged, 1, "new")
     staged.publish()
-    staged.discard()
+    staged.cleanup()
     assert (tmp_path / "real/a/film").read_text() == "new"
 
 
@@ -147,15 +147,15 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(
     monkeypatch.setattr(parent_folders, "_make", make_and_lose)
     staged = StagedFile(tmp_path / "a/b/film")
     assert len(removed) == 5
-    staged.discard()
+    staged.cleanup()
     assert names(tmp_path) == []
 
 
 def test_processes_that_make_and_remove_the_same_folders_do_not_disturb_each_other(tmp_path: Path) -> None:
     program = (
         "import sys; from pathlib import Path; from mjrun.formats.destinations import StagedFile\n"
-        f"for _ in range({MANY}): StagedFile(Path(sys.argv[1]) / 'a/b' / sys.argv[2]).discard()\n"
-        "last = StagedFile(Path(sys.argv[1]) / 'a/b' / sys.argv[2]); last.publish(); last.discard()"
+        f"for _ in range({MANY}): StagedFile(Path(sys.argv[1]) / 'a/b' / sys.argv[2]).cleanup()\n"
+        "last = StagedFile(Path(sys.argv[1]) / 'a/b' / sys.argv[2]); last.publish(); last.cleanup()"
     )
     processes = [
         subprocess.Popen([sys.executable, "-c", program, str(tmp_path), str(number)], stderr=subprocess.PIPE)
@@ -169,7 +169,7 @@ def test_processes_that_make_and_remove_the_same_folders_do_not_disturb_each_oth
 def test_threads_that_make_and_remove_the_same_folders_do_not_disturb_each_other(tmp_path: Path) -> None:
     def work(number: int) -> None:
         for _ in range(MANY):
-            StagedFile(tmp_path / f"a/b{number % 2}/film{number}").discard()
+            StagedFile(tmp_path / f"a/b{number % 2}/film{number}").cleanup()
 
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(work, range(4)))

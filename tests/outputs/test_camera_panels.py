@@ -271,7 +271,6 @@ def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     calibration = CalibrationOutput(options, [motion], panel_files(options, output), numbers=False)
     with calibration.writer as writer:
         calibration.write([pose], 3, 0.25)
-        writer.finish()
         writer.publish()
     (entry,) = json.loads((tmp_path / "c/c.json").read_text())["pictures"]
     assert (entry["camera"], entry["frame"], entry["time"]) == ("side", 3, 0.25)

@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
-from mjrun.formats.atomic_output import publish_together
+from mjrun.formats.atomic_output import MovedTogether, publishing
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
@@ -79,7 +79,8 @@ def test_nothing_is_published_by_any_phase(swing: Path, tmp_path: Path, kind: st
         finished = output.finish(1.0)
         assert visible(tmp_path) == ["swing.xml"]
 
-        files = publish_together(finished.writers)
+        with publishing(finished.writers), MovedTogether() as together:
+            files = [file for writer in finished.writers for file in together.move(writer)]
     assert sorted(path.name for path in files) == sorted(Path(path).name for _, path in job.files)
     assert visible(tmp_path) == sorted([*(path.name for path in files), "swing.xml"])
     assert finished.result.path == job.output

@@ -111,7 +111,7 @@ def _require_outputs(options: CheckReportOptions) -> None:
     for path in filter(None, (options.table, options.html)):
         from mjrun.formats.destinations import StagedFile
 
-        StagedFile(Path(path)).discard()
+        StagedFile(Path(path)).cleanup()
 
 
 def _list_rules(console: Console) -> None:

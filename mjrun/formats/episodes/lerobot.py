@@ -205,8 +205,6 @@ class _Dataset:
         }
         for path, content in documents.items():
             writers.append(self._stack.enter_context(written_file(self._folder / path, content)))
-        for writer in writers:
-            writer.finish()
         return writers
 
     def _columns(self, episode: EpisodeRows) -> dict[str, np.ndarray]:

@@ -56,11 +56,9 @@ def write(
         for episode in episodes:
             _add(file.create_group(f"episode_{count}"), count, episode)
             count, steps = count + 1, steps + len(episode)
-    writer.finish()
     size = Path(writer.destination.path).stat().st_size
     metadata = _metadata(folder, layout, count, steps, size)
     described = stack.enter_context(written_file(folder / METADATA, f"{json.dumps(metadata)}\n".encode()))
-    described.finish()
     return [writer, described]
 
 
