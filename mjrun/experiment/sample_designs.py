@@ -54,7 +54,7 @@ def morris(count: int, dimensions: int, generator: "np.random.Generator") -> np.
 
 
 def _sobol(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
-    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
+    from scipy.stats import qmc
 
     # The first of a power of two: points stay the same when there are more of them.
     exponent = max(0, (count - 1).bit_length())
@@ -62,13 +62,13 @@ def _sobol(count: int, dimensions: int, generator: "np.random.Generator") -> np.
 
 
 def _halton(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
-    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
+    from scipy.stats import qmc
 
     return qmc.Halton(dimensions, rng=generator).random(count)
 
 
 def _latin_hypercube(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
-    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
+    from scipy.stats import qmc
 
     return qmc.LatinHypercube(dimensions, rng=generator).random(count)
 
@@ -123,7 +123,7 @@ def correlated(fractions: np.ndarray, ranks: np.ndarray) -> np.ndarray:
 
     A sample depends on no other. Parameters that are not correlated with any before them keep their samples.
     """
-    from scipy import special  # pyright: ignore[reportMissingTypeStubs]
+    from scipy import special
 
     factor = np.linalg.cholesky(_of_copula(ranks))
     changed = [place for place in range(len(ranks)) if factor[place, :place].any()]

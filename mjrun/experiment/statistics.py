@@ -128,7 +128,7 @@ def summarized(
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
     """Returns Student's t interval of the mean of `values` `(n,)`; undefined for fewer than two cases or clusters."""
-    from scipy.special import stdtrit  # pyright: ignore[reportMissingTypeStubs]
+    from scipy.special import stdtrit
 
     members = _members(len(values), clusters)
     count = int(members.max(initial=-1)) + 1
@@ -165,7 +165,7 @@ def group_means(values: np.ndarray, groups: np.ndarray, count: int, confidence: 
       groups: number of the group of each case `(n,)`, from 0.
       count: number of groups.
     """
-    from scipy.special import stdtrit  # pyright: ignore[reportMissingTypeStubs]
+    from scipy.special import stdtrit
 
     is_good = np.isfinite(values)
     values, groups = values[is_good], groups[is_good]
@@ -270,7 +270,7 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters
 
     A cluster counts as one case.
     """
-    from scipy.special import bdtr  # pyright: ignore[reportMissingTypeStubs]
+    from scipy.special import bdtr
 
     count = int(_members(len(values), clusters).max(initial=-1)) + 1
     ranks = np.arange(count // 2)

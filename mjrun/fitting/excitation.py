@@ -60,7 +60,7 @@ def chirps(times: Floats, middle: Floats, reach: Floats, generator: np.random.Ge
 
 
 def _wave(times: Floats, generator: np.random.Generator) -> Floats:
-    least, most = np.log(FREQUENCIES)
+    least, most = (float(np.log(each)) for each in FREQUENCIES)
     low = generator.uniform(least, most - math.log(SWEEP))
     high = generator.uniform(low + math.log(SWEEP), most)
     first, last = np.exp([low, high] if generator.random() < 0.5 else [high, low])
@@ -284,7 +284,7 @@ class _Excitation:
         candidates = self._within_limits()
         looks = [self._look(segment) for segment, _ in candidates]
         scores = [np.linalg.slogdet(all_information(look, self._parameters))[1] for look in looks]
-        order = np.argsort(scores)[::-1].tolist()
+        order: list[int] = np.argsort(scores)[::-1].tolist()
         self._require_identifiable(looks[order[0]])
         corners = self._corners()
         segment, motion = self._within_limits_at(corners, [candidates[index] for index in order])
@@ -401,7 +401,7 @@ class _Excitation:
         """Simulates the limited columns at every step, with the parameters of the model or others."""
         coordinates = self._coordinates if coordinates is None else coordinates
         values = tuple(p.value(c) for p, c in zip(self._parameters, coordinates, strict=True))
-        steps = np.arange(round(inputs[0].times[-1] / self._judge.timestep) + 1)
+        steps = np.arange(round(float(inputs[0].times[-1]) / self._judge.timestep) + 1)
         chunks = [Chunk(each, slice(None), 0, steps) for each in inputs]
         return self._judge.predict([ChunkSimulation(chunk, values, self._start) for chunk in chunks])
 
@@ -460,9 +460,8 @@ class _Excitation:
 def _touching(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[str, str]]:
     """Returns the names of pairs of geoms in contact."""
     geoms = names(model, "geom")
-    pairs = [
-        sorted(clean(geoms[i]) for i in pair) for pair in data.contact.geom[: data.ncon].tolist() if min(pair) >= 0
-    ]
+    contacts: list[list[int]] = data.contact.geom[: data.ncon].tolist()
+    pairs = [sorted(clean(geoms[i]) for i in pair) for pair in contacts if min(pair) >= 0]
     return {(one, other) for one, other in pairs}
 
 

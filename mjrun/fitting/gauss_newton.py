@@ -14,6 +14,7 @@ times over because it also perturbs the slopes: rattling signals have little wei
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -314,9 +315,9 @@ class StandardErrors:
 
     def length(self, turn: Floats, moves: Floats) -> float:
         """Returns the root mean square of a step, in standard errors."""
-        parts = [np.linalg.lstsq(self.coordinates, turn, rcond=None)[0]]
+        parts: list[np.ndarray] = [np.linalg.lstsq(self.coordinates, turn, rcond=None)[0]]
         for root, move, slopes in zip(self.states, moves, self.state_slopes, strict=True):
-            parts.append(np.linalg.lstsq(root, move - slopes @ turn, rcond=None)[0])
+            parts.append(cast("Floats", np.linalg.lstsq(root, move - slopes @ turn, rcond=None)[0]))
         return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 

@@ -7,6 +7,7 @@ general stationary observations", 1989).
 """
 
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 
@@ -243,7 +244,7 @@ def _bootstrapped(informations: Floats, scores: Floats, whole: Floats, generator
     matrices += 1e-12 * np.trace(informations.sum(axis=0)) * np.eye(len(whole))
     scores = _unfitted(scores, informations, whole)
     centred = scores - scores.mean(axis=0)  # at a bound their sum is not zero
-    return -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0]
+    return cast("Floats", -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0])
 
 
 def _unfitted(scores: Floats, informations: Floats, whole: Floats) -> Floats:

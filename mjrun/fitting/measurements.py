@@ -158,9 +158,10 @@ def resolution(values: Floats) -> Floats:
         sizes: Floats = np.diff(np.unique(column[np.isfinite(column)]))
         left = sizes[sizes > ROUNDING]
         while len(sizes) >= FEWEST_DIFFERENCES and len(left):  # Euclid's algorithm
-            steps[i] = left.min()
-            left = np.abs(sizes - steps[i] * np.round(sizes / steps[i]))
+            step = float(left.min())
+            left = np.abs(sizes - step * np.round(sizes / step))
             left = left[left > ROUNDING]
+            steps[i] = step
     return steps
 
 
@@ -222,7 +223,7 @@ class Measurements:
         last: list[Segment] = []
         for source in dict.fromkeys(segment.source for segment in self.segments):
             own = [segment for segment in self.segments if segment.source == source]
-            begin, end = own[0].times[0], own[-1].times[-1]
+            begin, end = float(own[0].times[0]), float(own[-1].times[-1])
             limit = end - share * (end - begin)
             for segment in own:
                 row = int(np.searchsorted(segment.times, limit))
@@ -389,7 +390,8 @@ def commands(
     times = (segment.times - segment.times[0]) / timestep
     steps = np.arange(first, first + count)
     if linear:
-        controls = np.column_stack([np.interp(steps, times, column) for column in segment.controls.T])
+        columns: list[Floats] = [np.interp(steps, times, column) for column in segment.controls.T]
+        controls = np.column_stack(columns)
     else:
         rows = np.searchsorted(times, steps + SLACK, side="right") - 1
         controls = segment.controls[np.maximum(rows, 0)]

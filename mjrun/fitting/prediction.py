@@ -227,7 +227,8 @@ class Predictor:
             columns = measure(block.fields, block.initial)
             is_over = np.arange(len(block.steps)) >= block.counts[:, None]
             recorded.append(np.where(is_over[..., None], np.nan, columns))
-        return list(np.concatenate(recorded, axis=1))
+        values: np.ndarray = np.concatenate(recorded, axis=1)
+        return list(values)
 
     def controls(self, rollout: ChunkSimulation, steps: int) -> np.ndarray:
         """Returns the controls of the first steps of a rollout, `(steps, nu)`, with their delays."""

@@ -11,8 +11,8 @@ from mjrun.fitting.measurements import Floats
 from mjrun.plotting.html_page import PageFactTable, facts_table
 
 SCHEMA = "mjrun-fit-1"
-QUANTITIES = {"mass": "kg"}  # of an inertia, with their units
-QUANTITIES |= {f"center/{axis}": "m" for axis in "xyz"} | {f"moment/{i}": "kg m²" for i in (1, 2, 3)}
+MOMENTS = {f"center/{axis}": "m" for axis in "xyz"} | {f"moment/{i}": "kg m²" for i in (1, 2, 3)}
+QUANTITIES = {"mass": "kg", **MOMENTS}  # of an inertia, with their units
 
 
 @dataclass(frozen=True)

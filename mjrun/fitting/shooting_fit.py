@@ -14,7 +14,15 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import FreeParameter, values_at
-from mjrun.fitting.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, TOLERANCE, EnsembleSearch, GaussNewton
+from mjrun.fitting.gauss_newton import (
+    EVALUATIONS,
+    EXPLAINED,
+    ROUGH_TOLERANCE,
+    TOLERANCE,
+    EnsembleSearch,
+    GaussNewton,
+    StandardErrors,
+)
 from mjrun.fitting.measurements import LEAST_NOISE, Segment, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.shooting_problem import (
@@ -235,7 +243,7 @@ class Shooting:
             return is_same or search.best.reduced < EXPLAINED
 
         # Far from the noise, stretches succeed sooner.
-        for start in starts[1 : 1 + OTHERS] if search.best.reduced < MODEST else []:
+        for start in starts[1 : 1 + OTHERS] if search.best.reduced < MODEST else ():
             search.ways.append("whole segments from another start")
             if is_end([self._run(self._grown(whole, start, noise))]):
                 return
@@ -246,7 +254,7 @@ class Shooting:
                 search.ways.append(f"stretches of {rows} rows")
                 guesses = [self.guessed(parts, *each) for each in zip(places, before, strict=True)]
                 problems = [self._problem(parts, *each, noise) for each in zip(places, guesses, strict=True)]
-                ends = together(self._predictor, [GaussNewton(each).approach() for each in problems])
+                ends: list[Solution] = together(self._predictor, [GaussNewton(each).approach() for each in problems])
                 places, before = [each.coordinates for each in ends], [*ends]
                 tasks = [self._grown(whole, each.coordinates, noise, before=each) for each in ends]
                 if is_end(together(self._predictor, tasks)):
@@ -296,13 +304,15 @@ class Shooting:
         seed: int = 0,
     ) -> Simulating[Solution]:
         """Solves openings of chunks of increasing length by ensembles, each from the end of the one before."""
-        states, scatter, rows = self.guessed(parts, coordinates), None, SHORTEST
+        states, rows = self.guessed(parts, coordinates), SHORTEST
+        scatter: StandardErrors | None = None
         while True:
             openings = [_opening(part, rows) for part in parts]
             is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
             problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
             search = EnsembleSearch(problem, self._seed + seed, scatter)
-            solution, scatter = yield from search.minimize(is_last=is_last)
+            end: tuple[Solution, StandardErrors] = yield from search.minimize(is_last=is_last)
+            solution, scatter = end
             if is_last:
                 return solution
             states, coordinates = solution.states, None if coordinates is None else solution.coordinates

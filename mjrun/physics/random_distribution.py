@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
-from typing import Any, cast
 
 import numpy as np
 
@@ -133,9 +132,8 @@ def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
         low, high = numbers
         return lambda fractions: fractions * (high - low) + low
 
-    from scipy import stats as scipy_stats  # pyright: ignore[reportMissingTypeStubs]
+    from scipy import stats
 
-    stats = cast("Any", scipy_stats)
     match name, numbers:
         case "loguniform", (low, high):
             return stats.loguniform(low, high).ppf

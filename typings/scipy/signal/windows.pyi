@@ -1,0 +1,3 @@
+import numpy as np
+
+def tukey(length: int, alpha: float = ..., /) -> np.ndarray[tuple[int], np.dtype[np.float64]]: ...
