@@ -79,7 +79,8 @@ def status(**changes):
     return Status(**{**dict(time=0.0, paused=False, speed=0.5, achieved=0.5), **changes})
 
 actions = page.sync(status())
-assert actions == [], actions
+# A frame may have come since the page is ready: each sends the forces of the mouse, zero without a user.
+assert all(isinstance(action, Pull) and not action.forces.any() for action in actions), actions
 assert page.is_open, "it is closed"
 assert not page.is_seen, "it is seen"
 listening = [line.split() for line in open("/proc/self/net/tcp")][1:]
