@@ -208,9 +208,9 @@ class PhysicsStepper:
         is_only = len(self._sources) == 1 and not self.control.varies
         return is_only and self.control.controller is not None and self._in_place and not self._may_move_poses
 
-    def _is_due(self, step: int) -> bool:
-        """Returns whether the controller is called at `step`."""
-        return self.control.controller is not None and self.control.controller.is_due(step)
+    def _next_call(self, step: int) -> int:
+        """Returns the first step after `step` at which the controller is called."""
+        return self.control.controller.next_change(step) if self.control.controller else NEVER
 
     def _act_within(self, step: int) -> bool:
         """Calls the controller at a step within a block; returns False if that has become impossible."""
@@ -224,13 +224,15 @@ class PhysicsStepper:
     def _copier(self) -> Callable[[], Any]:
         """Returns a function that copies what the controller has set, for `_put_back`."""
         copies = [getattr(self._data, name).tobytes for name in self._set]
-        return lambda: [copy() for copy in copies]
+        return copies[0] if len(copies) == 1 else lambda: b"".join([copy() for copy in copies])
 
     def _put_back(self, copied: Any) -> None:
         """Sets again what was copied."""
-        for name, content in zip(self._set, copied, strict=True):
+        start = 0
+        for name in self._set:
             values = getattr(self._data, name)
-            values[:] = np.frombuffer(content, values.dtype).reshape(values.shape)
+            values[:] = np.frombuffer(copied, values.dtype, values.size, start).reshape(values.shape)
+            start += values.nbytes
 
     def _repeats(self) -> bool:
         """Repeats what the controller set at this step in a block, or its error; returns False if it was not called."""
@@ -260,11 +262,13 @@ class PhysicsStepper:
         copied = self._copier() if self._calls_within else None
         before = copied() if copied else None
         computed, is_stable = self._computed, False
+        due = self._next_call(self.step) if copied else NEVER
         try:
             for step in range(self.step, self.step + count):
                 if controls is not None:
                     data.ctrl[:] = controls[step - self.step]
-                if copied and step > self.step and self._is_due(step):
+                if copied and step == due:
+                    due = self._next_call(step)
                     try:
                         if not self._act_within(step):
                             count = step - self.step

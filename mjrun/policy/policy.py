@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import field
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -112,14 +113,13 @@ class Policy(ABC):
           seed: the seed of its random numbers; equal seeds give equal actions, independent of other episodes.
           actions: the actions of the task.
         """
-        actor = self.start(seed, actions)
-        return lambda observation: self._checked(actor, observation, actions.names)
+        return partial(self._checked, self.start(seed, actions), actions.names)
 
     @abstractmethod
     def start(self, seed: int, actions: ActionSpace) -> Actor:
         """Returns the policy at the start of an episode, without checks of its actions."""
 
-    def _checked(self, actor: Actor, observation: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    def _checked(self, actor: Actor, names: Sequence[str], observation: np.ndarray) -> np.ndarray:
         """Returns the action `(nact,)`, float64.
 
         Raises:

@@ -284,7 +284,7 @@ class BatchColumns:
         if self._examined:
             self._examine(np.arange(self._batch.nsim)[rows], out)
 
-    def alone(self) -> tuple[list[NumberSource], Callable[[], None]]:
+    def alone(self) -> tuple[list[NumberSource], Callable[[], None] | None]:
         """Returns the source of each column of the only world, and a function that updates those that are no fields."""
         row = np.zeros(self.count)
         sources: list[NumberSource] = [(row, place) for place in range(self.count)]
@@ -293,10 +293,14 @@ class BatchColumns:
             if name in fields:
                 sources[place] = [(fields[name], index) for index in places.tolist()]
         others = {place for source, place in sources if source is row}
+        if not others:
+            return sources, None
         copies = [(row[place], values[0]) for place, values in self._copied if place.start in others]
         reads = [(read, row[None, place]) for place, read in self._reads if place.start in others]
 
         def update() -> None:
+            if isinstance(self._batch, SingleMjData):
+                self._batch.update()
             for target, values in copies:
                 target[...] = values
             for read, target in reads:

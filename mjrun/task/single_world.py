@@ -84,7 +84,8 @@ class SingleWorld(TaskWorlds):
         self._observations.rotations = self._rotations
 
         functions = self._start_functions
-        functions.update()
+        if functions.update:
+            functions.update()
         observed = self._ignoring.run(self._start, functions) if functions.uses_numpy else self._start(functions)
         self._only_observed[:] = observed
         return observed
@@ -147,7 +148,6 @@ class SingleWorld(TaskWorlds):
             columns.begin_as(self._measurement)
             self._functions = self._functions_of(columns)
             self._observations.rotations = data.xmat[None]
-        self._source.update()
         return self._results()
 
     def resume(self) -> None:
@@ -186,7 +186,8 @@ class SingleWorld(TaskWorlds):
     def _results(self) -> TaskStep:
         """Measures the end of a control period."""
         functions = self._functions
-        functions.update()
+        if functions.update:
+            functions.update()
         instant = int(self._instants[0]) + 1
         self._instants[0] = instant
         if functions.uses_numpy:
@@ -258,11 +259,11 @@ class _InstantFunctions(NamedTuple):
     """The functions that compute a control instant from the fields of an MjData.
 
     Attributes:
-      update: updates numbers that are not in fields; called first.
+      update: updates numbers that are not in fields; called first. None if all are.
       judge, fill, uses_numpy: see `TaskExpressions.alone`.
     """
 
-    update: Callable[[], None]
+    update: Callable[[], None] | None
     judge: Judge
     fill: Fill
     uses_numpy: bool

@@ -103,13 +103,14 @@ class TaskStepper(PhysicsStepper):
         if self._is_parallel and self.step:
             self._world.advance(self.step - self._world_step)
             self._world_step = self.step
-        if self.step and self._is_due(self.step) and not self._repeats():
+        if self.step and self._next_call(self.step - 1) == self.step and not self._repeats():
             self._act(self.step)
         super()._apply_inputs()
         self._lead()
 
-    def _is_due(self, step: int) -> bool:
-        return step % self.control_steps == 0 or self._world.holds_targets
+    def _next_call(self, step: int) -> int:
+        period = 1 if self._world.holds_targets else self.control_steps
+        return step - step % period + period
 
     def _act_within(self, step: int) -> bool:
         mujoco.mj_step1(self.model, self._data)
