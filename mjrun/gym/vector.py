@@ -75,12 +75,15 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 raise ValueError("an episode is over: reset its world with the option reset_mask")
             return self._step_after_end(np.asarray(actions, float))
         step = self.worlds.step(actions)
-        infos, over = self._infos(step, self._all), step.over
-        if over.any():
-            if self._skips_ended:
-                infos |= self._begin_next(step, np.flatnonzero(over))
-            else:
-                self._over = over
+        terms, over = step.reward_terms.T, step.over
+        if not over.any():
+            infos = self._terms(terms, None)
+        elif self._skips_ended:
+            infos = {} if over.all() else self._terms(terms, ~over)
+            infos |= self._begin_next(step, over)  # Gymnasium reports these worlds in `final_info` alone
+        else:
+            self._over = over
+            infos = self._terms(terms, None) | self._endings(step.codes)
         return step.observations, step.rewards, step.terminated, step.truncated, infos
 
     def _step_after_end(
@@ -95,46 +98,41 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             step = self.worlds.step(actions[running], running)
             rewards[running] = step.rewards
             terminated[running], truncated[running] = step.terminated, step.truncated
-            infos = self._infos(step, running)
+            terms, codes = np.zeros((len(self._rewards), self.num_envs)), np.full(self.num_envs, RUNNING)
+            terms[:, running], codes[running] = step.reward_terms.T, step.codes
+            infos = self._terms(terms, ~self._over) | self._endings(codes)
         self._over = terminated | truncated
         return self.worlds.observations, rewards, terminated, truncated, infos
 
     def _begin_next(self, step: TaskStep, over: np.ndarray) -> dict[str, Any]:
-        """Begins the next episode in the worlds `over`, whose last one ended in this step; returns their infos."""
-        mask, final = np.zeros(self.num_envs, bool), np.full(self.num_envs, None, object)
-        mask[over] = True
-        for world in over.tolist():
+        """Begins the next episode in the worlds of a mask, whose last one ended in this step; returns their infos."""
+        ended, final = np.flatnonzero(over), np.full(self.num_envs, None, object)
+        for world in ended.tolist():
             final[world] = step.observations[world].copy()
-        infos = {"final_obs": final, "_final_obs": mask, "final_info": self._arrays(step, over, over)}
-        step.observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
-        return infos | {"_final_info": mask.copy()}
+        final_info = self._terms(step.reward_terms.T, over) | self._endings(step.codes)
+        step.observations[ended] = self.worlds.reset([self._draw(world) for world in ended.tolist()], ended)
+        return {"final_obs": final, "_final_obs": over, "final_info": final_info, "_final_info": over.copy()}
 
-    def _infos(self, step: TaskStep, worlds: np.ndarray) -> dict[str, Any]:
-        """Returns the infos of a step of `worlds` `(k,)`, without worlds whose next episode begins in the same step."""
-        if not self._skips_ended:
-            return self._arrays(step, self._all[: len(worlds)], worlds)
-        # Gymnasium reports such a world in its `final_info` alone.
-        rows = np.flatnonzero(~step.over)
-        return self._arrays(step, rows, worlds[rows]) if len(rows) else {}
-
-    def _arrays(self, step: TaskStep, rows: np.ndarray, worlds: np.ndarray) -> dict[str, Any]:
-        """Returns the infos of some rows `(r,)` of a step, whose worlds are `worlds`, as arrays with their masks."""
-        shape = len(self._rewards), self.num_envs
-        masks, terms = np.zeros(shape, bool), np.zeros(shape)
-        masks[:, worlds], terms[:, worlds] = True, step.reward_terms[rows].T
+    def _terms(self, terms: np.ndarray, worlds: np.ndarray | None) -> dict[str, Any]:
+        """Returns the terms of the reward `(nterms, num_envs)` as infos of the worlds of a mask, or of all."""
+        masks = np.ones(terms.shape, bool)
+        if worlds is not None:
+            masks[:], terms = worlds, np.where(worlds, terms, 0.0)
         infos = dict[str, Any](zip(self._rewards, terms, strict=True))
         infos |= zip(self._masks, masks, strict=True)
+        return infos
 
-        codes: np.ndarray = step.codes[rows]
-        ended = worlds[codes != RUNNING]
+    def _endings(self, codes: np.ndarray) -> dict[str, Any]:
+        """Returns the infos of the worlds whose episode has ended with a code `(num_envs,)`."""
+        over = codes != RUNNING
+        ended = np.flatnonzero(over)
         if not len(ended):
-            return infos
-        (mask, success), names = np.zeros((2, self.num_envs), bool), np.full(self.num_envs, None, object)
-        mask[ended] = True
-        for world, code in zip(ended.tolist(), codes[codes != RUNNING], strict=True):
-            info = ending_info(step.endings[int(code)])
+            return {}
+        names, success = np.full(self.num_envs, None, object), np.zeros(self.num_envs, bool)
+        for world in ended.tolist():
+            info = ending_info(self.worlds.endings[int(codes[world])])
             names[world], success[world] = info["ending"], info["is_success"]
-        return infos | {"ending": names, "_ending": mask, "is_success": success, "_is_success": mask.copy()}
+        return {"ending": names, "_ending": over, "is_success": success, "_is_success": over.copy()}
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:

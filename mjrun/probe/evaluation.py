@@ -62,11 +62,11 @@ class ColumnMatrix(Mapping[str, Any]):
         return len(self._layout.places) + len(self._others)
 
     def vector(self, names: tuple[str, ...]) -> np.ndarray:
-        """Returns the columns `names` side by side: `(n, len(names))` in C order."""
+        """Returns the columns `names` side by side, `(n, len(names))`; of adjacent columns a view of the matrix."""
         run = self._layout.run(names)
         if run is None:
             return np.stack([self[name] for name in names], axis=-1)
-        return np.ascontiguousarray(self._matrix[:, run])
+        return self._matrix[:, run]
 
 
 Columns = Mapping[str, np.ndarray]

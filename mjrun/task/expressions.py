@@ -184,7 +184,8 @@ class TaskExpressions:
 
     def _codes(self, conditions: Sequence[np.ndarray], count: int) -> np.ndarray:
         """Returns the code of the first condition `(count,)` bool that holds in each world."""
-        codes = np.full(count, RUNNING)
+        codes = np.empty(count, int)
+        codes.fill(RUNNING)  # np.full takes twice as long
         for code, holds in reversed([*enumerate(conditions)]):
             codes[holds] = code
         return codes

@@ -6,6 +6,7 @@ terminations are computed at instant k+1, with the action and the commands of th
 """
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -122,6 +123,7 @@ class TaskWorlds:
         self._seeds = np.zeros(count, np.int64)
         self._begun = np.zeros(count, bool)
         self._instants = np.zeros(count, int)  # control instants since the reset
+        self._latest = 0  # none of them is later
         self._actions = np.zeros((count, len(self.action_names)))  # in force, as returned by the policy
         self._targets = np.zeros_like(self._actions)
         self._returned = np.zeros((count, int(self.actions.delays.max(initial=0)) + 1, len(self.action_names)))
@@ -185,6 +187,7 @@ class TaskWorlds:
             array[...] = values
         self._observations.noise[:] = saved["noise"]
         self._has_failed = bool(self._failed.any())
+        self._latest = int(self._instants.max())
         for world in np.flatnonzero(self._begun).tolist():
             if not self._models.is_one:
                 self._each[world] = self._models.variant(int(self._seeds[world]))
@@ -322,6 +325,7 @@ class TaskWorlds:
         self._measurement = BatchColumns(self._batch, measured, lambda world: each[world].model)
         self._measured = np.empty((count, self._measurement.count))  # in the step at hand
         self._state = self._batch.state
+        self._numbers = self._state.reshape(-1)  # contiguous, unlike the motion in them
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._counters = self._batch.warning
         self._warnings = self._counters[:, min(BAD) : max(BAD) + 1, 1]
@@ -412,14 +416,15 @@ class TaskWorlds:
         measured = self._measure(rows)
         in_force = self.commands.at(worlds, self._instants[rows]) if self.commands.names else None
         self._instants[rows] += 1
+        self._latest += 1
         inputs = after = self._inputs(rows)
         if in_force is not None:
             inputs = after._replace(commands=in_force)
         columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
         terms, codes = self._expressions.advance(columns, some, len(worlds))
-        is_last = after.instants >= self._periods
-        if is_last.any():
-            codes[(codes == RUNNING) & is_last] = self.endings.timeout
+        if self._latest >= self._periods:
+            self._latest = int(self._instants.max())
+            codes[(codes == RUNNING) & (after.instants >= self._periods)] = self.endings.timeout
 
         values = NOTHING
         if self._expressions.has_values:
@@ -437,9 +442,8 @@ class TaskWorlds:
 
     def _is_surely_stable(self, rows: Rows) -> bool:
         """Returns True only if all of these worlds are stable; where False, `_unstable` decides for each."""
-        states = self._state[rows]  # contiguous, unlike the motion in them
-        is_bounded = -mujoco.mjMAXVAL <= states.min() and states.max() <= mujoco.mjMAXVAL
-        return bool(is_bounded) and not self._has_failed and not self._warnings[rows].any()
+        is_bounded = mujoco.mju_norm(self._numbers) <= mujoco.mjMAXVAL
+        return is_bounded and not self._has_failed and not self._warnings[rows].any()
 
     def _unstable(self, rows: Rows) -> np.ndarray:
         """Returns, as a mask `(k,)`, the worlds that MuJoCo reported, or whose numbers exceed its limit."""
@@ -457,6 +461,8 @@ class TaskWorlds:
         return Inputs(instants, self._actions[rows], self.commands.at(self._all[rows], instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
+        if math.isfinite(mujoco.mju_norm(actions.reshape(-1))):  # not if the squares overflow
+            return
         finite = np.isfinite(actions)
         if finite.all():
             return
@@ -477,8 +483,10 @@ def _endings_of(codes: np.ndarray, endings: Endings) -> tuple[Ending | None, ...
 
 def _sum(terms: np.ndarray, count: int) -> np.ndarray:
     """Returns the sum of `(nterms, k)`, term by term, so that it is the same for every k."""
-    total = np.zeros(count)
-    for term in terms:
+    if not len(terms):
+        return np.zeros(count)
+    total = terms[0] + 0.0
+    for term in terms[1:]:
         total += term
     return total
 
