@@ -112,10 +112,10 @@ def _picture_agreement(picture: "PictureDifference") -> str:
 
 
 def _table(page: TerminalLayout, result: "DiffResult", table: "TableDifference", every: bool) -> None:
-    what = _row_word(result)
+    what, key = _row_word(result), "number" if table.aligned == "row" else clean(table.aligned)
     differing = [column for column in table.columns if column.first]
     facts = [
-        ("compared", f"{counted(table.rows, what)} of the same {clean(_aligned_by(table))}"),
+        ("compared", f"{counted(table.rows, what)} of the same {key}"),
         ("first difference", _first_difference(differing, table)),
         ("only in A", _unmatched(table.only_a, table.aligned)),
         ("only in B", _unmatched(table.only_b, table.aligned)),
@@ -146,10 +146,6 @@ def _picture(page: TerminalLayout, picture: "PictureDifference", differences: Se
 
 def _row_word(result: "DiffResult") -> str:
     return "state" if result.kind == "recording" else "row"
-
-
-def _aligned_by(table: "TableDifference") -> str:
-    return "number" if table.aligned == "row" else table.aligned
 
 
 def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDifference") -> str:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from mjrun.hdf5.demonstration_summary import DemonstrationList
-    from mjrun.model.description.actuators_sensors import Actuator, Plugin
+    from mjrun.model.description.actuators_sensors import Actuator
     from mjrun.model.description.assets import Asset
     from mjrun.model.description.bodies import Body, Camera, Geom, Light
     from mjrun.model.description.constraints import PathPoint, Tendon
@@ -149,10 +149,6 @@ def _point(point: "PathPoint") -> str:
 
 def _lengths(rows: "Sequence[Tendon]") -> ReportColumn:
     return numbers("length", [row.length0 for row in rows], stacked(row.unit for row in rows))
-
-
-def _plugin_settings(row: "Plugin") -> str:
-    return clean(", ".join(f"{key}={value}" for key, value in row.settings.items()))
 
 
 def _cells(heading: str, cell: Callable[[Any], str], **options: Any) -> Callable[[Sequence[Any]], ReportColumn]:
@@ -376,7 +372,7 @@ SECTIONS: "Mapping[str, TableSection | LineSection]" = {
     "plugins": _objects(
         *("name", "plugin"),
         _cells("computes", lambda plugin: ", ".join(map(clean, plugin.users))),
-        _cells("settings", _plugin_settings),
+        _cells("settings", lambda plugin: clean(", ".join(f"{key}={value}" for key, value in plugin.settings.items()))),
         "state",
     ),
     "options": TableSection(_settings),

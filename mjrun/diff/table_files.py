@@ -122,7 +122,7 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
     with ExitStack() as stack:
         (reader_a, names_a), (reader_b, names_b) = _open_both(a, b, options, stack)
         require_matches("columns", options.columns, dict.fromkeys([*names_a, *names_b]))
-        manifests = [_manifest(path, reader) for path, reader in ((a, reader_a), (b, reader_b))]
+        manifests = [reader.manifest or result_manifest(Path(path)) for path, reader in ((a, reader_a), (b, reader_b))]
         key, ignored = _key(names_a, names_b, manifests, options)
         keys = [key] if isinstance(key, str) else list(key or ())
 
@@ -182,10 +182,6 @@ def _names(path: str) -> list[str]:
 
     open_table(path, collect).close()
     return names
-
-
-def _manifest(path: str, reader: TableReader) -> Mapping[str, Any] | None:
-    return reader.manifest or result_manifest(Path(path))
 
 
 def _is_chosen(name: str, options: TableDiffOptions) -> bool:

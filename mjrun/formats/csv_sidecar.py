@@ -25,15 +25,12 @@ def metadata_path(table: Path) -> Path:
 
 def metadata(table: Path, columns: Sequence[Column]) -> bytes:
     """Returns the metadata of a table with these columns."""
-    described = [
-        {"titles": clean(column.name), **{key: text for key, text in _facts(column) if text}} for column in columns
-    ]
+    described: list[dict[str, str]] = []
+    for column in columns:
+        facts = {UNIT: column.unit, MEANING: column.meaning}
+        described.append({"titles": clean(column.name), **{key: text for key, text in facts.items() if text}})
     document = {"@context": CONTEXT, "url": table.name, "tableSchema": {"columns": described}}
     return f"{json.dumps(document, indent=2, ensure_ascii=False)}\n".encode()
-
-
-def _facts(column: Column) -> tuple[tuple[str, str], ...]:
-    return (UNIT, column.unit), (MEANING, column.meaning)
 
 
 def units_beside(table: Path) -> dict[str, str]:

@@ -131,13 +131,6 @@ class H264Encoder:
         encoder = command(*frames, "-i", "pipe:0", *arguments, "-flush_packets", "1", "pipe:1")
         self._child = ChildProcess(encoder, fed=True, stdout="capture", stderr="capture", stdout_limit=math.inf)
 
-    @property
-    def encoded_size(self) -> tuple[int, int]:
-        """Width and height of the encoded frames, padding included [pixels]."""
-        width, height = self.size
-        right, bottom = self._encoding.padding(width, height)
-        return width + right, height + bottom
-
     def write(self, frame: np.ndarray) -> list[bytes]:
         """Adds a frame, `(height, width, 3)` uint8, and returns the access units that are complete, in order.
 

@@ -302,7 +302,8 @@ class CopiedElementNumbers:
         except MjrunError:  # the compilation raises it again
             return None
         kind = field_name(override).partition(".")[0]
-        if fields != [field_of(override)] or not all(_CONDITIONS.get(kind, _always)(self, each) for each in elements):
+        is_copied = _CONDITIONS.get(kind)
+        if fields != [field_of(override)] or (is_copied and not all(is_copied(self, each) for each in elements)):
             return None
         if fields == ["mass"] and not all(element.explicitinertial for element in elements):
             return None
@@ -318,7 +319,9 @@ class CopiedElementNumbers:
             values = values[:, :1]
         rows = list[int]()
         for element in elements:
-            own = self._dofs(element) if field.array.startswith("dof_") else [element.id]
+            own = [element.id]
+            if field.array.startswith("dof_"):
+                own = np.flatnonzero(self.model.dof_jntid == element.id).tolist()
             source = np.ravel(getattr(element, fields[0]))
             if fields[0] in ELEMENT_VECTORS and source[1:].any():
                 return None
@@ -326,9 +329,6 @@ class CopiedElementNumbers:
                 return None
             rows += own
         return np.array(rows, int)
-
-    def _dofs(self, joint: Any) -> list[int]:
-        return np.flatnonzero(self.model.dof_jntid == joint.id).tolist()
 
     def is_separate(self, geom: Any) -> bool:
         """Returns whether nothing but the bounds and the mass of its body depend on a geom, in a known way."""
@@ -391,14 +391,6 @@ class CopiedElementNumbers:
         return values if getattr(self.model, array).ndim > 1 else values[:, 0]
 
 
-def _always(numbers: CopiedElementNumbers, element: Any) -> bool:
-    return True
-
-
-def _has_no_spring_damper(numbers: CopiedElementNumbers, joint: Any) -> bool:
-    return not np.any(joint.springdamper)
-
-
 def _has_inertia(numbers: CopiedElementNumbers, body: Any) -> bool:
     """Returns whether the inertial frame of a body is independent of its position."""
     return bool(body.id) and numbers.model.body_mass[body.id] > 0
@@ -407,7 +399,7 @@ def _has_inertia(numbers: CopiedElementNumbers, body: Any) -> bool:
 _CONDITIONS: dict[str, Callable[[CopiedElementNumbers, Any], bool]] = {
     "body": _has_inertia,
     "geom": CopiedElementNumbers.is_separate,
-    "joint": _has_no_spring_damper,
+    "joint": lambda numbers, joint: not np.any(joint.springdamper),
 }
 
 

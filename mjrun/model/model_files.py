@@ -456,13 +456,9 @@ def _rank(package: str, parts: Sequence[str]) -> int:
     return 1 if any(FORMER_NAMES.get(part, part).startswith(package) for part in parts) else 2
 
 
+@cache
 def folders_of_assets(root: Path) -> Sequence[Path]:
     """Returns a folder, and the folders of assets in it, as in a package or in a clone."""
-    return _folders(root)
-
-
-@cache
-def _folders(root: Path) -> tuple[Path, ...]:
     return (root, *(place for pattern in NESTED for place in sorted(root.glob(pattern))))
 
 
@@ -472,7 +468,7 @@ def _installed() -> Mapping[str, Sequence[Path]]:
     for package in PACKAGES:
         spec = importlib.util.find_spec(package)
         places = [Path(place) for place in (spec.submodule_search_locations or [])[:1]] if spec else []
-        folders = [folder for place in places for folder in _folders(place)]
+        folders = [folder for place in places for folder in folders_of_assets(place)]
         cache = os.path.expanduser(CACHES.get(package, ""))  # noqa: PTH111 – a user may have no home
         if cache and os.path.isdir(cache):  # noqa: PTH112
             folders.append(Path(cache))

@@ -190,7 +190,8 @@ def common_kind(a: str, b: str) -> str:
         for path, kind in zip((a, b), kinds, strict=True):
             if kind == MODEL and (file := source_of(path).main_file):  # as is whatever has another suffix, or none
                 require_file(file, "file", tables.suffixes())
-        facts = [f"{clean(path)} is {_with_article(kind)}" for path, kind in zip((a, b), kinds, strict=True)]
+        pairs = zip((a, b), kinds, strict=True)
+        facts = [f"{clean(path)} is {'an' if kind == IMAGE else 'a'} {kind}" for path, kind in pairs]
         raise UsageError(f"{' and '.join(facts)}: only results of the same kind can be compared")
     return kinds[0]
 
@@ -230,10 +231,6 @@ def _is_animated(path: Path) -> bool:
     except OSError:
         return False
     return head[12:16] == b"VP8X" and len(head) == 21 and bool(head[20] & 2)
-
-
-def _with_article(kind: str) -> str:
-    return f"{'an' if kind == IMAGE else 'a'} {kind}"
 
 
 def write_comparison_page(
@@ -363,7 +360,7 @@ def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifferenc
     """Returns the comparison image, `(height, width, 3)` uint8."""
     shown, difference, scale = shown_frames(frames)
     factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
-    panels = [_enlarged(panel, factor) for panel in (*shown, difference)]
+    panels = [panel.repeat(factor, axis=0).repeat(factor, axis=1) for panel in (*shown, difference)]
     when = "" if frame is None or frame.time is None else f"frame {frame.frame}, {frame.time:.6g} s"
     labels = [("A", Path(names[0]).name, when), ("B", Path(names[1]).name, when), ("difference", scale, _facts(frame))]
     return _side_by_side(panels, labels)
@@ -411,10 +408,6 @@ def _mapped(values: np.ndarray, low: float, high: float, colormap: str) -> np.nd
     colours = colormap_table(colormap)[np.round(255 * share.clip(0, 1)).astype(int)]
     colours[~np.isfinite(values)] = UNSEEN
     return colours
-
-
-def _enlarged(image: np.ndarray, factor: int) -> np.ndarray:
-    return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def _side_by_side(panels: Sequence[np.ndarray], labels: Sequence[tuple[str, str, str]]) -> np.ndarray:

@@ -147,7 +147,7 @@ class PerWorldFields:
         """
         if len({id(model) for model in models}) == 1:
             return self._device.library.put_model(first)
-        fields = {name: self._stacked(name, models) for name in self._fields}
+        fields = {name: np.array([getattr(model, name) for model in models]) for name in self._fields}
         fields = {name: values for name, values in fields.items() if _differ(values)}
         put = self._device.library.put_model(first, batch_sizes=dict.fromkeys(fields, len(models)))
         for name, values in fields.items():
@@ -159,9 +159,6 @@ class PerWorldFields:
                 kind = getattr(put.opt, name).dtype
                 setattr(put.opt, name, self._device.warp.array(values.astype(np.float32), dtype=kind))
         return put
-
-    def _stacked(self, name: str, models: Sequence[mujoco.MjModel]) -> np.ndarray:
-        return np.array([getattr(model, name) for model in models])
 
     @cached_property
     def _fields(self) -> tuple[str, ...]:
