@@ -42,7 +42,7 @@ if not chain:
         if os.fork():
             break
         if listed == "scanned":
-            time.sleep(.005)  # shorter than a scan, in which faster links escape for seconds
+            time.sleep(.02)  # about as long as a scan on a busy machine, in which faster links escape for seconds
     os._exit(0)
 pids = ""
 while len(pids.split()) < 6:
