@@ -261,7 +261,7 @@ def player_of(spec: GroupSpec) -> EpisodePlayer:
     elif isinstance(task, Task):
         player = TaskPlayer(task.with_disturbances(spec.disturbances), policy)
     else:
-        from mjrun.policy.inferred_task import inferred_task
+        from mjrun.policy.agreement import inferred_task
 
         player = TaskPlayer(inferred_task(policy, task).with_disturbances(spec.disturbances), policy)
     return _MeasuringPlayer(player, spec, policy) if spec.metrics else player

@@ -341,7 +341,7 @@ def episode_of(
     if isinstance(source, GymSource):
         require_undisturbed(disturbances)
         return EnvironmentEpisode(source, policy, seed)
-    from mjrun.policy.inferred_task import inferred_task
+    from mjrun.policy.agreement import inferred_task
 
     task = inferred_task(policy, source, control_dt, duration)
     return TaskEpisode(task.with_disturbances(disturbances), policy, seed)

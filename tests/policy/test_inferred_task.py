@@ -12,8 +12,7 @@ import pytest
 from mjrun.document.task import read_task
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.sources import source_of
-from mjrun.policy.agreement import check_agreement
-from mjrun.policy.inferred_task import inferred_task
+from mjrun.policy.agreement import check_agreement, inferred_task
 from mjrun.policy.loaders.leapp import LeappPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ActionSpace, Policy
