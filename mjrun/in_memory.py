@@ -64,10 +64,10 @@ def frames(model: Simulated, **options: object) -> Iterator[np.ndarray]:
       TypeError: an option is unknown.
       MjrunError: as `mjrun.Video(…).run()` raises.
     """
-    from mjrun.outputs.video import VideoInMemory, drawn_frames
+    from mjrun.outputs.video import VideoInMemory, video_frames
 
     described, chosen = options_for("frames", options, Simulation, VideoInMemory, without=OF_FILES)
-    return drawn_frames(VideoInMemory(_simulation("frames", model, described), "frames.mkv", **chosen))
+    return video_frames(VideoInMemory(_simulation("frames", model, described), "frames.mkv", **chosen))
 
 
 def sweep(model: Simulated, **options: object) -> "StudyResult":

@@ -78,7 +78,7 @@ class CameraMotion:
             for pose, view in zip(self._blended(views, spans), views, strict=True):
                 yield self._shaken(pose, view)
 
-    def frame_subject(self, states: Iterable[np.ndarray], times: Sequence[float], spans: Sequence[Span]) -> list[str]:
+    def aim_at_motion(self, states: Iterable[np.ndarray], times: Sequence[float], spans: Sequence[Span]) -> list[str]:
         """Moves the cameras that show the whole motion, before `poses`; returns remarks about those that move.
 
         Args:
@@ -92,7 +92,7 @@ class CameraMotion:
             compute_positions(self._model, self._data)
             for i in surveys.keys() & set(_visible(self._weights(time, spans))):
                 surveys[i].add(self._data)
-        remarks = [self._shots[i].frame_subject(survey) for i, survey in surveys.items()]
+        remarks = [self._shots[i].aim_at_motion(survey) for i, survey in surveys.items()]
         return [f"{text}; {option('camera')} free stays where MuJoCo puts it" for text in remarks if text]
 
     def pose(self, state: np.ndarray) -> Pose:
@@ -171,9 +171,9 @@ class _BoundShot:
         fovy, frustum = self.shot.fovy, self.rig.frustum
         return self.rig.survey(frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum, size)
 
-    def frame_subject(self, survey: MotionSurvey) -> str:
+    def aim_at_motion(self, survey: MotionSurvey) -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
-        return self.rig.frame_subject(survey) if isinstance(self.rig, BoundAutoRig) else ""
+        return self.rig.aim_at_motion(survey) if isinstance(self.rig, BoundAutoRig) else ""
 
     def pose(self, data: mujoco.MjData, at: ShotTime, size: tuple[int, int]) -> Pose:
         pose = self.rig.pose(data, at)

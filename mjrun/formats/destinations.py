@@ -227,7 +227,7 @@ class _Staged(Destination):
     """
 
     def __init__(self, shown: Path, target: Path, check: Callable[[], None], *, is_folder: bool) -> None:
-        self.shown, self._shown, self.folder = shown, shown, target.parent
+        self.shown, self.folder = shown, target.parent
         self._target, self._parents = target, _parents(shown, target)
         with self._parents.opening():
             with file_errors(shown, "written"):
@@ -266,9 +266,9 @@ class StagedFile(_Staged):
         except FileNotFoundError:
             return
         if not stat.S_ISREG(mode):
-            raise FileError(self._shown, "exists and is not a regular file")
+            raise FileError(self.shown, "exists and is not a regular file")
         if not os.access(self._target, os.W_OK):
-            raise FileError(self._shown, "exists and is read-only")
+            raise FileError(self.shown, "exists and is read-only")
 
     def sync(self) -> None:
         with self._temporary.path.open("r+b") as file:  # Windows syncs only files that are open for writing
@@ -276,9 +276,9 @@ class StagedFile(_Staged):
 
     def publish(self) -> list[Path]:
         self._is_new = not os.path.lexists(self._target)
-        with file_errors(self._shown, "written"):
+        with file_errors(self.shown, "written"):
             self._older = replace_file(self._temporary.path, self._target)
-        return [self._shown]
+        return [Path(self.shown)]
 
     def take_back(self) -> None:
         if self._older:
@@ -313,15 +313,15 @@ class StagedFolder(_Staged):
                 restore_folder(path, self._target)
                 remove(path)
         if self._target.exists():
-            _check_only_frames(self._shown, self._target)
+            _check_only_frames(self.shown, self._target)
 
     def publish(self) -> list[Path]:
         try:
             replace_folder(self._temporary.path, self._target)
-            return sorted(self._shown.iterdir(), key=frame_number)
+            return sorted(Path(self.shown).iterdir(), key=frame_number)
         except OSError as error:
             hint = "its frames are in a hidden folder beside it; the next run with this name restores them"
-            raise unwritable(self._shown, error, hint if self.is_between() else "") from None
+            raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
     def take_back(self) -> None:
         take_back_folder(self._temporary.path, self._target)
@@ -349,8 +349,8 @@ class StagedFrames(_Staged):
 
     def _check(self) -> None:
         folder = self._target.parent
-        self._before, self._width, self._after = re.split(r"%(\d*)d", self._shown.name, maxsplit=1)
-        with one_at_a_time(folder), left_behind(folder, self._shown) as leftovers:
+        self._before, self._width, self._after = re.split(r"%(\d*)d", self._target.name, maxsplit=1)
+        with one_at_a_time(folder), left_behind(folder, self._target) as leftovers:
             for path in leftovers:
                 if (path / MOVING).exists():
                     finish_frames(path, self._place)
@@ -363,14 +363,14 @@ class StagedFrames(_Staged):
             names = [path.name for path in self._target.parent.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
-            raise unwritable(self._shown, error, hint if self.is_between() else "") from None
+            raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
         places = [self._place(frame_number(frame)) for frame in self._frames]
         numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
         matches = [match for name in names if (match := numbered.fullmatch(name))]
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
         self.others = [self._place(number).name for number in later if number >= len(places)]
-        return [self._shown.parent / place.name for place in places]
+        return [Path(self.shown).parent / place.name for place in places]
 
     @property
     def remark(self) -> str:
@@ -466,7 +466,7 @@ def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: boo
     raise AssertionError
 
 
-def _check_only_frames(shown: Path, folder: Path) -> None:
+def _check_only_frames(shown: Path | str, folder: Path) -> None:
     if not folder.is_dir():
         raise FileError(shown, "exists and is not a folder")
     others = [path.name for path in folder.iterdir() if not re.fullmatch(r"\d{6,}\.png", path.name)]

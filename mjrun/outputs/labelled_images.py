@@ -240,7 +240,7 @@ class LabelledRenderer:
             script = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
             motion = CameraMotion(script, model, self._options.size)
             spans = [(0.0, times[-1]), *[(np.inf, np.inf)] * (len(script.shots) - 1)]
-            motion.frame_subject(states, times, spans)
+            motion.aim_at_motion(states, times, spans)
             return list(motion.poses(states, times, times, spans))
 
     def _rendered(

@@ -208,7 +208,7 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
         context.reporter.note(remark)
 
     for motion, spans in zip(plan.motions, schedule.spans, strict=True):
-        for text in motion.frame_subject(iter(frames), times, spans):
+        for text in motion.aim_at_motion(iter(frames), times, spans):
             context.reporter.note(text)
     poses = PoseArray(
         motion.poses(iter(frames), times, schedule.times, spans)

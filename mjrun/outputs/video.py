@@ -309,7 +309,7 @@ class MemoryOutput(output.Output[output.OutputResult]):
         raise NotImplementedError
 
 
-def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:
+def video_frames(video: VideoInMemory) -> Generator[np.ndarray]:
     """Simulates when the first frame is asked for, and yields the frames, which belong to the caller.
 
     Raises:

@@ -400,7 +400,7 @@ class EpisodeImageRenderer:
         poses = list[Iterator[Pose]]()
         for motion in motions:
             spans = [(float(start), float(end)) for start, end in shot_spans(motion.script, timeline, {})]
-            motion.frame_subject(iter(states), times, spans)
+            motion.aim_at_motion(iter(states), times, spans)
             poses.append(motion.poses(iter(states), times, times, spans))
         streams = [
             FrameStream([CameraPanel(index, "rgb")], options.size, FrameStyle()) for index in range(len(motions))

@@ -41,7 +41,7 @@ class AutoRig(Rig):
 
 
 class BoundAutoRig:
-    """MuJoCo's free camera until `frame_subject` has moved it.
+    """MuJoCo's free camera until `aim_at_motion` has moved it.
 
     Args:
       pose: the pose of MuJoCo's free camera.
@@ -72,7 +72,7 @@ class BoundAutoRig:
         free, least = replace(self._free, frustum=frustum), 0.0 if self._is_framed else 1.0
         return MotionSurvey(self._parts, self._shown, free, size, least)
 
-    def frame_subject(self, survey: "MotionSurvey") -> str:
+    def aim_at_motion(self, survey: "MotionSurvey") -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
         if survey.fits() and not self._is_framed:
             return ""

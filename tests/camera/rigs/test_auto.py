@@ -51,7 +51,7 @@ def framed(
     motion = CameraMotion(CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE, is_framed=is_framed)
     times = np.arange(len(states), dtype=float).tolist()
     spans = [(0.0, times[-1])]
-    remarks = motion.frame_subject(states, times, spans)
+    remarks = motion.aim_at_motion(states, times, spans)
     return list(motion.poses(states, times, times, spans)), remarks
 
 
