@@ -87,7 +87,12 @@ class EventDetector(ConditionDetector):
     def taps(self, until: int) -> list[Tap]:
         """Returns the taps that observe the simulation up to step `until`."""
         every = range(until + 1)
-        return [Tap(every, self._states.record), self.tap(until), Tap(every, self._instants.record)]
+        return [self.tap(until), Tap(every, self._instants.record), Tap(every, self._states.record)]
+
+    @property
+    def last_step(self) -> int:
+        """The last recorded step; −1 before the first."""
+        return len(self._states) - 1
 
     @property
     def event_steps(self) -> Mapping[str, Sequence[int]]:

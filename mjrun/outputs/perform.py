@@ -298,10 +298,9 @@ class OpenPass(Generic[R]):
         return episode.result(stepper) if any(each.until for each in self._plan.outputs) else None
 
     def finish(self) -> None:
-        """Draws what the outputs recorded and completes their files; after an instability, only of partial results."""
+        """Draws what the outputs recorded, and completes their files."""
         for index, output in enumerate(self.outputs):
-            is_whole = self.instability is None or self._plan.jobs[index].keeps_partial
-            if is_whole and index not in self.failures:
+            if self._can_finish(index):
                 with self._failing(index):
                     self._finished[index] = output.finish(self._simulation_wall)
 
@@ -372,14 +371,22 @@ class OpenPass(Generic[R]):
         with closing(EventDetector(context.model, context.timeline, conditions, context.episode)) as detector:
             taps = self._taps([index for index in range(len(self.outputs)) if index not in waiting])
             taps += self._guarded(detector.taps(until), waiting)
-            run_with_taps(self._plan.stepper, taps, until)
+            try:
+                run_with_taps(self._plan.stepper, taps, until)
+            except errors.SimulationError as error:
+                self.instability, until = error, detector.last_step
 
             for index in waiting:
-                if index not in self.failures:
+                if self._can_finish(index):
                     with self._failing(index):
                         self.outputs[index].schedule(detector.event_steps)
-            observing = [index for index in waiting if index not in self.failures]
-            run_with_taps(detector.replay(self._plan.stepper.model), self._taps(observing), until)
+            observing = [index for index in waiting if self._can_finish(index)]
+            if observing:
+                run_with_taps(detector.replay(self._plan.stepper.model), self._taps(observing), until)
+
+    def _can_finish(self, index: int) -> bool:
+        """Returns whether an output has not failed, and has all steps or keeps partial results."""
+        return index not in self.failures and (self.instability is None or self._plan.jobs[index].keeps_partial)
 
     def _taps(self, indices: Iterable[int]) -> list[Tap]:
         """Returns the taps of the outputs with these indices, of which each output fails alone."""

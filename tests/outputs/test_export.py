@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import mjrun
+from mjrun.camera.rigs.around import FreeRig
+from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.cli.console import Console
 from mjrun.errors import MjrunError, SimulationError, clean
 from mjrun.outputs.export import Export
@@ -68,6 +70,18 @@ def test_an_unstable_simulation_leaves_nothing_unless_asked(exploding: Path, tmp
     with pytest.raises(SimulationError):
         Export(simulation, str(tmp_path / "a.glb"), keep_partial=True).run()
     assert document(tmp_path / "a.glb")["asset"]["extras"]["mjrun"]["steps"] == 167
+
+
+def test_as_much_is_kept_of_an_export_that_waits_for_an_event(exploding: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(exploding, key="fast", duration=5)
+    later = CameraScript("later", [Shot(FreeRig(), until=Event("time > 0.05")), Shot(FreeRig())])
+    frames = list[int]()
+    for camera in ([], [later]):
+        with pytest.raises(SimulationError) as caught:
+            Export(simulation, str(tmp_path / "a.glb"), camera=camera, keep_partial=True).run()
+        frames += [result.frames for result in caught.value.results]
+    assert len(frames) == 2
+    assert frames[0] == frames[1] > 2
 
 
 def test_flags_of_images_are_reported(swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
