@@ -144,21 +144,24 @@ folder, *forms = sys.argv[1:]
 block = np.random.default_rng(2).standard_normal((500, 20))
 block[:, 1:3] = 1
 
-def peak(form, labels, blocks):
+def write(form, labels, blocks):
     columns = [Column(f"c{i}", labels=labels if i in (1, 2) else ()) for i in range(20)]
-    gc.collect()
-    tracemalloc.start()
     with TableWriter(f"{folder}/t.{form}", form, columns) as out:
         for _ in range(blocks):
             out.write(block)
         out.publish()
+
+def peak(*table):
+    gc.collect()
+    tracemalloc.start()
+    write(*table)
     size = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return size
 
 for form in forms:
     for labels in ((), ("floor", "torso")) if form == "csv" else (("floor", "torso"),):
-        peak(form, labels, 2)
+        write(form, labels, 2)  # with the imports, which tracing would slow down
         print(form, peak(form, labels, 5), peak(form, labels, 20))
 """
 
