@@ -11,7 +11,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -29,13 +29,14 @@ from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
+from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
 from mjrun.model.sources.demonstration import errors_of_models, open_demonstrations
 from mjrun.options.episode_dataset import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
-from mjrun.options.sweep import ExecutionOptions
+from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.outputs.drawn_frames import check_drawing
 from mjrun.outputs.exports import export_format
 from mjrun.outputs.recorded_scene import camera_motions
@@ -116,8 +117,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             prepared = PreparedStudy(study, replace(study.spec, product=spec), points)
             self._require_same(known, prepared)
             check_engine(self.engine)
-            self._write_manifest(layout, known)
             prepared.files.create()
+            known = self._begun(layout, prepared)
             prepared.warn(reporter)
             missing = self._missing(prepared, known)
             if len(missing) < len(prepared.keys):
@@ -125,7 +126,10 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             simulated = 0
             if missing:
                 simulated = prepared.simulate(missing, study, reporter, publish=self._publish).total()
-            return self._conclude(layout, prepared, known, simulated, start, reporter)
+            with one_at_a_time(self._own):
+                known = self._known_episodes()  # another process may have published some
+                self._require_same(known, prepared)
+                return self._conclude(layout, prepared, known, simulated, start, reporter)
 
     # --- before the simulation --------------------------------------------------------------------
 
@@ -283,7 +287,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             return []
         if not is_folder(path):
             raise FileError(path, "is not a folder", f"{option('output')} names the folder of the dataset")
-        if not any(path.iterdir()):
+        if not any(path.iterdir()) or self._has_begun():
             return []
         try:
             manifest = json.loads((path / MANIFEST).read_text("utf-8"))
@@ -296,6 +300,11 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
                 path, f"contains other files, but no dataset of episodes: it has no {MANIFEST}", hint
             ) from None
         raise FileError(path, f"contains a {made} dataset", f"choose another folder for {self.format}")
+
+    def _has_begun(self) -> bool:
+        """Returns whether another process is about to write the manifest, or ended before it did."""
+        names = {each.name for each in Path(self.output).iterdir()}
+        return names == {OWN} and is_folder(self._own) and {each.name for each in self._own.iterdir()} <= {PARTS}
 
     def _require_same(self, known: Sequence[Mapping[str, Any]], prepared: PreparedStudy) -> None:
         """Refuses to add episodes to a dataset with others.
@@ -344,9 +353,14 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             with written_file(self._own / path, content) as output:
                 output.publish()
 
-    def _write_manifest(self, layout: EpisodeLayout, known: Sequence[Mapping[str, Any]]) -> None:
-        with manifest_writer(Path(self.output) / MANIFEST, self._facts(layout, known)) as output:
-            output.publish()
+    def _begun(self, layout: EpisodeLayout, prepared: PreparedStudy) -> list[dict[str, Any]]:
+        """Writes the manifest before the first episode; returns the episodes of the dataset, which it repeats."""
+        with one_at_a_time(self._own):
+            known = self._known_episodes()
+            self._require_same(known, prepared)
+            with manifest_writer(Path(self.output) / MANIFEST, self._facts(layout, known)) as output:
+                output.publish()
+        return known
 
     def _facts(self, layout: EpisodeLayout, episodes: Sequence[Mapping[str, Any]]) -> dict[str, object]:
         return {
@@ -383,7 +397,10 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
                 facts = self._facts(layout, episodes)
                 writers.append(stack.enter_context(manifest_writer(Path(self.output) / MANIFEST, facts)))
                 publish_together(writers)
-            shutil.rmtree(self._own / FOLDER, ignore_errors=True)
+            for index in range(len(results)):  # another process may simulate more
+                shutil.rmtree(self._own / FOLDER / f"{index:06}", ignore_errors=True)
+            with suppress(OSError):
+                (self._own / FOLDER).rmdir()
         failures = {
             self._name(prepared, index): result.message.partition("\n")[0]
             for index, result in enumerate(results)

@@ -1,6 +1,7 @@
 """Datasets of episodes: those of mjrun eval, the same bytes after any interruption, and none of another policy."""
 
 import json
+from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -19,6 +20,7 @@ from mjrun.policy.policy import ActionSpace
 from mjrun.reporter import WarningReporter
 from mjrun.study.dataset_specs import camera_keys
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
+from mjrun.study.prepared import PreparedStudy
 from mjrun.task.task import Reward, Task
 from tests.evaluation.tasks import XML, cart_task, write_policies
 
@@ -153,6 +155,37 @@ def test_more_episodes_are_added_to_the_same_bytes(tmp_path: Path, simulation: m
     assert contents(tmp_path / "added") == contents(tmp_path / "at once")
     with pytest.raises(FileError, match="has 5 episodes, of seeds that this command does not ask for"):
         made(simulation, tmp_path / "added", episodes=3)
+
+
+def test_two_exports_into_one_folder_at_the_same_time_make_one_dataset(
+    tmp_path: Path, simulation: mjrun.Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulate = PreparedStudy.simulate
+
+    def overtaken(self: PreparedStudy, *arguments: Any, **options: Any) -> Counter[str]:
+        statuses = simulate(self, *arguments, **options)
+        with monkeypatch.context() as patch:
+            patch.setattr(PreparedStudy, "simulate", simulate)
+            made(simulation, tmp_path / "shared")
+        return statuses
+
+    monkeypatch.setattr(PreparedStudy, "simulate", overtaken)
+    assert made(simulation, tmp_path / "shared").episodes == 3
+    monkeypatch.undo()
+    made(simulation, tmp_path / "alone")
+    assert contents(tmp_path / "shared") == contents(tmp_path / "alone")
+
+
+def test_waiting_episodes_of_a_larger_export_stay(tmp_path: Path, simulation: mjrun.Simulation) -> None:
+    made(simulation, tmp_path / "set", episodes=1)
+    (waiting := tmp_path / "set/mjrun/episodes/000003").mkdir(parents=True)
+    made(simulation, tmp_path / "set", episodes=2)
+    assert waiting.exists()
+
+
+def test_an_export_that_ended_before_its_manifest_continues(tmp_path: Path, simulation: mjrun.Simulation) -> None:
+    (tmp_path / "set/mjrun/parts").mkdir(parents=True)
+    assert made(simulation, tmp_path / "set", episodes=1).episodes == 1
 
 
 def test_nothing_of_another_policy_task_or_option_is_mixed_in(tmp_path: Path, simulation: mjrun.Simulation) -> None:
