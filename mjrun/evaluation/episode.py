@@ -340,7 +340,7 @@ class TaskPlayer(EpisodePlayer):
         worlds, waiting, running = self._worlds, deque(seeds), dict[int, _Running]()
         tallies = _Tallies(worlds.count, self.rewards, float(self._task.control_dt))
         observations = np.empty((worlds.count, len(worlds.observed)))
-        actions = np.empty((worlds.count, len(self._actions.names)))
+        actions = np.zeros((worlds.count, len(self._actions.names)))
         for world in range(count):
             yield from self._begun(world, waiting, running, observations)
         while running:
@@ -385,13 +385,18 @@ class TaskPlayer(EpisodePlayer):
         failures = dict[int, MjrunError]()
         for world, episode in running.items():
             try:
-                actions[world] = action = episode.actor(observations[world])
-                if not (math.isfinite(sum(action.tolist())) or np.isfinite(action).all()):
-                    periods = int(tallies.steps[world])
-                    step, time = periods * self._worlds.control_steps, periods * self._task.control_dt
-                    raise _invalid(self._policy, self._actions, action, step, float(time))
+                actions[world] = episode.actor(observations[world])
             except MjrunError as error:
                 failures[world] = error
+        if np.isfinite(actions).all():
+            return failures
+        for world in running.keys() - failures.keys():
+            action = actions[world]
+            if not np.isfinite(action).all():
+                periods = int(tallies.steps[world])
+                step, time = periods * self._worlds.control_steps, periods * self._task.control_dt
+                failures[world] = _invalid(self._policy, self._actions, action, step, float(time))
+                action[:] = 0  # the row of a world without an episode stays finite
         return failures
 
 
