@@ -131,6 +131,10 @@ class VariantLoader:
         self._same = source, compilation
         return ModelVariant(compilation)
 
+    def add(self, source: Source, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
+        """Adds what `source.compile` has returned, so that it is not compiled again; `prepare` is not called."""
+        self._compilations[source] = SharedCompilation(spec, model)
+
     def reuse(self, variant: ModelVariant) -> None:
         """Returns a variant that is no longer used: a later one of the same compilation may overwrite it."""
         home = variant.compilation

@@ -94,6 +94,8 @@ class PreparedStudy(PreparedPoints):
         assert base.snapshot
         with base.snapshot.original_names_in_errors():
             self._source, self.model = base.compile()
+            self._variants = VariantLoader()
+            self._variants.add(base.source, self._source, self.model)
             self.points = checked_design(options, spec, self._source, self.model) if points is None else points
             snapshot = base.snapshot.with_files(varied_files(spec.base, self.points))
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
@@ -168,12 +170,12 @@ class PreparedStudy(PreparedPoints):
         names = self.points.names
         deciding = [i for i, name in enumerate(names) if name.rpartition(".")[2].rpartition(":")[2] in LENGTH]
         varying = replace(self.spec, names=tuple(names[i] for i in deciding))
-        variants, columns = VariantLoader(), [self.points.column(i) for i in deciding]
+        columns = [self.points.column(i) for i in deciding]
 
         def count(key: tuple[str, ...]) -> int:
             try:
                 simulation = varying.simulation(key)
-                return timeline_of(simulation, variants.load(simulation.source)).steps
+                return timeline_of(simulation, self._variants.load(simulation.source)).steps
             except MjrunError:
                 return 0
 
@@ -206,7 +208,7 @@ class PreparedStudy(PreparedPoints):
         if isinstance(self.spec.product, EpisodeSpec):  # whose simulation would take as long as the whole point
             return metrics
         try:
-            model = self.first.load()
+            model = self._variants.load(self.first.source).model if episode is None else self.first.load()
             self.first.timeline(model)
             self.first.stepper(model)
         except UsageError as error:

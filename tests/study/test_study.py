@@ -19,6 +19,7 @@ import pytest
 
 from mjrun.cli.simulation_command import load_controller
 from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, UnknownNameError, UsageError, spelled
+from mjrun.model.sources.file import FileSource
 from mjrun.options.sweep import EXTRAS
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
@@ -623,3 +624,20 @@ def test_what_needs_a_local_folder_is_refused_before_the_first_point(simulation:
     assert not fsspec.filesystem("memory").exists(url)
     with pytest.raises(UsageError, match=r"is not a path on this machine; only mjrun sweep"):
         Trace(simulation, f"{url}/trace.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "steps"),
+    [("opt.timestep", "0.001,0.002,0.003", [600, 300, 200]), ("seed", "1,2,3", [300] * 3)],
+)
+def test_a_study_compiles_its_model_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, values: str, steps: list[int]
+) -> None:
+    (tmp_path / "ball.xml").write_text(BALL)
+    compiled, compile_file = list[FileSource](), FileSource.compile
+    monkeypatch.setattr(FileSource, "compile", lambda self: compiled.append(self) or compile_file(self))
+    simulation = Simulation(str(tmp_path / "ball.xml"), duration="0.6")
+    study = Study(simulation, str(tmp_path / "study"), vary={name: values}, metric={"height": "last(qpos/ball/z)"})
+    prepared = PreparedStudy(study, study.spec)
+    assert prepared.steps(range(3)).tolist() == steps
+    assert len(compiled) == 1
