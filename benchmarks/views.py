@@ -19,7 +19,7 @@ from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import CameraMotion
 from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.simulation.simulation import Simulation
 

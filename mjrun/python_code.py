@@ -63,7 +63,7 @@ class ModuleSource:
 
 
 @dataclass(frozen=True)
-class Sealed:
+class SealedCode:
     """A pickled value with the source of the user's code in it, to be opened by another process, perhaps elsewhere.
 
     The code that runs there is the code as it was when the value was sealed, whatever the files hold by then.
@@ -73,7 +73,7 @@ class Sealed:
     modules: tuple[ModuleSource, ...]
 
     @classmethod
-    def of(cls, value: object, code: Iterable[object]) -> "Sealed":
+    def of(cls, value: object, code: Iterable[object]) -> "SealedCode":
         """Seals a picklable value.
 
         Args:

@@ -51,7 +51,7 @@ LIBRARIES = {
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": (
         "rendering.text",
-        "rendering.graph",
+        "rendering.live_plot",
         "formats.image_encoding",
         "formats.image_reader",
         "formats.video_reader",
@@ -81,7 +81,7 @@ LIBRARIES = {
         "formats.tables.mat",
         "experiment.statistics",
         "physics.random_distribution",
-        "experiment.sample_designs",
+        "experiment.samplers",
         "plotting.study.statistics",
         "fitting",
     ),

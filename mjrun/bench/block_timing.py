@@ -89,7 +89,7 @@ class WarnedRolloutError(Exception):
     """A warning of MuJoCo, which ends a rollout of `mujoco.batch`."""
 
 
-class Roller(Protocol):
+class RolloutTimer(Protocol):
     """A timer of the rollouts of a run."""
 
     copies: int
@@ -105,7 +105,7 @@ class Roller(Protocol):
         ...
 
 
-class BatchRoller:
+class BatchRolloutTimer:
     """A timer of copies of a run, rolled out in C, each in a separate thread; within one percent of a C loop.
 
     Raises:
@@ -140,7 +140,7 @@ class BatchRoller:
         return np.ascontiguousarray(np.broadcast_to(part, (self.copies, *part.shape)))
 
 
-class WarnedRunTimer:
+class WarnedRolloutTimer:
     """A timer of a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
 
     copies = 1

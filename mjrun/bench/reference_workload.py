@@ -7,7 +7,7 @@ Prokopec, Duet Benchmarking: Improving Measurement Accuracy in the Cloud, ICPE 2
 
 import mujoco
 
-from mjrun.bench.block_timing import BatchRoller, Clock, RolloutInputs
+from mjrun.bench.block_timing import BatchRolloutTimer, Clock, RolloutInputs
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.dataclass import dataclass
 from mjrun.model.mujoco_globals import without_timers
@@ -68,7 +68,7 @@ class ReferenceWorkload:
 
     def __init__(self, clock: Clock, copies: int = 1) -> None:
         model = mujoco.MjModel.from_xml_string(MJCF)
-        self._roller = BatchRoller(RolloutInputs.of(model, mujoco.MjData(model)), copies)
+        self._roller = BatchRolloutTimer(RolloutInputs.of(model, mujoco.MjData(model)), copies)
         self._clock = clock
         self._repetitions = 1
         self.samples: list[float] = []

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from mjrun.bench import block_timing
-from mjrun.bench.block_timing import BatchRoller, Clock, Roller, RolloutInputs, StepProfile, blocks_of
+from mjrun.bench.block_timing import BatchRolloutTimer, Clock, RolloutInputs, RolloutTimer, StepProfile, blocks_of
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.dataclass import dataclass
@@ -82,7 +82,7 @@ class StepTimer:
 
     run: RolloutInputs
     profile: StepProfile
-    _roller: Roller
+    _roller: RolloutTimer
     _cost: float  # approximate wall time of a step [s]
 
     def __init__(
@@ -153,7 +153,7 @@ class StepTimer:
     def _opened(self, most: int) -> float:
         """Prepares rollouts of at most `most` steps, and returns the approximate wall time of a step [s]."""
         self.run = self.make(most)
-        self._roller = BatchRoller(self.run)
+        self._roller = BatchRolloutTimer(self.run)
         try:
             return self._longest(most)
         except block_timing.WarnedRolloutError:
@@ -170,7 +170,7 @@ class StepTimer:
 
     def _timed_threads(self, count: int) -> tuple[SampleStatistics, SampleStatistics]:
         """Times `count` copies, and the reference workload on as many threads, per step."""
-        roller, workload = BatchRoller(self.run, count), ReferenceWorkload(self.clock, count)
+        roller, workload = BatchRolloutTimer(self.run, count), ReferenceWorkload(self.clock, count)
         rollout = self.step.median * self.steps * max(1, count / available_cores())
         workload.fit(rollout)
         self._rolled(roller, min(self.steps, 2 * self.block), self.block)  # wakes the threads up
@@ -200,7 +200,7 @@ class StepTimer:
         return min(profiles, key=lambda one: one.phases.seconds if one.phases else 0.0)
 
     def _leave_batch(self) -> None:
-        self.in_batch, self._roller = False, block_timing.WarnedRunTimer(self.run)
+        self.in_batch, self._roller = False, block_timing.WarnedRolloutTimer(self.run)
 
     def _longest(self, most: int) -> float:
         """Rolls out more and more steps, and returns the wall time of a step in the last and longest rollout [s]."""
@@ -211,7 +211,7 @@ class StepTimer:
             spent += cost * self.steps
         return cost
 
-    def _rolled(self, roller: Roller, steps: int, block: int) -> np.ndarray:
+    def _rolled(self, roller: RolloutTimer, steps: int, block: int) -> np.ndarray:
         """Times every block, per step [s]."""
         with without_timers():
             spent = roller.seconds(steps, block, self.clock)
@@ -257,17 +257,17 @@ class WarpOptions:
         self.worlds = worlds or (ON_GPU if self._device.is_gpu else ON_CPU)
         self.nconmax, self.njmax = nconmax, njmax
 
-    def open(self, run: RolloutInputs) -> "WarpRoller":
+    def open(self, run: RolloutInputs) -> "WarpRolloutTimer":
         """Opens worlds that start like `run`.
 
         Raises:
           UsageError: mujoco_warp cannot simulate this model, or not this number of worlds.
         """
         starts = np.tile(run.start, (self.worlds, 1))
-        return WarpRoller(WarpWorlds(self._device, run.model, starts, self.nconmax, self.njmax), run)
+        return WarpRolloutTimer(WarpWorlds(self._device, run.model, starts, self.nconmax, self.njmax), run)
 
 
-class WarpRoller:
+class WarpRolloutTimer:
     """A timer of the rollouts of worlds.
 
     Each world plays the controls of the run a step ahead of the one before it, so that no two move alike; the first
@@ -299,7 +299,7 @@ class WarpRoller:
         return clock() - before
 
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
-        """Times each block of all worlds together [s]; see `Roller`."""
+        """Times each block of all worlds together [s]; see `RolloutTimer`."""
         times = list[float]()
         with self._worlds.active():
             self._worlds.restart()
@@ -359,7 +359,7 @@ class WarpRoller:
 class WarpStepTimer(StepTimer):
     """A timer of the steps of many worlds, rollout by rollout; `step` is that of one world."""
 
-    _worlds: WarpRoller
+    _worlds: WarpRolloutTimer
 
     def __init__(
         self, make: Callable[[int], RolloutInputs], budget: TimingBudget, clock: Clock, warp: WarpOptions

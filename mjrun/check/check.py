@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from mjrun.check.catalogue import codes, matching_codes, threshold_values
-from mjrun.check.rule import SEVERITIES, Copy, Finding, Fix, FixedFile, FixOutcome, ModelResult
+from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixOutcome, ModelCopy, ModelResult
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, TaskQueue, WorkerOutput, WorkerTask
+from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, CheckQueue, CheckRequest, WorkerOutput
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
@@ -234,7 +234,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             return None
         from mjrun.check.fixing import Fixing  # which imports MuJoCo
 
-        def check(copies: Sequence[Copy]) -> Sequence[FixOutcome]:
+        def check(copies: Sequence[ModelCopy]) -> Sequence[FixOutcome]:
             tasks = [
                 replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
                 for copy in copies
@@ -245,7 +245,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
     def _check_all(
         self,
-        tasks: Sequence[WorkerTask],
+        tasks: Sequence[CheckRequest],
         workers: CheckProcesses,
         cache: "ResultCache | None",
         spelling: Spelling,
@@ -261,7 +261,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             return [finished(self._check(task, workers, cache, spelling)) for task in tasks]
         from concurrent.futures import ThreadPoolExecutor, as_completed  # slow to import
 
-        queue = TaskQueue(tasks)
+        queue = CheckQueue(tasks)
 
         def check_next() -> tuple[int, FixOutcome]:
             place, task = queue.take()
@@ -280,7 +280,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
                 threads.shutdown(cancel_futures=True)
 
     def _check(
-        self, task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None", spelling: Spelling
+        self, task: CheckRequest, workers: CheckProcesses, cache: "ResultCache | None", spelling: Spelling
     ) -> FixOutcome:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
@@ -311,7 +311,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         return FixOutcome(result, changes)
 
     @staticmethod
-    def _output(task: WorkerTask, workers: CheckProcesses, cache: "ResultCache | None") -> WorkerOutput:
+    def _output(task: CheckRequest, workers: CheckProcesses, cache: "ResultCache | None") -> WorkerOutput:
         """Returns the output of the check of one model, or an earlier one."""
         if cache is None:
             return workers.run(task)
@@ -333,8 +333,8 @@ class ModelCheck(PolicyOptions, CheckOptions):
         matching = [(len(code), severity) for code, severity in self.severity if finding.code.startswith(code.upper())]
         return max(matching)[1] if matching else finding.severity
 
-    def _task(self, path: str) -> WorkerTask:
-        limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
+    def _task(self, path: str) -> CheckRequest:
+        limits = CheckRequest(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
         limits = replace(limits, model=path, unsafe=self.unsafe_fixes, cache=self.cache, thresholds=self._thresholds)
         if not self.task_reader or not is_yaml(path):
             return limits
@@ -410,7 +410,7 @@ def _in_spelling(result: ModelResult, spelling: Spelling) -> ModelResult:
     return replace(result, findings=tuple(replace(each, message=one, remedy=two) for each, one, two in texts))
 
 
-def _of_original(finding: Finding, task: WorkerTask) -> Finding:
+def _of_original(finding: Finding, task: CheckRequest) -> Finding:
     """Returns a finding in a copy as one in the original."""
     if not task.root:
         return finding

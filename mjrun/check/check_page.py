@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.check import CheckResult, worst_first
-from mjrun.check.context import LintContext
-from mjrun.check.rule import SEVERITIES, Copy, Finding, ModelResult, without_repeats
+from mjrun.check.context import CheckContext
+from mjrun.check.rule import SEVERITIES, Finding, ModelCopy, ModelResult, without_repeats
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import ModelError, NoRendererError, clean, counted
@@ -56,7 +56,7 @@ class PicturedModel:
         self._model.light_active[:] = 0
         self._model.vis.headlight.active = 1
         self._model.vis.headlight.ambient[:], self._model.vis.headlight.diffuse[:] = AMBIENT, DIFFUSE
-        self._context = LintContext(Path(path), self._model, None, XmlSource(Path(path)))
+        self._context = CheckContext(Path(path), self._model, None, XmlSource(Path(path)))
         self._data = mujoco.MjData(self._model)
         self._objects = {
             self._context.object(kind, index): (kind, index)
@@ -164,7 +164,7 @@ class FindingCards:
             image = self._picture(model, finding)
             yield _card(finding, finding.severity, finding.remedy.splitlines(), [image] if image else [])
 
-    def add_fixes(self, copy: Copy, findings: Sequence[Finding]) -> None:
+    def add_fixes(self, copy: ModelCopy, findings: Sequence[Finding]) -> None:
         """Adds a card for each finding that is fixed in the copy of a model, with pictures of both if it is visible."""
         visible = [f for f in findings if any(name.startswith(VISIBLE) for fix in f.fixes for name in fix.fields)]
         models = [self._pictured(str(path)) for path in (copy.original, copy.path)] if visible else []

@@ -34,7 +34,7 @@ SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))  # of the corners o
 IN_FILE_ORDER = (*SECTIONS, "keyframe")  # kinds whose ids follow the order of the file
 
 
-class Attach(NamedTuple):
+class AttachedModel(NamedTuple):
     """An `<attach>`, its prefix, and the paths at which MuJoCo looks for the attached model."""
 
     element: Element
@@ -42,7 +42,7 @@ class Attach(NamedTuple):
     files: set[Path]
 
 
-class LintContext:
+class CheckContext:
     """A model that loads.
 
     Attributes:
@@ -79,7 +79,7 @@ class LintContext:
         self._data: dict[int | None, mujoco.MjData] = {}
 
     @classmethod
-    def load(cls, path: Path, source: XmlSource, thresholds: Thresholds = DEFAULTS) -> "LintContext":
+    def load(cls, path: Path, source: XmlSource, thresholds: Thresholds = DEFAULTS) -> "CheckContext":
         """Loads the model in `path`.
 
         Raises:
@@ -241,15 +241,15 @@ class LintContext:
         ]
 
     @cached_property
-    def _attaches(self) -> list[Attach]:
+    def _attaches(self) -> list[AttachedModel]:
         models = [e.attributes for e in self.source.elements() if e.tag == "model"]
-        attaches = list[Attach]()
+        attaches = list[AttachedModel]()
         for element in self.source.elements():
             if element.tag == "attach":
                 wanted = element.attributes.get("model", "")
                 names = [model.get("file", "") for model in models if model.get("name", wanted) == wanted]
                 files = {path for name in names for path in (Path(name), self.source.path.parent / name)}
-                attaches.append(Attach(element, element.attributes.get("prefix", ""), files))
+                attaches.append(AttachedModel(element, element.attributes.get("prefix", ""), files))
         return attaches
 
     def _lines(self, kind: str) -> dict[int, int]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, MISSING_MODEL, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker_pool import WorkerTask
+from mjrun.check.worker_pool import CheckRequest
 from mjrun.confinement.confinement import confinement
 from mjrun.file_version import file_version, folder_version, is_settled
 from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
@@ -44,7 +44,7 @@ class ResultCache:
         self.entries = UserCache("check")
         self._versions, self._digests = dict(versions), FileDigests()
 
-    def key(self, task: WorkerTask) -> str:
+    def key(self, task: CheckRequest) -> str:
         """Returns the name of the entry for a check; empty if the result depends on more than files and settings."""
         if confinement() is not None or task.reader:  # tasks run code
             return ""
@@ -78,7 +78,7 @@ class ResultCache:
             return None
         return entry["messages"]
 
-    def write(self, key: str, task: WorkerTask, messages: Messages, began: int) -> None:
+    def write(self, key: str, task: CheckRequest, messages: Messages, began: int) -> None:
         """Stores the messages of a check that is complete, unless its files have changed since it `began` [ns]."""
         codes = {message["finding"]["code"] for message in messages if "finding" in message}
         is_complete = any("done" in message for message in messages) and not codes & DISTURBED

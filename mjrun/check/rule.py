@@ -15,7 +15,7 @@ from mjrun.model.text_edits import TextEdit, UneditableError
 from mjrun.model.xml_source import Element
 
 if TYPE_CHECKING:
-    from mjrun.check.context import LintContext
+    from mjrun.check.context import CheckContext
 
 MAX_OBJECTS = 5  # that a text names in addition to the finding's own
 SEVERITIES = ("note", "warning", "error")  # in ascending order
@@ -130,7 +130,7 @@ def short_path(path: Path) -> str:
     return str(path)
 
 
-Violations = Callable[["LintContext"], Iterator[Violation]]
+Violations = Callable[["CheckContext"], Iterator[Violation]]
 MakeFix = Callable[[], Fix | str]
 
 
@@ -152,7 +152,7 @@ class Rule:
     violations: Violations | None = None
     fix: str = ""
 
-    def findings(self, context: "LintContext") -> Iterator[Finding]:
+    def findings(self, context: "CheckContext") -> Iterator[Finding]:
         """Yields the violations in a model that loads; none if the rule does not apply to such a model."""
         for message, remedy, place, name, severity, fix in self.violations(context) if self.violations else ():
             wanted = fix if self.fix == SAFE or context.unsafe or fix is None else lambda: NOT_SAFE
@@ -190,7 +190,7 @@ def rule(code: str, severity: str, title: str, fix: str = "") -> Callable[[Viola
 
 
 def words_fix(
-    context: "LintContext", element: Element | None, attribute: str, words: Mapping[int, str], *fields: str
+    context: "CheckContext", element: Element | None, attribute: str, words: Mapping[int, str], *fields: str
 ) -> Fix | str:
     """Returns the fix that replaces words of an attribute, on which these fields of the compiled model depend."""
     if not words:
@@ -273,7 +273,7 @@ class FixOutcome(NamedTuple):
     changes: Sequence[tuple[str, str]] | None = None
 
 
-class Copy(NamedTuple):
+class ModelCopy(NamedTuple):
     """A copy of a model.
 
     Attributes:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mjrun.check import rules
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding, Fix, Rule, short_path
 from mjrun.check.rules import check_itself, compile_errors, mjcf_schema
 from mjrun.errors import BrokenModelError, ModelError, clean, option
@@ -43,7 +43,7 @@ def ignored_xml(source: XmlSource) -> list[Finding]:
 
 
 def apply(
-    code: str, context: LintContext, selected: Callable[[Iterable[Finding]], Iterable[Finding]] = iter
+    code: str, context: CheckContext, selected: Callable[[Iterable[Finding]], Iterable[Finding]] = iter
 ) -> list[Finding]:
     """Returns the findings of the rule `code` in a model that loads; none if it does not apply to such a model.
 

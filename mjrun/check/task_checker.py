@@ -14,7 +14,7 @@ from mjrun.check import rule_table
 from mjrun.check.rule import Finding, Place
 from mjrun.check.rules import tasks
 from mjrun.check.worker import ARENAS, Checker
-from mjrun.check.worker_pool import MIB, WorkerTask
+from mjrun.check.worker_pool import MIB, CheckRequest
 from mjrun.child_process import limit_this_process
 from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, Problem, UsageError, clean, option
@@ -176,7 +176,7 @@ def place_of(problem: Problem, path: Path) -> Place:
 class TaskChecker(Checker):
     """The check of one task."""
 
-    def __init__(self, task: WorkerTask, channel: TextIO) -> None:
+    def __init__(self, task: CheckRequest, channel: TextIO) -> None:
         super().__init__(task, channel)
         self._written: list[Finding] = []  # a finding of both random actions and a policy is written once
 

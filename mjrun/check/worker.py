@@ -24,11 +24,11 @@ import mujoco
 
 from mjrun.check import rule_table
 from mjrun.check.catalogue import Thresholds
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding
 from mjrun.check.rules import check_itself, compile_errors, simulation
 from mjrun.check.rules.check_itself import IgnoreComments
-from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
+from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, CheckRequest
 from mjrun.child_process import limit_this_process, resident_memory
 from mjrun.errors import ModelError
 from mjrun.formats.user_cache import UserCache
@@ -43,7 +43,7 @@ GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
 def serve() -> NoReturn:
-    """Checks the model or task of each `WorkerTask` on standard input, until one crashes or the input ends.
+    """Checks the model or task of each `CheckRequest` on standard input, until one crashes or the input ends.
 
     Where the system can fork, forks of this process check them: starting one takes milliseconds.
     """
@@ -92,7 +92,7 @@ def _check_all(tasks: Iterable[bytes], output: int) -> None:
     for line in tasks:
         sys.stderr.write(TASK_MARK)
         sys.stderr.flush()
-        task = WorkerTask(**json.loads(line))
+        task = CheckRequest(**json.loads(line))
         check(task, output)
         if task.reader or task.root:  # which run the user's code, or change the content of files
             return
@@ -106,7 +106,7 @@ def _write(output: int, **message: int) -> None:
     os.write(output, f"{json.dumps(message)}\n".encode())
 
 
-def check(task: WorkerTask, output: int) -> None:
+def check(task: CheckRequest, output: int) -> None:
     """Checks a model or a task."""
     channel = os.fdopen(output, "w", encoding="utf-8", errors="surrogateescape", closefd=False)
     with system.end_after(int(task.timeout + FIX_TIME * task.unsafe) + GRACE):
@@ -115,7 +115,7 @@ def check(task: WorkerTask, output: int) -> None:
         _checker(task, channel).run()
 
 
-def _checker(task: WorkerTask, channel: TextIO) -> "Checker":
+def _checker(task: CheckRequest, channel: TextIO) -> "Checker":
     """Returns the check of a model or a task; only a task needs the modules of tasks and policies."""
     if not task.reader:
         return ModelChecker(task, channel)
@@ -127,7 +127,7 @@ def _checker(task: WorkerTask, channel: TextIO) -> "Checker":
 class Checker(ABC):
     """A check of one model or task, which writes its findings to `channel`."""
 
-    def __init__(self, task: WorkerTask, channel: TextIO) -> None:
+    def __init__(self, task: CheckRequest, channel: TextIO) -> None:
         self.task, self.channel = task, channel
         self.path = Path(task.path)
 
@@ -161,7 +161,7 @@ class Checker(ABC):
 class ModelChecker(Checker):
     """The check of one model."""
 
-    def __init__(self, task: WorkerTask, channel: TextIO) -> None:
+    def __init__(self, task: CheckRequest, channel: TextIO) -> None:
         super().__init__(task, channel)
         self.mujoco_failed = False
         self.comments = IgnoreComments(())
@@ -207,10 +207,10 @@ class ModelChecker(Checker):
     def write_findings(self, findings: Iterable[Finding]) -> None:
         super().write_findings(self.comments.remaining(findings))
 
-    def _load(self, source: XmlSource) -> LintContext | None:
+    def _load(self, source: XmlSource) -> CheckContext | None:
         try:
             with collected_warnings() as warnings:
-                context = LintContext.load(self.path, source, Thresholds(**self.task.thresholds))
+                context = CheckContext.load(self.path, source, Thresholds(**self.task.thresholds))
         except ModelError as error:
             limit_this_process(memory=math.inf)
             self.write_findings(rule_table.explain(error, source))
@@ -219,7 +219,7 @@ class ModelChecker(Checker):
         self.write_findings(compile_errors.WARNING.in_model(self.path, f"MuJoCo warns: {line}") for line in lines)
         return context
 
-    def _apply(self, code: str, context: LintContext) -> None:
+    def _apply(self, code: str, context: CheckContext) -> None:
         """Applies one rule; if MuJoCo or a bug in mjrun aborts it, the other rules still run."""
         try:
             self.write_findings(rule_table.apply(code, context, self.comments.remaining))

@@ -41,7 +41,7 @@ TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
 
 @dataclass(frozen=True)
-class WorkerTask:
+class CheckRequest:
     """A check for one process.
 
     Attributes:
@@ -93,19 +93,19 @@ class WorkerOutput:
     stderr: str
 
 
-class TaskQueue:
+class CheckQueue:
     """The tasks that are left, for use from any thread.
 
     Models in one folder often share meshes, which the process of a thread still holds after the first of them.
     """
 
-    def __init__(self, tasks: Sequence[WorkerTask]) -> None:
-        self._left: dict[str, deque[tuple[int, WorkerTask]]] = {}
+    def __init__(self, tasks: Sequence[CheckRequest]) -> None:
+        self._left: dict[str, deque[tuple[int, CheckRequest]]] = {}
         for i, task in enumerate(tasks):
             self._left.setdefault(os.path.dirname(task.path), deque()).append((i, task))  # noqa: PTH120
         self._lock, self._folders = threading.Lock(), dict[int, str]()
 
-    def take(self) -> tuple[int, WorkerTask]:
+    def take(self) -> tuple[int, CheckRequest]:
         """Returns a task with its number: one in the folder of this thread's last one, or in one of no other thread."""
         with self._lock:
             folder = self._folders.pop(threading.get_ident(), None)
@@ -140,7 +140,7 @@ class CheckProcesses:
         self._done = 0
         self._ended = False
 
-    def run(self, task: WorkerTask) -> WorkerOutput:
+    def run(self, task: CheckRequest) -> WorkerOutput:
         """Checks one model in a process that is idle, or in a new one if that pays."""
         with self._changed:
             while not (self._ended or self._idle or self._another_pays()):
@@ -211,7 +211,7 @@ class CheckProcess:
         self.is_reusable = True
         self._checking = self._process.pid
 
-    def run(self, task: WorkerTask, note: Callable[[str], object] = lambda text: None) -> WorkerOutput:
+    def run(self, task: CheckRequest, note: Callable[[str], object] = lambda text: None) -> WorkerOutput:
         """Checks one model, and ends the process if that exceeds a limit; `note` is that of `CheckProcesses`."""
         self.is_reusable = False
         start = time.monotonic()

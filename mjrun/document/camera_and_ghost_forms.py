@@ -21,7 +21,7 @@ from mjrun.document.reader import read
 from mjrun.document.tree import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
-from mjrun.options.kinds import AnyKind, Key, ReadingContext, Text, optional
+from mjrun.options.kinds import AnyKind, NameOrIndex, ReadingContext, Text, optional
 from mjrun.options.number_kinds import Integer, Point, Real, Vector
 from mjrun.options.option import Options, option, options
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP
@@ -51,14 +51,14 @@ class MujocoConstantName(Text):
 
     @property
     def form(self) -> Schema:
-        from mjrun.rendering.segment_ids import groupings
+        from mjrun.rendering.segmentation import groupings
         from mjrun.rendering.visual import flags, frames, labels
 
         names = {"visual flag": flags, "segmentation": lambda: [*groupings()], "frame": frames, "label": labels}
         return {"type": "string", "enum": names[self._of]()}
 
     def read(self, value: object, reader: ReadingContext) -> object:
-        from mjrun.rendering.segment_ids import check_segmentation_name
+        from mjrun.rendering.segmentation import check_segmentation_name
         from mjrun.rendering.visual import Visual
 
         check(value, TEXT)
@@ -110,7 +110,9 @@ class InlineGhost(Options):
         converter=optional(Real(above=0, most=1)), default=None, help="Opacity of the ghost; 1 is solid."
     )
     key: str | None = option(
-        converter=optional(Key()), default=None, help="Keyframe that sets the pose of the ghost, by name or index."
+        converter=optional(NameOrIndex()),
+        default=None,
+        help="Keyframe that sets the pose of the ghost, by name or index.",
     )
     trace: str | None = option(
         converter=optional(Text()),

@@ -353,7 +353,7 @@ class EvaluationResult:
     units: Mapping[str, str]
     videos: Sequence[EpisodeVideo]
     assertions: Sequence[Verdict]
-    failures: Sequence["EpisodeFailures"]
+    failures: Sequence["EpisodeFailureGroup"]
     simulated: int
     files: Sequence[str]
     steps: int
@@ -376,7 +376,7 @@ class EvaluationResult:
 
 
 @dataclass(frozen=True)
-class EpisodeFailures:
+class EpisodeFailureGroup:
     """Episodes that failed for one reason.
 
     Attributes:
@@ -394,14 +394,14 @@ class EpisodeFailures:
     seed: int
 
 
-def failure_groups(groups: Sequence[PlayedEpisodes]) -> list[EpisodeFailures]:
+def failure_groups(groups: Sequence[PlayedEpisodes]) -> list[EpisodeFailureGroup]:
     """Groups failed episodes by reason, the most frequent first."""
-    failures = dict[tuple[str, str], EpisodeFailures]()
+    failures = dict[tuple[str, str], EpisodeFailureGroup]()
     for group in groups:
         for episode in group.episodes:
             if episode.status != "ok":
                 reason = episode.status, episode.message.partition("\n")[0]
-                known = failures.get(reason) or EpisodeFailures(*reason, 0, group.policy, group.point, episode.seed)
+                known = failures.get(reason) or EpisodeFailureGroup(*reason, 0, group.policy, group.point, episode.seed)
                 failures[reason] = replace(known, count=known.count + 1)
     return sorted(failures.values(), key=lambda each: -each.count)
 

@@ -17,7 +17,7 @@ from mjrun.experiment.results_page_parts import (
     table_figure,
     write_results_page,
 )
-from mjrun.experiment.statistics import NumberSummary, Share
+from mjrun.experiment.statistics import NumberSummary, Proportion
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.plot import FigureOptions
@@ -145,7 +145,7 @@ def _failed(result: "EvaluationResult") -> list[PageFactTable]:
     )
 
 
-def _share(share: Share) -> tuple[str, str]:
+def _share(share: Proportion) -> tuple[str, str]:
     low, high = share.interval.low, share.interval.high
     interval = "" if low is None or high is None else f"{100 * low:.3g} … {100 * high:.3g} %"
     return "" if share.share is None else f"{100 * share.share:.3g} %", interval

@@ -26,7 +26,7 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import Source
 from mjrun.options.option import is_given
 from mjrun.options.sweep import PARTS, ExecutionOptions
-from mjrun.python_code import Sealed
+from mjrun.python_code import SealedCode
 from mjrun.reporter import Reporter
 from mjrun.study.chunk_files import point_keys, study_identity
 from mjrun.study.prepared_points import PreparedPoints
@@ -160,7 +160,7 @@ class PreparedEpisodes(PreparedPoints):
         values = EpisodeParameters(
             [(*([group.name] if several else []), *prepared.points.points[group.point]) for group in groups], seeds
         )
-        sealed = Sealed(pickle.dumps(spec), prepared.modules)
+        sealed = SealedCode(pickle.dumps(spec), prepared.modules)
         shipped = ShippedStudy(sealed, len(spec.numbers), prepared.snapshot)
         super().__init__(spec, Design(names, values), shipped, folder, spec.numbers)
 

@@ -12,7 +12,7 @@ from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, GroupSpec, PolicyC
 from mjrun.evaluation.summaries import IQM, OWN, RETURN, REWARD, PassCriteria, seed_column
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
-from mjrun.experiment.sample_designs import SAMPLES
+from mjrun.experiment.samplers import SAMPLES
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
 from mjrun.options.disturbance import DisturbanceOptions, Disturbances

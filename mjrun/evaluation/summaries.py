@@ -17,7 +17,7 @@ from mjrun.experiment import statistics
 from mjrun.experiment.design import Design
 from mjrun.experiment.design_points import DesignColumn
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, plain_metrics
-from mjrun.experiment.statistics import NO_INTERVAL, Doubt, Interval, NumberSummary, Share
+from mjrun.experiment.statistics import NO_INTERVAL, Doubt, Interval, NumberSummary, Proportion
 from mjrun.formats.study_reader import NO_UNITS
 from mjrun.model.table_column import Column
 from mjrun.options.evaluation import EvaluationOptions
@@ -44,7 +44,7 @@ class EndingCount:
 
     ending: str
     outcome: str
-    share: Share
+    share: Proportion
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class EpisodeSummary:
     missing: int
     returns: NumberSummary
     lengths: NumberSummary
-    success: Share | None
+    success: Proportion | None
     endings: Sequence[EndingCount]
     rewards: Mapping[str, NumberSummary]
     metrics: Mapping[str, NumberSummary]
@@ -205,7 +205,7 @@ def summary_of(
     def summary(values: Sequence[float]) -> NumberSummary:
         return statistics.summarized(values, confidence, seeds)
 
-    def share_of(cases: Sequence[bool]) -> Share:
+    def share_of(cases: Sequence[bool]) -> Proportion:
         return statistics.share(cases, confidence, seeds)
 
     outcomes = {episode.ending: episode.outcome for episode in episodes}

@@ -23,7 +23,7 @@ from mjrun.experiment.design_points import (
     parameter_names,
     with_conditional,
 )
-from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES, correlated, rank_correlations
+from mjrun.experiment.samplers import SAMPLERS, SAMPLES, correlated, rank_correlations
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.kinds import AnyKind

@@ -1,4 +1,4 @@
-"""Sensitivity of metrics to parameters, from the points of `mjrun.experiment.sample_designs`.
+"""Sensitivity of metrics to parameters, from the points of `mjrun.experiment.samplers`.
 
 Sources: A. Saltelli et al., Computer Physics Communications 181 (2010) 259, for the estimators of Sobol' indices; F.
 Campolongo et al., Environmental Modelling & Software 22 (2007) 1509, for the mean magnitude μ* of elementary effects.
@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.experiment.results_table import ResultsTable
-from mjrun.experiment.sample_designs import SAMPLES, STEP
+from mjrun.experiment.samplers import SAMPLES, STEP
 from mjrun.experiment.statistics import NO_INTERVAL, Interval, mean_interval, percentile_interval, resamples_of
 from mjrun.formats.study_reader import SENSITIVITY
 from mjrun.model.table_column import Column

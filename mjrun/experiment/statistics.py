@@ -81,7 +81,7 @@ class NumberSummary:
 
 
 @dataclass(frozen=True)
-class Share:
+class Proportion:
     """Share of the cases in which something holds.
 
     Attributes:
@@ -282,14 +282,14 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters
     return Interval(float(ordered[rank]), float(ordered[len(values) - 1 - rank]))
 
 
-def share(cases: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Share:
+def share(cases: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Proportion:
     """Returns the share of true `cases` `(n,)`."""
     holds = np.asarray(cases, bool)
     count, of = int(np.count_nonzero(holds)), len(holds)
     if not of:
-        return Share(0, 0, None, NO_INTERVAL)
+        return Proportion(0, 0, None, NO_INTERVAL)
     effect = _design_effect(holds.astype(float), _members(of, clusters))
-    return Share(count, of, count / of, wilson_interval(count / effect, of / effect, confidence))
+    return Proportion(count, of, count / of, wilson_interval(count / effect, of / effect, confidence))
 
 
 def wilson_interval(count: float, of: float, confidence: float = CONFIDENCE) -> Interval:

@@ -122,7 +122,7 @@ def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:
 
 
 @dataclass(frozen=True)
-class Improvement:
+class PredictionImprovement:
     """Improvement of the predictions by a fitted model over the original one.
 
     Attributes:
@@ -149,7 +149,7 @@ class Improvement:
         return self.gain > self.uncertainty
 
 
-def improvement(before: Solution, after: Solution) -> Improvement:
+def improvement(before: Solution, after: Solution) -> PredictionImprovement:
     """Compares two models by the same measurements.
 
     If the second is right, its residuals r are noise, and those of the first are r + δ: the gain is Σ δ² + 2 Σ δ·r,
@@ -169,7 +169,7 @@ def improvement(before: Solution, after: Solution) -> Improvement:
         sums += [float(block.sum()) for block in np.array_split(products, min(blocks, len(products)))]
     deviation = 2 * max(float(np.sqrt(np.sum(np.square(sums)))), scale * float(np.sqrt(squares)))
     difference = float(np.sqrt(squares / max(numbers, 1)))
-    return Improvement(before.cost, after.cost, gain, CERTAIN * deviation, difference)
+    return PredictionImprovement(before.cost, after.cost, gain, CERTAIN * deviation, difference)
 
 
 @options

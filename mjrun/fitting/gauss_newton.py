@@ -57,7 +57,7 @@ NEAREST = 1e-3  # least distance of such states from the best one, in standard e
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Jacobians:
     """Slopes of the residuals of each chunk.
 
     Attributes:
@@ -98,7 +98,7 @@ def _normal_equations(
     problem: ShootingProblem,
     point: Unknowns,
     residuals: Sequence[Floats],
-    slopes: Slopes,
+    slopes: Jacobians,
     weights: Sequence[Floats],
     damping: float = 0.0,
 ) -> _NormalEquations:
@@ -199,20 +199,22 @@ class GaussNewton:
         all_residuals = yield from self._problem.residuals(points)
         return [_Place(p, r, self._problem.cost(p, r)) for p, r in zip(points, all_residuals, strict=True)]
 
-    def _slopes(self, place: _Place) -> Simulating[Slopes]:
+    def _slopes(self, place: _Place) -> Simulating[Jacobians]:
         pair = yield from self._problem.slopes(place.point, place.residuals)
-        return Slopes(*pair)
+        return Jacobians(*pair)
 
-    def _sound(self, place: _Place, slopes: Slopes) -> Simulating[Slopes]:
+    def _sound(self, place: _Place, slopes: Jacobians) -> Simulating[Jacobians]:
         """Returns the smaller of forward and backward differences, as one of them may cross a jump of the motion."""
         backwards = yield from self._problem.slopes(place.point, place.residuals, wider=-1.0)
         of_coordinates, of_states = (
             [np.where(np.abs(a) < np.abs(b), a, b) for a, b in zip(one, other, strict=True)]
             for one, other in zip((slopes.of_coordinates, slopes.of_states), backwards, strict=True)
         )
-        return Slopes(of_coordinates, of_states)
+        return Jacobians(of_coordinates, of_states)
 
-    def _descended(self, evaluations: int, tolerance: float, enough: float = 0.0) -> Simulating[tuple[_Place, Slopes]]:
+    def _descended(
+        self, evaluations: int, tolerance: float, enough: float = 0.0
+    ) -> Simulating[tuple[_Place, Jacobians]]:
         """Descends until steps gain nothing more.
 
         Args:
@@ -257,7 +259,7 @@ class GaussNewton:
                 damping = trials[-1]
         return place, slopes
 
-    def _renewed(self, before: _Place, place: _Place, slopes: Slopes, is_good: bool) -> Simulating[Slopes]:
+    def _renewed(self, before: _Place, place: _Place, slopes: Jacobians, is_good: bool) -> Simulating[Jacobians]:
         """Returns slopes at `place`: to the coordinates by differences, to the states by secants if these were good."""
         if not is_good:
             return (yield from self._slopes(place))
@@ -271,9 +273,9 @@ class GaussNewton:
             change = place.residuals[i] - before.residuals[i] - slopes.of_coordinates[i] @ turned - slope @ move
             size = float(move @ scaled)
             of_states.append(slope + change[..., None] * scaled / size if size > 0 else slope)
-        return Slopes(of_coordinates, of_states, is_fresh=False)
+        return Jacobians(of_coordinates, of_states, is_fresh=False)
 
-    def _step(self, place: _Place, slopes: Slopes, damping: float) -> tuple[Unknowns, float]:
+    def _step(self, place: _Place, slopes: Jacobians, damping: float) -> tuple[Unknowns, float]:
         """Returns a damped step within bounds and the decrease of the cost that it promises."""
         problem, free = self._problem, self._problem.free
         weights = [loss_weights(problem.loss, r) for r in place.residuals]
@@ -288,7 +290,7 @@ class GaussNewton:
         ]
         return point, place.cost - problem.cost(point, expected)
 
-    def _solution(self, place: _Place, slopes: Slopes) -> Solution:
+    def _solution(self, place: _Place, slopes: Jacobians) -> Solution:
         pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
         return self._problem.solution(place.point, place.residuals, list(pairs))
 
@@ -362,7 +364,7 @@ class EnsembleSearch:
 
     def _first_scatter(self, point: Unknowns) -> Simulating[StandardErrors]:
         (residuals,) = yield from self._problem.residuals([point])
-        slopes = Slopes(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
+        slopes = Jacobians(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
         weights = [np.ones_like(each) for each in residuals]
         return _scatter(_normal_equations(self._problem, point, residuals, slopes, weights))
 
@@ -375,7 +377,7 @@ class EnsembleSearch:
         residuals = yield from self._problem.residuals(points)
         self._rounds = [*self._rounds[1 - POOLED :], (points, residuals)]
 
-    def _regressed(self, middle: Unknowns) -> tuple[list[Floats], Slopes, list[Floats]]:
+    def _regressed(self, middle: Unknowns) -> tuple[list[Floats], Jacobians, list[Floats]]:
         """Fits residuals at the centre, slopes, and variances of residuals to the points of the last rounds."""
         free = self._problem.free
         points = [each for points, _ in self._rounds for each in points]
@@ -398,7 +400,7 @@ class EnsembleSearch:
             variances.append((1 + often * rough).reshape(shape))
             of_coordinates.append(of_unknowns[..., :free])
             of_states.append(of_unknowns[..., free:])
-        return at_middle, Slopes(of_coordinates, of_states), variances
+        return at_middle, Jacobians(of_coordinates, of_states), variances
 
     def _nearest(
         self, middle: Unknowns, scatter: StandardErrors, batches: int

@@ -138,7 +138,7 @@ def _of(matrix: Floats, parameters: Sequence[FreeParameter]) -> Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals:
+class ParameterIntervals:
     """Confidence intervals.
 
     Attributes:
@@ -164,7 +164,9 @@ class Intervals:
         return low, high
 
 
-def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidence: float, seed: int) -> Intervals:
+def intervals(
+    solution: Solution, parameters: Sequence[FreeParameter], confidence: float, seed: int
+) -> ParameterIntervals:
     """Estimates confidence intervals of a solution whose noise is that of its residuals.
 
     As blocks are few, percentiles are widened as Student's t widens a normal distribution.
@@ -193,7 +195,7 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     lowest, highest = values_at(parameters, low), values_at(parameters, high)
-    return Intervals(lowest, highest, spread / scale / scale[:, None], parameters, coordinates, confidence)
+    return ParameterIntervals(lowest, highest, spread / scale / scale[:, None], parameters, coordinates, confidence)
 
 
 def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Floats) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import BodyInertia, FreeParameter
-from mjrun.fitting.information import Intervals
+from mjrun.fitting.information import ParameterIntervals
 from mjrun.fitting.measurements import Floats
 from mjrun.plotting.html_page import PageFactTable, facts_table
 
@@ -153,7 +153,7 @@ class FitResult:
 
 
 def fitted_inertias(
-    parameters: Sequence[FreeParameter], values: Sequence[float], known: Intervals
+    parameters: Sequence[FreeParameter], values: Sequence[float], known: ParameterIntervals
 ) -> list[FittedInertia]:
     """Returns the inertias of which `parameters` are numbers, with the fitted `values`."""
 

@@ -19,7 +19,7 @@ from mjrun.errors import FileError, clean
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import cut
 from mjrun.formats.number_text import exact_cells
-from mjrun.formats.table_contents import CellKinds
+from mjrun.formats.table_contents import AcceptedCells
 from mjrun.model.table_column import Column
 
 MANIFEST = "mjrun"  # the key of the manifest
@@ -41,7 +41,9 @@ def record_batch(group: np.ndarray, columns: Sequence[Column], schema: pyarrow.S
     return pyarrow.record_batch([_array(*pair) for pair in zip(group, columns, strict=True)], schema=schema)
 
 
-def select_columns(path: Path, schema: pyarrow.Schema, wanted: tables.ColumnFilter, cells: CellKinds) -> dict[str, int]:
+def select_columns(
+    path: Path, schema: pyarrow.Schema, wanted: tables.ColumnFilter, cells: AcceptedCells
+) -> dict[str, int]:
     """Returns the columns that the filter accepts, each with its index.
 
     Raises:
@@ -52,7 +54,7 @@ def select_columns(path: Path, schema: pyarrow.Schema, wanted: tables.ColumnFilt
         kind = schema.field(index).type
         inner = kind.value_type if types.is_dictionary(kind) else kind
         kinds = [types.is_floating, types.is_integer, types.is_boolean, types.is_decimal]
-        if cells is CellKinds.ANY:
+        if cells is AcceptedCells.ANY:
             kinds += [_is_text, types.is_null]
         if not any(is_kind(inner) for is_kind in kinds):
             raise tables.not_numbers(path, name, clean(cut(str(inner))))
@@ -65,7 +67,7 @@ def block_rows(columns: int) -> int:
 
 
 def blocks(
-    path: Path, names: Sequence[str], batches: Iterable[pyarrow.RecordBatch], cells: CellKinds
+    path: Path, names: Sequence[str], batches: Iterable[pyarrow.RecordBatch], cells: AcceptedCells
 ) -> Iterator[np.ndarray]:
     """Yields the rows of `batches`, which hold the columns `names` and nothing else, in blocks `(n, columns)`.
 
@@ -221,20 +223,20 @@ def _array(values: np.ndarray, column: Column) -> pyarrow.Array:
     return pyarrow.DictionaryArray.from_arrays(indices, text_array(column.labels))
 
 
-def _cells(path: Path, name: str, array: pyarrow.Array, before: int, cells: CellKinds) -> np.ndarray:
+def _cells(path: Path, name: str, array: pyarrow.Array, before: int, cells: AcceptedCells) -> np.ndarray:
     if types.is_dictionary(array.type) and _is_text(array.type.value_type):
         texts = array.dictionary.to_pylist()  # each is in memory once, however often it occurs
         return tables.text_cells([None if index is None else texts[index] for index in array.indices.to_pylist()])
     plain = array.dictionary_decode() if types.is_dictionary(array.type) else array
     if _is_text(plain.type):
         return tables.text_cells(plain.to_pylist())
-    if types.is_decimal(plain.type) and cells is CellKinds.ANY:
+    if types.is_decimal(plain.type) and cells is AcceptedCells.ANY:
         return exact_cells(plain.to_pylist(), _floats)
     if not plain.null_count:
         return tables.number_cells(plain.to_numpy(zero_copy_only=False), cells)
 
     null = plain.is_null().to_numpy(zero_copy_only=False)
-    if cells < CellKinds.GAPS:
+    if cells < AcceptedCells.GAPS:
         row = before + int(null.argmax())
         raise FileError(path, f"row {row}: column {tables.shown(name)}: null is not a number")
     numbers = tables.number_cells(plain.drop_null().to_numpy(zero_copy_only=False), cells)

@@ -29,7 +29,7 @@ WIDEST = 4096  # columns of an array; a wider one is no table
 PIECE = 2**17  # values in a block
 
 
-class CellKinds(IntEnum):
+class AcceptedCells(IntEnum):
     """The cells that a table may have.
 
     Attributes:
@@ -53,7 +53,7 @@ class OpenTable:
 
     Attributes:
       names: names of the accepted columns, in the order of the file.
-      blocks: their rows, float64 or object `(n, columns)` (see `CellKinds`), n ≥ 1, each of bounded size; read on
+      blocks: their rows, float64 or object `(n, columns)` (see `AcceptedCells`), n ≥ 1, each of bounded size; read on
         demand. Raises FileError if the file is not such a table.
       units: units by name, as far as the file states them.
       manifest: how mjrun made the file; None if the file does not state it.
@@ -86,7 +86,7 @@ class ArrayInFile(Protocol):
 def array_contents(
     path: Path,
     columns: Mapping[str, tuple[Stored, int]],
-    cells: CellKinds,
+    cells: AcceptedCells,
     opened: Callable[[str, Stored], ArrayInFile],
     units: Mapping[str, str],
     manifest: dict[str, Any] | None,
@@ -183,9 +183,9 @@ def row_blocks(rows: int, width: int, read: Callable[[int, int], Iterable[np.nda
         yield side_by_side(list(read(start, count)), count)
 
 
-def number_cells(values: np.ndarray, cells: CellKinds) -> np.ndarray:
+def number_cells(values: np.ndarray, cells: AcceptedCells) -> np.ndarray:
     """Returns numbers of any type as float64, or as objects if some are integers that float64 cannot represent."""
-    is_whole = cells is CellKinds.ANY and values.dtype.kind in "iu" and values.size
+    is_whole = cells is AcceptedCells.ANY and values.dtype.kind in "iu" and values.size
     if is_whole and (int(values.max()) > EXACT or int(values.min()) < -EXACT):
         return values.astype(object)
     return values.astype(np.float64)

@@ -22,7 +22,7 @@ from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, file_errors
 from mjrun.formats.folders import open_url
 from mjrun.formats.input_file import cut, require_file
-from mjrun.formats.table_contents import CellKinds, ColumnFilter
+from mjrun.formats.table_contents import AcceptedCells, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
 from mjrun.model.table_column import with_unit
 from mjrun.packages import require
@@ -157,7 +157,7 @@ class TableReader:
         form: TableFormat,
         file: BinaryIO,
         columns: Collection[str] | ColumnFilter | None,
-        cells: CellKinds,
+        cells: AcceptedCells,
     ) -> None:
         self.path = path
         self.file = file
@@ -256,7 +256,7 @@ def open_table(
       UsageError: standard input is a terminal.
       MissingExtraError: the library of the format is not installed.
     """
-    cells = CellKinds.ANY if exact else CellKinds.GAPS if missing == "nan" else CellKinds.NUMBERS
+    cells = AcceptedCells.ANY if exact else AcceptedCells.GAPS if missing == "nan" else AcceptedCells.NUMBERS
     if str(path) == STDIN:
         file = _standard_input()
         begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()  # consumes nothing; JSON begins with a bracket

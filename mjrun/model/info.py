@@ -186,7 +186,7 @@ def _is_finite(model: mujoco.MjModel, key: int) -> bool:
 
 
 @dataclass(frozen=True)
-class Keyframe(ModelObject):
+class KeyframeDescription(ModelObject):
     """A keyframe.
 
     Attributes:
@@ -248,7 +248,7 @@ class ModelDescription:
     sensors = _section(Sensor)
     cameras = _section(Camera)
     lights = _section(Light)
-    keyframes = _section(Keyframe)
+    keyframes = _section(KeyframeDescription)
     tendons = _section(Tendon)
     equalities = _section(Equality)
     pairs = _section(ContactPair)

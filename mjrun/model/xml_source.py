@@ -100,7 +100,7 @@ class Comment:
     element: Element | None = None
 
 
-class XmlError(NamedTuple):
+class XmlProblem(NamedTuple):
     """The reason why a file is not well-formed XML."""
 
     file: Path
@@ -129,7 +129,7 @@ class XmlSource:
     includes: list[Element] = field(default_factory=list)
     attached: list[Element] = field(default_factory=list)
     circular: bool = False
-    errors: list[XmlError] = field(default_factory=list)
+    errors: list[XmlProblem] = field(default_factory=list)
     comments: list[Comment] = field(default_factory=list)
     texts: dict[Path, bytes] = field(default_factory=dict)
 
@@ -239,7 +239,9 @@ def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Eleme
         return None
     source.texts[path] = text
     if text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        source.errors.append(XmlError(path, 1, "the file is in UTF-16, which MuJoCo does not read", "save it as UTF-8"))
+        source.errors.append(
+            XmlProblem(path, 1, "the file is in UTF-16, which MuJoCo does not read", "save it as UTF-8")
+        )
         return None
     parser = XmlParser(path, encoding)
     try:
@@ -249,7 +251,7 @@ def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Eleme
             return _parsed(source, path, "iso-8859-1")
         source.errors.append(parser.explain(error, text))
     except (ValueError, LookupError) as error:  # an encoding unknown to Python
-        source.errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
+        source.errors.append(XmlProblem(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
     source.comments += parser.comments
     return parser.root
 
@@ -348,7 +350,7 @@ class XmlParser:
             element.text_line = self.expat.CurrentLineNumber - text.lstrip().count("\n")
         element.text = f"{element.text} {text.strip()}".strip()
 
-    def explain(self, error: expat.ExpatError, text: bytes) -> XmlError:
+    def explain(self, error: expat.ExpatError, text: bytes) -> XmlProblem:
         """Returns `error` in terms of the elements that are open where it occurred."""
         reason = expat.errors.messages[error.code]
         last = self.open[-1] if self.open else None
@@ -356,25 +358,27 @@ class XmlParser:
             return self._mismatch(last, error.lineno, text[self.expat.ErrorByteIndex :])
         if last is not None and error.code == _NO_ELEMENT:
             message = f"the file ends before {last} is closed"
-            return XmlError(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
+            return XmlProblem(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
         if not text.strip():
-            return XmlError(self.path, 1, "the file is empty", "write a model into it: <mujoco> … </mujoco>")
+            return XmlProblem(self.path, 1, "the file is empty", "write a model into it: <mujoco> … </mujoco>")
         if text.startswith(LFS_POINTER):
-            return XmlError(self.path, 1, "it is a Git LFS pointer, not the file itself", LFS_REMEDY)
+            return XmlProblem(self.path, 1, "it is a Git LFS pointer, not the file itself", LFS_REMEDY)
         place = f"line {error.lineno}, column {error.offset + 1}"
         remedy = _REMEDIES.get(reason, f"look at {place}; `xmllint --noout {self.path}` checks a file")
         if unquoted := _UNQUOTED_VALUE.search(text[: self.expat.ErrorByteIndex].rpartition(b"<")[2]):
             remedy = f'write {unquoted[1].decode(errors="replace")}="…": attribute values must be quoted'
-        return XmlError(self.path, error.lineno, f"not well-formed XML: {reason} at column {error.offset + 1}", remedy)
+        return XmlProblem(
+            self.path, error.lineno, f"not well-formed XML: {reason} at column {error.offset + 1}", remedy
+        )
 
-    def _mismatch(self, last: Element, line: int, rest: bytes) -> XmlError:
+    def _mismatch(self, last: Element, line: int, rest: bytes) -> XmlProblem:
         tag = re.match(rb"(?:</)?\s*([^\s>]+)", rest)
         closing = tag[1].decode(errors="replace") if tag else "?"
         if any(element.tag == closing for element in self.open):
             message = f"{last} is not closed before </{closing}> on line {line}"
-            return XmlError(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
+            return XmlProblem(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
         message = f"</{closing}> closes nothing: the open element is {last} on line {last.line}"
-        return XmlError(self.path, line, message, f"write </{last.tag}> instead, or remove it")
+        return XmlProblem(self.path, line, message, f"write </{last.tag}> instead, or remove it")
 
 
 def holder(element: Element, attribute: str) -> Element | None:

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Key, Several, Text, optional
+from mjrun.options.kinds import Choice, File, Flag, NameOrIndex, Several, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Percent, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
@@ -106,7 +106,7 @@ class RolloutOptions(Options):
     section: ClassVar[str] = "Simulation"
 
     key: str | None = option(
-        converter=optional(Key()),
+        converter=optional(NameOrIndex()),
         default=None,
         usual="test, if it exists",
         help="Keyframe to start from, by name or index.",

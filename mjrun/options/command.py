@@ -25,7 +25,7 @@ class OpenOptions(Options):
 
 
 @options
-class DocumentFormOptions(Options):
+class JsonReportOptions(Options):
     """Forms of the one document that replaces prose; each is written by its entry in `mjrun.cli.console`."""
 
     section: ClassVar[str] = "Messages"
@@ -38,11 +38,11 @@ class DocumentFormOptions(Options):
     )
 
 
-DOCUMENT_FORMS = tuple(each.name for each in options_of(DocumentFormOptions))
+DOCUMENT_FORMS = tuple(each.name for each in options_of(JsonReportOptions))
 
 
 @options
-class ConsoleOptions(DocumentFormOptions):
+class ConsoleOptions(JsonReportOptions):
     """Form and amount of what a command prints."""
 
     section: ClassVar[str] = "Messages"

@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Key, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, File, NameOrIndex, Several, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.rendering import SceneOptions
@@ -50,7 +50,7 @@ class EpisodeOptions(Options):
         help="Constant rate factor of the encoder: lower values give better quality and larger files.",
     )
     preset: str | None = option(
-        converter=optional(Key("NAME", "the name of a preset")),
+        converter=optional(NameOrIndex("NAME", "the name of a preset")),
         default=None,
         usual="veryfast; 8 with av1",
         help="Encoder preset, a trade-off between encoding speed and compression.",

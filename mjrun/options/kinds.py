@@ -184,7 +184,7 @@ class Flag(Kind[bool, bool]):
         return value
 
 
-class Key(Kind[str | int, str]):
+class NameOrIndex(Kind[str | int, str]):
     """An object by name or index: a keyframe, a preset."""
 
     metavar = "NAME|INDEX"

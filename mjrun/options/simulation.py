@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Flag, Key, PythonFunction, Text, optional
+from mjrun.options.kinds import Choice, File, Flag, NameOrIndex, PythonFunction, Text, optional
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
@@ -71,7 +71,9 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         ),
     )
 
-    key: str | None = option(converter=optional(Key()), default=None, help="Keyframe to start from, by name or index.")
+    key: str | None = option(
+        converter=optional(NameOrIndex()), default=None, help="Keyframe to start from, by name or index."
+    )
     qpos: Mapping[str, Numbers] = option(
         converter=JointNumbers(),
         default=NO_VALUES,

@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar, cast
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Key, Kind, ReadingContext, Several, Text, optional
+from mjrun.options.kinds import Choice, File, Kind, NameOrIndex, ReadingContext, Several, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
@@ -155,7 +155,9 @@ class ResetOptions(Options):
 
     section: ClassVar[str] = "Reset"
 
-    key: str | None = option(converter=optional(Key()), default=None, help="Keyframe to start from, by name or index.")
+    key: str | None = option(
+        converter=optional(NameOrIndex()), default=None, help="Keyframe to start from, by name or index."
+    )
     qpos: Mapping[str, Numbers] = option(
         converter=JointNumbers(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
     )

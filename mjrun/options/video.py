@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Key, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, File, NameOrIndex, Several, Text, optional
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
@@ -51,7 +51,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         help="Constant rate factor of the encoder: lower values give better quality and larger files.",
     )
     preset: str | None = option(
-        converter=optional(Key("NAME", "the name of a preset")),
+        converter=optional(NameOrIndex("NAME", "the name of a preset")),
         default=None,
         help="Encoder preset, a trade-off between encoding speed and compression.",
     )

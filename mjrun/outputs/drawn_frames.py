@@ -46,8 +46,8 @@ from mjrun.rendering.classic import check_size
 from mjrun.rendering.compositor import DrawingCosts, FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
-from mjrun.rendering.graph import Graph, aligned, graph_size
-from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
+from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
+from mjrun.rendering.segmentation import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import Reporter
 from mjrun.shared_status import doing
@@ -134,11 +134,11 @@ class OverlayProbes:
         """
         times = [float(timeline.time(step)) for step in steps]
         texts = self._texts(rows, steps, times, speeds) if self.text.parts else []
-        graphs: list[Graph] = []
+        graphs: list[LivePlot] = []
         for index, (table, size) in enumerate(zip(self.tables[1:], empty.plots, strict=True), start=1):
             values = np.array([row[index] for row in rows])
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
-            graphs.append(Graph(np.array(times), values, names, units, size))
+            graphs.append(LivePlot(np.array(times), values, names, units, size))
         return replace(empty, texts=texts, graphs=aligned(graphs), times=times)
 
     def _texts(

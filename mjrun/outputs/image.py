@@ -33,7 +33,7 @@ from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
 from mjrun.outputs.recorded_scene import ScenePlan
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.simulation.simulation import require_countable
 from mjrun.timeline import Timeline, nearest
 

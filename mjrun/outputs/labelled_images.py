@@ -13,9 +13,9 @@ from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import Region, regions
+from mjrun.model.flex_and_skin_bodies import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
 from mjrun.model.rendered_view import CameraCalibration, RenderedView
-from mjrun.model.soft_bodies import carriers, flex_owners, skin_owners
 from mjrun.model.stage import FLOOR, GROUND
 from mjrun.options.dataset import LabelOptions
 from mjrun.options.rendering import ViewOptions
@@ -25,7 +25,7 @@ from mjrun.probe.scanner import Vocabulary
 from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.drawn_model import HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
-from mjrun.rendering.segment_ids import NOTHING, Segmentation
+from mjrun.rendering.segmentation import NOTHING, Segmentation
 from mjrun.rendering.visual import visual_of
 
 GROUPED = ("geom", "site", "tendon", "flex", "skin")  # what is visible by groups
@@ -37,7 +37,7 @@ IN_VIEW = "objects"
 
 
 @dataclass(frozen=True)
-class LabelledObject:
+class ObjectToLabel:
     """An object that images are labelled with: a body with everything attached to it, or a flex.
 
     Attributes:
@@ -51,7 +51,7 @@ class LabelledObject:
     keypoints: tuple[int, ...] = ()
 
 
-def labelled_objects(options: LabelOptions, model: mujoco.MjModel) -> list[LabelledObject]:
+def labelled_objects(options: LabelOptions, model: mujoco.MjModel) -> list[ObjectToLabel]:
     """Returns the objects that `options` name; by default, all children of the world that have geoms, and flexes.
 
     Raises:
@@ -91,7 +91,7 @@ def labelled_objects(options: LabelOptions, model: mujoco.MjModel) -> list[Label
                 place = owner[model.site_bodyid[site]]
                 if place >= 0 and site not in points[[*chosen][place]]:
                     points[[*chosen][place]].append(site)
-    return [LabelledObject(bodies[body], name, body, tuple(points[body])) for body, name in chosen.items()]
+    return [ObjectToLabel(bodies[body], name, body, tuple(points[body])) for body, name in chosen.items()]
 
 
 def object_of_body(model: mujoco.MjModel, roots: Sequence[int]) -> np.ndarray:
@@ -103,7 +103,7 @@ def object_of_body(model: mujoco.MjModel, roots: Sequence[int]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class ObjectView:
+class ObjectAnnotation:
     """An object as an image shows it.
 
     Attributes:
@@ -118,7 +118,7 @@ class ObjectView:
       keypoints: `(n, 3)`: x and y [pixels], and 2 if visible, 1 if covered, 0 if outside of the image.
     """
 
-    object: LabelledObject
+    object: ObjectToLabel
     region: Region | None
     pixels: int
     silhouette: float
@@ -157,7 +157,7 @@ class LabelledImage:
     depth: np.ndarray
     objects: np.ndarray
     bodies: np.ndarray
-    views: Sequence[ObjectView]
+    views: Sequence[ObjectAnnotation]
     is_accepted: bool
 
 
@@ -168,14 +168,14 @@ class AcceptConditions:
       UsageError: a condition is invalid.
     """
 
-    def __init__(self, options: LabelOptions, objects: Sequence[LabelledObject]) -> None:
+    def __init__(self, options: LabelOptions, objects: Sequence[ObjectToLabel]) -> None:
         columns = [f"{name}/{each.name}" for name in COLUMNS for each in objects]
         self._conditions = list[Condition]()
         for index, text in enumerate(options.accept):
             with concerning("accept", index):
                 self._conditions.append(parse_condition(text, Vocabulary([*columns, IN_VIEW]), option("accept")))
 
-    def hold(self, views: Sequence[ObjectView]) -> bool:
+    def hold(self, views: Sequence[ObjectAnnotation]) -> bool:
         """Returns whether all conditions hold for an image of these objects."""
         values = {IN_VIEW: float(sum(view.pixels > 0 for view in views))}
         for view in views:
@@ -291,17 +291,17 @@ class LabelledRenderer:
 
     def _views(
         self, renderer: ClassicRenderer, pose: Pose, scene: "_Objects", seen: RenderedView, ids: np.ndarray
-    ) -> list[ObjectView]:
+    ) -> list[ObjectAnnotation]:
         found = {region.id: region for region in regions(ids)}
         masks = self._masks(renderer, pose, scene, seen.calibration)
-        views = list[ObjectView]()
+        views = list[ObjectAnnotation]()
         for index, each in enumerate(scene.objects):
             silhouette, truncated, outline = self._silhouette(
                 renderer, pose, scene, index, masks[index], _needed_scale(seen.calibration, scene.corners(index))
             )
             region = found.get(index)
             views.append(
-                ObjectView(
+                ObjectAnnotation(
                     object=each,
                     region=region,
                     pixels=region.area if region else 0,
@@ -365,7 +365,7 @@ class LabelledRenderer:
 class _Objects:
     """The objects of a model in its current state."""
 
-    def __init__(self, model: mujoco.MjModel, objects: Sequence[LabelledObject], visible: np.ndarray) -> None:
+    def __init__(self, model: mujoco.MjModel, objects: Sequence[ObjectToLabel], visible: np.ndarray) -> None:
         self.objects = objects
         self.owners = object_of_body(model, [each.body for each in objects])
         self.owners_or_none = np.append(self.owners, NOTHING).astype(np.int32)  # by the id of a body, −1 included

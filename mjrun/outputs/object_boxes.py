@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.model.soft_bodies import flex_owners, skin_owners
+from mjrun.model.flex_and_skin_bodies import flex_owners, skin_owners
 from mjrun.rendering.drawn_model import VISIBLE_GROUPS
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)

@@ -24,7 +24,7 @@ from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import FileManifest, Page, PageFigure, PageFile, TableStatistics, page_file
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
-from mjrun.plotting.table_statistics import TableSummary
+from mjrun.plotting.table_statistics import TableSummarizer
 from mjrun.probe.verdict import Verdict
 
 # Results by the kind of output in reports.
@@ -129,7 +129,7 @@ class _Contents:
     def _add_table(self, path: str) -> None:
         with ExitStack() as stack:
             figure = TableFigure([path], FigureOptions(), stack)
-            summary = TableSummary(path, figure.units[path], None, ())
+            summary = TableSummarizer(path, figure.units[path], None, ())
             figure.read([summary])
         self.figures.append(figure.for_page())
         self.tables.append(TableStatistics(path, summary.rows, summary.statistics()))

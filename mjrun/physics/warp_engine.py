@@ -53,7 +53,7 @@ CONTACT, PASSIVE = 1, 4  # bits of a contact's type in mujoco_warp for contacts 
 
 
 @dataclass(frozen=True)
-class Demand:
+class RequiredSizes:
     """The sizes that a step of all worlds needed.
 
     Attributes:
@@ -185,9 +185,9 @@ class WarpWorlds:
         parts = [array.numpy().reshape(self.count, -1) for array, _ in self._state_arrays()]
         return np.hstack(parts).astype(float)
 
-    def demand(self) -> Demand:
+    def demand(self) -> RequiredSizes:
         """Returns the sizes that the last step needed."""
-        return Demand(
+        return RequiredSizes(
             contacts=int(self._data.nacon.numpy()[0]),
             candidates=int(self._data.ncollision.numpy()[0]),
             constraints=self._data.nefc.numpy(),

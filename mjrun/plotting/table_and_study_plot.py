@@ -21,7 +21,7 @@ from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
-from mjrun.plotting.table_statistics import TableSummary
+from mjrun.plotting.table_statistics import TableSummarizer
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 
@@ -85,15 +85,15 @@ class TablePlot(TablePlotOptions):
             raise error
         return result
 
-    def _summaries(self, figure: TableFigure) -> list[TableSummary]:
+    def _summaries(self, figure: TableFigure) -> list[TableSummarizer]:
         """Returns a summary of each table, if needed; of the drawn columns only, if these were selected."""
         if not self.html and not self.assert_:
             return []
         columns = figure.plan.columns if self.y else None
-        return [TableSummary(path, units, columns, self.assert_) for path, units in figure.units.items()]
+        return [TableSummarizer(path, units, columns, self.assert_) for path, units in figure.units.items()]
 
     def _page(
-        self, figure: TableFigure, summaries: Sequence[TableSummary], verdicts: Sequence[tuple[str, Verdict]]
+        self, figure: TableFigure, summaries: Sequence[TableSummarizer], verdicts: Sequence[tuple[str, Verdict]]
     ) -> Page:
         assert self.html
         files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)

@@ -17,7 +17,7 @@ from mjrun.plotting.figure_data import Drawing, PanelGrid
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns, with_units
 from mjrun.plotting.figure_writer import FigureWriter, page_svg, require_matplotlib, svg_text
 from mjrun.plotting.html_page import FileManifest, PageFigure
-from mjrun.plotting.table_statistics import TableSummary
+from mjrun.plotting.table_statistics import TableSummarizer
 
 _WORD = re.compile(r"[^/\\\s_-]+")
 
@@ -64,7 +64,7 @@ class TableFigure:
         tables = zip(self._paths, self._readers, strict=True)
         return [FileManifest(path, reader.manifest) for path, reader in tables if reader.manifest]
 
-    def read(self, summaries: Sequence[TableSummary] = ()) -> None:
+    def read(self, summaries: Sequence[TableSummarizer] = ()) -> None:
         """Reads all tables once, for `summaries` too.
 
         Raises:

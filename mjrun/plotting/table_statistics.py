@@ -65,7 +65,7 @@ class ColumnCounter:
         ]
 
 
-class TableSummary:
+class TableSummarizer:
     """A table of which every row is read once.
 
     Args:

@@ -61,10 +61,10 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import clean, concerning, option
 from mjrun.probe import expression as tree
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_rows, shown
-from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
-from mjrun.probe.verdict import PartRowCount, Verdict
+from mjrun.probe.verdict import DecisiveRowCount, Verdict
 
 
 class AlternativeCounter:
@@ -201,11 +201,11 @@ class AssertionChecker:
         return min(self._failures(self._truth), default=None)
 
     @property
-    def _decided(self) -> list[PartRowCount]:
+    def _decided(self) -> list[DecisiveRowCount]:
         """The number of rows that each alternative decides, and that each aggregate with a condition uses."""
         parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
         calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in tree.OF_CONDITIONS]
-        return [PartRowCount(self._text(node), rows) for node, rows in (*parts, *calls)]
+        return [DecisiveRowCount(self._text(node), rows) for node, rows in (*parts, *calls)]
 
     def _digest(self, chunk: RowChunk) -> None:
         with np.errstate(all="ignore"):

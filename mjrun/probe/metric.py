@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
-from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.expression import OF_CONDITIONS, AggregateCall, Expression, walk
+from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.expression import START, AggregateCall, ColumnReference, Expression, NumericExpression, TextMatch, walk
+from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from mjrun.errors import UsageError
 from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
-from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.expression import CONSTANTS, BooleanExpression, Expression, NumericExpression, PreviousValue, walk
+from mjrun.probe.expression_evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 from mjrun.probe.vocabularies import AvailableProbes

@@ -16,7 +16,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, OpenGLContext, require_own_opengl
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
 GEOMS = 10_000  # initial capacity of the scene; it grows

@@ -22,8 +22,8 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.rendering.graph import Graph
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.live_plot import LivePlot
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.text import BACKGROUND, stamp
 from mjrun.rendering.visual import Visual
 
@@ -57,7 +57,7 @@ class Overlay:
     corner: str = "top-left"
     plots: Sequence[tuple[int, int]] = ()
     side: str = "under"
-    graphs: Sequence[Graph] = ()
+    graphs: Sequence[LivePlot] = ()
     times: Sequence[float] = ()
 
     @property

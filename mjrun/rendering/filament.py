@@ -19,7 +19,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker, WorkerEndedError
 

@@ -19,7 +19,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
-from mjrun.rendering.segment_ids import NOTHING, Segmentation
+from mjrun.rendering.segmentation import NOTHING, Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 from mjrun.scene_graph.walk import lit_distance
 

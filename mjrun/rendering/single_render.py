@@ -17,7 +17,7 @@ from mjrun.model.state import restore, save
 from mjrun.options.rendering import VIEWS
 from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
 CACHED = 4  # renderers kept for the next call, in all threads together

@@ -26,7 +26,7 @@ from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
-from mjrun.outputs.labelled_images import AcceptConditions, LabelledObject, labelled_objects
+from mjrun.outputs.labelled_images import AcceptConditions, ObjectToLabel, labelled_objects
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
@@ -36,7 +36,7 @@ from mjrun.simulation.simulation import Simulation, require_simulation, require_
 from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.results import FailureGroup, point_failures, study_table
+from mjrun.study.results import PointFailureGroup, point_failures, study_table
 from mjrun.study.spec import PointResult
 from mjrun.study.study import Study
 from mjrun.version import __version__
@@ -120,7 +120,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             simulation = replace(simulation, model=source)
         return Study(simulation, output=self.output, command=self.command, **values)
 
-    def _check(self, prepared: PreparedStudy, objects: Sequence[LabelledObject]) -> None:
+    def _check(self, prepared: PreparedStudy, objects: Sequence[ObjectToLabel]) -> None:
         """Raises errors that concern all points before the first is rendered."""
         AcceptConditions(self, objects)
         if is_given(self, "samples") and not any("(" in text for _, text in self.vary):
@@ -199,7 +199,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         self,
         study: Study,
         prepared: PreparedStudy,
-        objects: Sequence[LabelledObject],
+        objects: Sequence[ObjectToLabel],
         made: int,
         lost: set[int],
         start: float,
@@ -245,7 +245,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         raise_failures(result, [], FailedPointsError(+statuses) if failed else None)
         return result
 
-    def _objects(self, objects: Sequence[LabelledObject], model: mujoco.MjModel) -> bytes:
+    def _objects(self, objects: Sequence[ObjectToLabel], model: mujoco.MjModel) -> bytes:
         """Returns the list of objects, and of the bodies that part masks distinguish."""
         sites = names(model, "site")
         listed = [
@@ -293,6 +293,6 @@ class DatasetResult:
     objects: Sequence[str]
     categories: Sequence[str]
     statuses: Mapping[str, int]
-    failures: Sequence[FailureGroup]
+    failures: Sequence[PointFailureGroup]
     wall: float
     schema: str = SCHEMA

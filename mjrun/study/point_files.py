@@ -29,7 +29,7 @@ from mjrun.outputs.output import Job, OutputResult
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
-from mjrun.python_code import Sealed
+from mjrun.python_code import SealedCode
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
@@ -124,7 +124,7 @@ class PointKeeper:
     def _contact_sheet(
         self,
         points: Sequence[int],
-        outputs: Mapping[int, "PointOutputs"],
+        outputs: Mapping[int, "PointFileRequest"],
         results: Sequence[PointResult],
         reporter: Reporter,
     ) -> list[str]:
@@ -151,7 +151,7 @@ class PointKeeper:
         ]
         return [str(file) for file in write_contact_sheet(path, cells, options.fps, options.speed)]
 
-    def _outputs(self, index: int, result: PointResult) -> "PointOutputs":
+    def _outputs(self, index: int, result: PointResult) -> "PointFileRequest":
         prepared = self._prepared
         simulation = prepared.spec.simulation(prepared.points.points[index])
         if result.status == "unstable":
@@ -166,7 +166,7 @@ class PointKeeper:
         }
         folder = Path(prepared.folder.path(FOLDER)) / f"{index:06}"
         key, every = prepared.keys[index], prepared.spec.every
-        return PointOutputs(folder, simulation, key, self.kinds, self._options, every, facts)
+        return PointFileRequest(folder, simulation, key, self.kinds, self._options, every, facts)
 
 
 def _probes(options: KeepOptions, prepared: PreparedStudy) -> Sequence[str]:
@@ -248,7 +248,7 @@ def _count_and_metric(name: str, index: int, text: str, metrics: Sequence[str]) 
 
 
 @dataclass(frozen=True)
-class PointOutputs:
+class PointFileRequest:
     """Files to make of a point: a picklable value.
 
     Attributes:
@@ -336,19 +336,19 @@ class PointOutputs:
 class PointFileServer:
     """Server of a process that makes the files of a point."""
 
-    def make(self, sealed: Sealed) -> None:
-        """Makes the missing files of sealed `PointOutputs`."""
-        outputs = cast("PointOutputs", sealed.open())
+    def make(self, sealed: SealedCode) -> None:
+        """Makes the missing files of sealed `PointFileRequest`."""
+        outputs = cast("PointFileRequest", sealed.open())
         snapshot = outputs.simulation.snapshot
         with snapshot.original_names_in_errors() if snapshot else contextlib.nullcontext():
             outputs.make()
 
 
-def make_isolated(outputs: PointOutputs) -> str:
+def make_isolated(outputs: PointFileRequest) -> str:
     """Makes the files of a point in a separate process; returns the reason of a failure, empty on success."""
     with contextlib.closing(Worker("mjrun.study.point_files:PointFileServer", environment={})) as worker:
         try:
-            worker.ask("make", Sealed.of(outputs, outputs.simulation.code))
+            worker.ask("make", SealedCode.of(outputs, outputs.simulation.code))
         except WorkerEndedError as error:
             return f"the process that simulated it {error}"
         except MjrunError as error:

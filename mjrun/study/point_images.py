@@ -12,7 +12,7 @@ from mjrun.errors import UsageError, listing
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.model.variants import VariantLoader
 from mjrun.options.dataset import CAMERA
-from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectView, labelled_objects
+from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectAnnotation, labelled_objects
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.dataset_specs import ImageSpec, camera_argument, part_of, record_path
@@ -121,7 +121,7 @@ def record(number: int, image: LabelledImage, files: Mapping[str, str]) -> dict[
     }
 
 
-def _object(index: int, view: ObjectView) -> dict[str, Any]:
+def _object(index: int, view: ObjectAnnotation) -> dict[str, Any]:
     region = view.region
     return {
         "id": index + 1,

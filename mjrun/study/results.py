@@ -78,7 +78,7 @@ def table_bytes(design: Design, metrics: int) -> int:
 
 
 @dataclass(frozen=True)
-class FailureGroup:
+class PointFailureGroup:
     """Points that failed for one reason.
 
     Attributes:
@@ -96,7 +96,7 @@ class FailureGroup:
     values: Mapping[str, str]
 
 
-def point_failures(points: Design, results: ResultColumns) -> list[FailureGroup]:
+def point_failures(points: Design, results: ResultColumns) -> list[PointFailureGroup]:
     """Groups failures by reason, the most frequent first."""
     groups = dict[tuple[str, str], tuple[int, int, str]]()
     for status, message, count, first in results.endings:
@@ -106,7 +106,7 @@ def point_failures(points: Design, results: ResultColumns) -> list[FailureGroup]
         groups[reason] = before + count, min(first, first_before), message
     ordered = sorted(groups.items(), key=lambda item: (-item[1][0], item[1][1]))
     return [
-        FailureGroup(status, message, count, first, points.values(first))
+        PointFailureGroup(status, message, count, first, points.values(first))
         for (status, _), (count, first, message) in ordered
     ]
 

@@ -25,7 +25,7 @@ from mjrun.experiment.results_table import (
     plain_metrics,
     raise_failures,
 )
-from mjrun.experiment.sample_designs import SAMPLES
+from mjrun.experiment.samplers import SAMPLES
 from mjrun.experiment.sensitivity import MetricSensitivity
 from mjrun.experiment.statistics import CONFIDENCE
 from mjrun.formats.atomic_output import OutputWriter, publish_together
@@ -48,7 +48,7 @@ from mjrun.study.point_files import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import (
     REPEAT_FILES,
-    FailureGroup,
+    PointFailureGroup,
     RepeatMeans,
     RepeatSummary,
     point_failures,
@@ -306,7 +306,7 @@ class StudyResult:
     simulated: int
     statuses: Mapping[str, int]
     metrics: Mapping[str, "MetricSummary"]
-    failures: Sequence[FailureGroup]
+    failures: Sequence[PointFailureGroup]
     assertions: Sequence[Verdict]
     files: Sequence[str]
     wall: float

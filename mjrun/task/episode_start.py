@@ -16,7 +16,7 @@ from mjrun.physics.kinematic_samples import quaternions
 from mjrun.physics.random_distribution import draw_numbers, draw_text
 from mjrun.probe.fields import field_probe
 from mjrun.task.batch_columns import as_slice
-from mjrun.task.command_signals import MODEL, START, stream
+from mjrun.task.random_streams import MODEL, START, stream
 from mjrun.task.task import Reset
 
 FIELDS = ("qpos", "qvel", "act", "ctrl")  # fields of the initial state that can be random

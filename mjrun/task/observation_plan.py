@@ -19,8 +19,8 @@ from mjrun.probe.fields import MATRIX, VECTOR, field_probe
 from mjrun.probe.select import select
 from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_value
 from mjrun.task.action_map import spread
-from mjrun.task.command_signals import CommandSignals, ObservationNoise
 from mjrun.task.expressions import ACTION, COMMAND, Inputs
+from mjrun.task.random_streams import CommandSignals, ObservationNoise
 from mjrun.task.task import Observation
 
 WAVES = ("sin", "cos")

@@ -41,12 +41,12 @@ from mjrun.task.batch_columns import (
     SourceWithSensors,
     can_sense,
 )
-from mjrun.task.command_signals import CommandSignals
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
 from mjrun.task.mjdata_batch import MjDataBatch
 from mjrun.task.observation_plan import ObservationPlan, ObservationVector, ObservedNumber
+from mjrun.task.random_streams import CommandSignals
 from mjrun.task.task import Task
 from mjrun.timeline import rational
 

@@ -12,7 +12,7 @@ import pytest
 from mujoco.batch import Batch
 
 from mjrun.bench.baseline import BaselineComparison
-from mjrun.bench.block_timing import BatchRoller, Clock
+from mjrun.bench.block_timing import BatchRolloutTimer, Clock
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UsageError
 from mjrun.model.override import Override
@@ -37,10 +37,10 @@ def base(path: Path, simulated: None) -> Path:
 @pytest.fixture
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes steps take the time of a `SimulatedMachine`, if that is the clock of the benchmark."""
-    rollout, seconds = Batch.rollout, BatchRoller.seconds
+    rollout, seconds = Batch.rollout, BatchRolloutTimer.seconds
     clocks: list[Clock] = []
 
-    def timed(self: BatchRoller, steps: int, block: int, clock: Clock) -> np.ndarray:
+    def timed(self: BatchRolloutTimer, steps: int, block: int, clock: Clock) -> np.ndarray:
         clocks[:] = [clock]
         return seconds(self, steps, block, clock)
 
@@ -49,7 +49,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
             clocks[0].took(self, nstep)
         return rollout(self, nstep, *arguments, **settings)
 
-    monkeypatch.setattr(BatchRoller, "seconds", timed)
+    monkeypatch.setattr(BatchRolloutTimer, "seconds", timed)
     monkeypatch.setattr(Batch, "rollout", counted)
 
 

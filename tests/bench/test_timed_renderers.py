@@ -18,7 +18,7 @@ from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
 SIZE = (64, 48)

@@ -13,7 +13,7 @@ import pytest
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.grid_timing import noisy_controls
-from mjrun.bench.step_timing import WarpOptions, WarpRoller
+from mjrun.bench.step_timing import WarpOptions, WarpRolloutTimer
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from tests.bench.bench_clocks import BlockClock, FakeClock
@@ -214,7 +214,7 @@ def warp() -> WarpOptions:
 
 
 @pytest.fixture(scope="module")
-def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRoller]:
+def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRolloutTimer]:
     """Returns worlds that have taken their first step, since compiling takes most of the time."""
     run = run_of()
     roller = warp.open(run)
@@ -225,7 +225,7 @@ def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRoller]:
 @pytest.mark.parametrize("steps", [FALLEN, FALLING])
 @pytest.mark.slow
 def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
-    pushed: tuple[RolloutInputs, WarpRoller], steps: int
+    pushed: tuple[RolloutInputs, WarpRolloutTimer], steps: int
 ) -> None:
     run, worlds = pushed
     worlds.seconds(steps, 10, BlockClock(*[1.0] * 5))
@@ -237,14 +237,14 @@ def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
 
 
 def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(
-    pushed: tuple[RolloutInputs, WarpRoller],
+    pushed: tuple[RolloutInputs, WarpRolloutTimer],
 ) -> None:
     clock = BlockClock(1.0, 2.0, 4.0)
     assert pushed[1].seconds(5, 2, clock).tolist() == [1.0, 2.0, 4.0]
     assert clock.readings == 6
 
 
-def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, WarpRoller]) -> None:
+def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, WarpRolloutTimer]) -> None:
     run, worlds = pushed
     data, contacts, constraints = run.data(), 0, 0
     for _ in range(FALLEN):

@@ -4,31 +4,31 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mjrun.check.check import _of_original
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.fixing import Fixing, changed_fields
-from mjrun.check.rule import Copy, FixOutcome, ModelResult
+from mjrun.check.rule import FixOutcome, ModelCopy, ModelResult
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
-from mjrun.check.worker_pool import WorkerTask
+from mjrun.check.worker_pool import CheckRequest
 from mjrun.errors import ModelError
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.xml_source import read_xml
 
 
-def lint(model: str, copy: Copy | None = None, *, unsafe: bool = False) -> FixOutcome:
+def lint(model: str, copy: ModelCopy | None = None, *, unsafe: bool = False) -> FixOutcome:
     """Checks a model, or a copy of it."""
     path = copy.path if copy else Path(model)
     source = read_xml(path)
     changes = None
     try:
         with collected_warnings():
-            context = LintContext.load(path, source)
+            context = CheckContext.load(path, source)
     except ModelError as error:
         found, loads = explain(error, source), False
     else:
         context.unsafe, loads, context.home = unsafe, True, Path(model).absolute().parent
         found = [*ignored_xml(source), *(finding for code in RULES for finding in apply(code, context))]
         changes = changed_fields(copy.original, context.model) if copy else None
-    task = WorkerTask(str(path), (), 0, 0, 0, model=model, root=str(copy.root) if copy else "")
+    task = CheckRequest(str(path), (), 0, 0, 0, model=model, root=str(copy.root) if copy else "")
     return FixOutcome(ModelResult(model, loads, tuple(_of_original(finding, task) for finding in found)), changes)
 
 

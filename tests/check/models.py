@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mjrun.check.check import CheckResult, ModelCheck, ModelResult
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.errors import ModelError
@@ -40,7 +40,7 @@ def lint_file(path: Path, codes: Collection[str] = RULES.keys()) -> list[Finding
     """What is found in the model `path`."""
     source = read_xml(path)
     try:
-        context = LintContext.load(path, source)
+        context = CheckContext.load(path, source)
     except ModelError as error:
         return explain(error, source)
     return [*ignored_xml(source), *(finding for code in RULES if code in codes for finding in apply(code, context))]

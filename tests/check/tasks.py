@@ -7,7 +7,7 @@ from pathlib import Path
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.task_checker import TaskChecker
-from mjrun.check.worker_pool import WorkerTask
+from mjrun.check.worker_pool import CheckRequest
 from mjrun.document.task import read_task
 
 READER = f"{read_task.__module__}:{read_task.__name__}"
@@ -29,7 +29,7 @@ def checked(text: str = "", *, head: str = HEAD, policy: str = "", steps: int = 
     Path("slider.xml").write_text(SLIDER)
     Path("t.yaml").write_text(head + text)
     channel = StringIO()
-    task = WorkerTask("t.yaml", sorted(RULES), steps, 60, 99999, READER, policy)
+    task = CheckRequest("t.yaml", sorted(RULES), steps, 60, 99999, READER, policy)
     TaskChecker(task, channel).run()
     messages = [json.loads(line) for line in channel.getvalue().splitlines()]
     assert messages[-1] == {"done": True}

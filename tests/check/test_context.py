@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.model.xml_source import read_xml
@@ -23,14 +23,14 @@ def test_a_mesh_without_a_name_is_at_the_line_of_its_file_in_an_included_model()
     write("yes.obj", MESH)
     geom = '<geom type="mesh" mesh="yes"/>'
     path = Path(write("model.xml", mjcf(f"<body><joint/>{geom}</body>", before='<include file="part.xml"/>')))
-    place = LintContext.load(path, read_xml(path)).place("mesh", 0)
+    place = CheckContext.load(path, read_xml(path)).place("mesh", 0)
     assert (place.file, place.line) == (Path("part.xml"), 2)
 
 
 def test_objects_without_names_on_one_line_are_told_apart_by_their_order() -> None:
     joints = '<joint range="0 1"/><joint axis="1 0 0" range="0 2"/>'
     path = Path(write("model.xml", mjcf(f'<body>{joints}<geom size="1"/><body>{joints}<geom size="1"/></body></body>')))
-    context = LintContext.load(path, read_xml(path))
+    context = CheckContext.load(path, read_xml(path))
     elements = [context.element("joint", i) for i in range(context.model.njnt)]
     assert [each and each.attributes["range"].split()[1] for each in elements] == ["1", "2"] * 2
     assert len({id(each) for each in elements}) == 4
@@ -39,7 +39,7 @@ def test_objects_without_names_on_one_line_are_told_apart_by_their_order() -> No
 def reversed_ranges(text: str) -> list[Finding]:
     """All findings of MJ302, which a check merges."""
     path = Path(write("model.xml", text))
-    return list(RULES["MJ302"].findings(LintContext.load(path, read_xml(path))))
+    return list(RULES["MJ302"].findings(CheckContext.load(path, read_xml(path))))
 
 
 def test_what_is_attached_is_told_where_the_model_attaches_it_with_its_origin() -> None:

@@ -9,8 +9,8 @@ import mujoco
 import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
-from mjrun.check.rule import NOT_CERTAIN, Copy, FixOutcome
-from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.check.rule import NOT_CERTAIN, FixOutcome, ModelCopy
+from mjrun.check.worker_pool import CheckProcesses, CheckRequest, WorkerOutput
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option
 from tests.check import fixes
@@ -143,7 +143,7 @@ def test_a_file_that_changes_meanwhile_is_left_alone(monkeypatch: pytest.MonkeyP
     model = write("model.xml", text := hinged(SWAPPED))
     check = fixes.lint
 
-    def changing(name: str, copy: Copy | None = None, **options: bool) -> FixOutcome:
+    def changing(name: str, copy: ModelCopy | None = None, **options: bool) -> FixOutcome:
         write(model, f"{text}<!-- new -->")
         return check(name, copy, **options)
 
@@ -222,7 +222,7 @@ def test_reasons_name_options_as_the_caller_does() -> None:
 def test_safe_fixes_go_on_if_unsafe_ones_take_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
     run = CheckProcesses.run
 
-    def late(self: CheckProcesses, task: WorkerTask) -> WorkerOutput:
+    def late(self: CheckProcesses, task: CheckRequest) -> WorkerOutput:
         if task.unsafe:
             return WorkerOutput([{"stage": "applying MJ506"}], ExitStatus(-9, "time"), "")
         return run(self, task)

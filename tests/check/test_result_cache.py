@@ -12,13 +12,13 @@ from mjrun import file_version
 from mjrun.check import check
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.check_itself import TIMEOUT
-from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.check.worker_pool import CheckProcesses, CheckRequest, WorkerOutput
 from mjrun.child_process import ExitStatus
 from mjrun.formats.user_cache import VARIABLE, FileDigests
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
 
 DONE = ({"loaded": True}, {"done": True})
-TASK = WorkerTask("a.xml", ["MJ302"], 0, 60, 1024)
+TASK = CheckRequest("a.xml", ["MJ302"], 0, 60, 1024)
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def key(task: WorkerTask = TASK) -> str:
+def key(task: CheckRequest = TASK) -> str:
     return ResultCache({"mujoco": "4.0.0"}).key(task)
 
 
@@ -196,7 +196,7 @@ def test_an_unchanged_model_is_not_checked_again(monkeypatch: pytest.MonkeyPatch
     write("a.xml", PASSIVE.format('range="2 1"'))
     first = checked("a.xml")
 
-    def refuse(_: CheckProcesses, task: WorkerTask) -> WorkerOutput:
+    def refuse(_: CheckProcesses, task: CheckRequest) -> WorkerOutput:
         started.append(task.path)
         return WorkerOutput(DONE, ExitStatus(0), "")
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding, Place, Rule, Violation, rule, short_path
 from mjrun.model.xml_source import Element, read_xml
 from tests.check.models import FINE, write
@@ -12,14 +12,14 @@ PLAIN = Rule("MJ999", "warning", "a title")
 
 
 @rule("MJ998", "note", "geoms")
-def geoms(context: LintContext) -> Iterator[Violation]:
+def geoms(context: CheckContext) -> Iterator[Violation]:
     yield context.violation("geom", 0, "first", "remedy")
     yield context.violation("geom", 0, "second", "remedy", "error")
 
 
 def test_a_decorated_function_is_a_rule_whose_findings_have_its_code_and_severity() -> None:
     path = Path(write("a.xml", FINE))
-    findings = list(geoms.findings(LintContext.load(path, read_xml(path))))
+    findings = list(geoms.findings(CheckContext.load(path, read_xml(path))))
     assert (geoms.code, geoms.severity, geoms.title) == ("MJ998", "note", "geoms")
     assert findings == [
         Finding("MJ998", "note", "first", "a.xml", 6, "geom 'g'", "remedy"),
@@ -29,7 +29,7 @@ def test_a_decorated_function_is_a_rule_whose_findings_have_its_code_and_severit
 
 def test_a_rule_without_a_function_finds_nothing_in_a_model_that_loads() -> None:
     path = Path(write("a.xml", FINE))
-    assert list(PLAIN.findings(LintContext.load(path, read_xml(path)))) == []
+    assert list(PLAIN.findings(CheckContext.load(path, read_xml(path)))) == []
 
 
 def test_a_finding_has_the_place_of_its_element_or_is_about_the_whole_model() -> None:

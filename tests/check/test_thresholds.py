@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.check.catalogue import Thresholds, threshold_values
 from mjrun.check.check import ModelCheck
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule_table import apply
 from mjrun.errors import UsageError
 from mjrun.model.xml_source import read_xml
@@ -23,7 +23,7 @@ def test_a_rule_reports_what_exceeds_its_threshold() -> None:
 
     def is_reported(depth: float) -> bool:
         thresholds = Thresholds(penetration=depth, penetration_share=0.01)
-        return bool(apply("MJ501", LintContext.load(path, source, thresholds), iter))
+        return bool(apply("MJ501", CheckContext.load(path, source, thresholds), iter))
 
     assert [is_reported(depth) for depth in (0.0049, 0.0051)] == [True, False]
 
@@ -33,7 +33,7 @@ def test_every_threshold_decides_about_a_case_of_its_rule(each: "Field[float]") 
     code, default = each.metadata["code"], getattr(Thresholds(), each.name)
 
     def found(value: float) -> list[tuple[str, str]]:
-        context = LintContext.load(path, read_xml(path), Thresholds(**{each.name: value}))
+        context = CheckContext.load(path, read_xml(path), Thresholds(**{each.name: value}))
         return [(finding.message, finding.severity) for finding in apply(code, context)]
 
     for case in (case for case in CASES if case["rule"] == code):

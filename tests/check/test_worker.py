@@ -7,12 +7,12 @@ from io import StringIO
 
 import pytest
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Violation
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker import Checker, ModelChecker
-from mjrun.check.worker_pool import WorkerTask
+from mjrun.check.worker_pool import CheckRequest
 from tests.check.models import PASSIVE, write
 
 
@@ -20,7 +20,7 @@ class Failing(Checker):
     """Finds one thing, and fails then."""
 
     def __init__(self, error: Exception | None) -> None:
-        super().__init__(WorkerTask("a.xml", [], 0, 60, 99999), StringIO())
+        super().__init__(CheckRequest("a.xml", [], 0, 60, 99999), StringIO())
         self.error = error
 
     def check(self) -> None:
@@ -54,13 +54,13 @@ def test_any_other_fault_ends_the_process() -> None:
 def test_a_fault_of_a_rule_is_a_finding_and_the_other_rules_look_on(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def broken(context: LintContext) -> Iterator[Violation]:
+    def broken(context: CheckContext) -> Iterator[Violation]:
         raise ZeroDivisionError("planted")
 
     monkeypatch.setitem(RULES, "MJ201", replace(RULES["MJ201"], violations=broken))
     channel = StringIO()
     ModelChecker(
-        WorkerTask(write("a.xml", PASSIVE.format('range="2 1"')), ["MJ201", "MJ302"], 0, 60, 9999), channel
+        CheckRequest(write("a.xml", PASSIVE.format('range="2 1"')), ["MJ201", "MJ302"], 0, 60, 9999), channel
     ).run()
     messages = [json.loads(line) for line in channel.getvalue().splitlines()]
     findings = [message["finding"] for message in messages if "finding" in message]

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mjrun.check import worker_pool
-from mjrun.check.worker_pool import CheckProcess, CheckProcesses, TaskQueue, WorkerTask
+from mjrun.check.worker_pool import CheckProcess, CheckProcesses, CheckQueue, CheckRequest
 from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
 from tests.processes import PATIENCE
@@ -38,7 +38,7 @@ def test_a_thread_goes_on_with_the_folder_of_its_last_model_and_each_model_is_ta
 ) -> None:
     thread = SimpleNamespace(Lock=worker_pool.threading.Lock, get_ident=lambda: number)
     monkeypatch.setattr(worker_pool, "threading", thread)
-    queue = TaskQueue([WorkerTask(path, (), 0, 1, 1) for path in ("a/1", "a/2", "b/3", "a/4", "c", "b/6")])
+    queue = CheckQueue([CheckRequest(path, (), 0, 1, 1) for path in ("a/1", "a/2", "b/3", "a/4", "c", "b/6")])
     taken = [[], []]
     for number in (0, 1, 0, 1, 1, 0):
         place, task = queue.take()
@@ -50,7 +50,7 @@ def test_a_thread_goes_on_with_the_folder_of_its_last_model_and_each_model_is_ta
 def test_workers_that_were_ended_start_no_more() -> None:
     workers = CheckProcesses()
     workers.end()
-    assert workers.run(WorkerTask("a.xml", (), 0, 1, 1)).messages == ()
+    assert workers.run(CheckRequest("a.xml", (), 0, 1, 1)).messages == ()
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_another_process_starts_if_the_models_that_are_left_take_longer_than_its
 @pytest.mark.skipif(not system.CAN_FORK_LATE, reason="each process checks one model there")
 def test_one_process_checks_models_until_one_crashes_it_and_says_why() -> None:
     write("a.xml", PASSIVE.format(""))
-    task = WorkerTask("a.xml", (), 0, PATIENCE, 1024)
+    task = CheckRequest("a.xml", (), 0, PATIENCE, 1024)
     workers = CheckProcesses()
     broken = replace(task, path=write("a.yaml", ""), reader="missing_module:read")
     outputs = [workers.run(each) for each in (task, task, broken, task)]
@@ -97,7 +97,7 @@ def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
     body = '<freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/>'
     mesh = '<asset><mesh name="m" file="m.obj"/></asset>'
     write("a.xml", f"<mujoco>{mesh}<worldbody><body>{body}</body></worldbody></mujoco>")
-    task = WorkerTask("a.xml", ("MJ207",), 0, PATIENCE, 1024, root=str(Path.cwd()), original="a.xml")
+    task = CheckRequest("a.xml", ("MJ207",), 0, PATIENCE, 1024, root=str(Path.cwd()), original="a.xml")
     workers, severities = CheckProcesses(), list[str]()
     for size in ("1", ".01"):
         corners = f"v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}"
@@ -114,7 +114,7 @@ def test_a_slow_fix_is_reported_and_has_more_time_than_a_check() -> None:
     for is_slow, ends in ((True, []), (False, ["time"])):
         messages = iter([{"stage": "decomposing mesh 'm'", "is_slow": is_slow}, {"exit": 0}])
         process._next_message = messages.__next__  # type: ignore[method-assign]
-        assert process.run(WorkerTask("a.xml", (), 0, -1, 1024, model="a.xml"), notes.append).exit.code == 0
+        assert process.run(CheckRequest("a.xml", (), 0, -1, 1024, model="a.xml"), notes.append).exit.code == 0
         assert killed == ends
     assert notes == ["a.xml: decomposing mesh 'm'"]
     del process._process.kill

@@ -26,7 +26,7 @@ from mjrun.options.setting_kinds import VariedSettings
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, Limits, RandomValue, Schedule, TaskOptions, VectorOrKey
-from mjrun.rendering.segment_ids import groupings
+from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import flags, frames, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
 from tests.document.schema_oracle import fits
@@ -79,7 +79,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.just("auto") | st.integers(1, 99)
         case number_kinds.Groups():
             return st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])
-        case kinds.Key():
+        case kinds.NameOrIndex():
             return names | st.integers(0, 9)
         case kinds.File():
             return FILES

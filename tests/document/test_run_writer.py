@@ -26,7 +26,7 @@ from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
-from mjrun.rendering.segment_ids import groupings
+from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.text import CORNERS
 from mjrun.rendering.visual import flags
 from mjrun.simulation.simulation import Simulation

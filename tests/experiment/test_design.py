@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError, MjrunError, UsageError
 from mjrun.experiment.design import Design, _sampled, design, value_list
-from mjrun.experiment.sample_designs import SAMPLERS, SAMPLES
+from mjrun.experiment.samplers import SAMPLERS, SAMPLES
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
 from mjrun.physics.random_distribution import Distribution

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from mjrun.experiment.sample_designs import LEVELS, SAMPLES, STEP, morris, saltelli
+from mjrun.experiment.samplers import LEVELS, SAMPLES, STEP, morris, saltelli
 from mjrun.experiment.sensitivity import Estimate, elementary_effects, sensitivities, sensitivity_table, sobol_indices
 
 

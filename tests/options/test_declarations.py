@@ -37,7 +37,7 @@ from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import PLOT_SIDES, VideoOptions
 from mjrun.options.viewer import ViewerOptions
 from mjrun.outputs.format_lists import with_formats
-from mjrun.rendering.graph import graph_size
+from mjrun.rendering.live_plot import graph_size
 from mjrun.study.executors import ENGINES
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, SimulationCommandOptions, ConsoleOptions)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Key, Kind, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, File, Flag, Kind, NameOrIndex, Several, Text, optional
 from mjrun.options.number_kinds import (
     GROUPS,
     ExactNumber,
@@ -55,7 +55,7 @@ from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Setting
         (Groups(), "all", GROUPS),
         (Groups(), "none", ()),
         (Groups(), [2, 0], (2, 0)),
-        (Key(), 3, "3"),
+        (NameOrIndex(), 3, "3"),
         (File(), Path("a/b.npz"), "a/b.npz"),
         (File(written=True, streamed=True), "-", "-"),
         (CameraKind(), 0, "0"),

@@ -25,7 +25,7 @@ from mjrun.options.rendering import (
 from mjrun.rendering import backend, text
 from mjrun.rendering.compositor import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering.compositor import columns
-from mjrun.rendering.segment_ids import groupings
+from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import GROUPS, Visual, flags, frames, labels
 
 OPTIONS = {each.name: each for each in options_of(ViewOptions)}

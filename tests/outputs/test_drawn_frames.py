@@ -26,8 +26,8 @@ from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import RENDERERS
-from mjrun.rendering.graph import graph_size
-from mjrun.rendering.segment_ids import check_segmentation_name, groupings
+from mjrun.rendering.live_plot import graph_size
+from mjrun.rendering.segmentation import check_segmentation_name, groupings
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation

@@ -10,7 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.state import save
 from mjrun.options.dataset import LabelOptions
 from mjrun.outputs.labelled_images import AcceptConditions, LabelledImage, LabelledRenderer, labelled_objects
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.single_render import render
 
 SIZE = (160, 120)

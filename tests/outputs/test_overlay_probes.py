@@ -14,7 +14,7 @@ from mjrun.outputs.drawn_frames import BUILTIN, DEFAULT_FORMAT, empty_overlay, o
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.compositor import Overlay
-from mjrun.rendering.graph import Graph, aligned, graph_size
+from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
@@ -70,7 +70,7 @@ def test_texts_and_graphs_hold_the_values_of_a_bare_loop(swing: Path) -> None:
     for table, values in zip(probes.tables[1:], np.split(np.array(curves), [2], axis=1), strict=True):
         columns = table.columns[1:]
         names, units = [column.name for column in columns], [column.unit for column in columns]
-        graphs.append(Graph(times, values, names, units, size))
+        graphs.append(LivePlot(times, values, names, units, size))
     for graph, expected in zip(overlay.graphs, aligned(graphs), strict=True):
         assert np.array_equal(graph.draw(0.08), expected.draw(0.08))
 

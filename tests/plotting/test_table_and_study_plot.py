@@ -18,7 +18,7 @@ from mjrun.options.plot import FigureOptions
 from mjrun.options.trace import UNIT_PLACES
 from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 from mjrun.plotting.table_figure import TableFigure, table_names
-from mjrun.plotting.table_statistics import TableSummary
+from mjrun.plotting.table_statistics import TableSummarizer
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 from tests.cases import cases
@@ -227,7 +227,7 @@ def test_columns_that_nobody_asks_for_may_hold_anything(tmp_path: Path) -> None:
     file.write_text("time,a,b,name\n0,1,2,x\n1,3,4,y\n")
     with ExitStack() as stack:
         figure = TableFigure([str(file)], FigureOptions(y=["a"]), stack)
-        summary = TableSummary(str(file), figure.units[str(file)], ["a"], ["max(b) == 4"])
+        summary = TableSummarizer(str(file), figure.units[str(file)], ["a"], ["max(b) == 4"])
         figure.read([summary])
         assert figure.rows == [2]
     assert [verdict.passed for verdict in summary.verdicts()] == [True]

@@ -6,17 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.plotting.table_statistics import ColumnCounter, TableSummary
+from mjrun.plotting.table_statistics import ColumnCounter, TableSummarizer
 
 UNITS = {"time": "s", "a": "m", "a/b": "", "c": "N"}
 ROWS = np.random.default_rng(0).normal(size=(50, 4))
 
 
-def summary(columns: list[str] | None, *assertions: str) -> TableSummary:
-    return TableSummary("run.csv", UNITS, columns, assertions)
+def summary(columns: list[str] | None, *assertions: str) -> TableSummarizer:
+    return TableSummarizer("run.csv", UNITS, columns, assertions)
 
 
-def fed(table: TableSummary, *cuts: int) -> TableSummary:
+def fed(table: TableSummarizer, *cuts: int) -> TableSummarizer:
     for block in np.split(ROWS, cuts):
         table.feed(dict(zip(UNITS, block.T, strict=True)))
     return table

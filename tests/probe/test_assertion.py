@@ -201,7 +201,7 @@ MODULES = (
     "row_expression",
     "aggregate",
     "expression",
-    "evaluation",
+    "expression_evaluation",
     "parser",
     "scanner",
 )

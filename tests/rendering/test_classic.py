@@ -16,7 +16,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from tests.conftest import SWING
 

@@ -19,7 +19,7 @@ from mjrun.rendering.added_geoms import Decoration, Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor, compose
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
 

@@ -26,7 +26,7 @@ from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from tests.cases import cases
 

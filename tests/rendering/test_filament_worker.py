@@ -14,7 +14,7 @@ from mjrun.camera.script_poses import CameraMotion
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.filament_worker import planar_depth
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.rendering.segment_ids import DRAWN, Segmentation, groupings
+from mjrun.rendering.segmentation import DRAWN, Segmentation, groupings
 
 MODEL = mujoco.MjModel.from_xml_string(
     """

@@ -14,7 +14,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import DrawError, UnknownNameError, UsageError
-from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.single_render import CACHED
 
 SIZE = (48, 32)

@@ -16,13 +16,13 @@ from mjrun.options.sweep import KEPT, KeepOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_files
-from mjrun.study.point_files import PointChoice, PointOutputs, keep_options, make_isolated, up_to
+from mjrun.study.point_files import PointChoice, PointFileRequest, keep_options, make_isolated, up_to
 from mjrun.study.study import Study
 
 
-def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointOutputs:
+def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointFileRequest:
     kept = KeepOptions(**options)  # type: ignore[arg-type]
-    return PointOutputs(folder, ball, key, kinds, kept, 2, {"values": {"seed": "1"}})
+    return PointFileRequest(folder, ball, key, kinds, kept, 2, {"values": {"seed": "1"}})
 
 
 def test_a_trace_is_that_of_the_simulation_alone(ball: Simulation, tmp_path: Path) -> None:

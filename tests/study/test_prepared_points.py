@@ -10,7 +10,7 @@ import pytest
 from mjrun.experiment.design import Design
 from mjrun.model.source import Source
 from mjrun.options.sweep import ExecutionOptions
-from mjrun.python_code import Sealed
+from mjrun.python_code import SealedCode
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.prepared_points import PreparedPoints
@@ -40,7 +40,7 @@ class Squares:
 class PreparedSquares(PreparedPoints):
     def __init__(self, folder: Path, numbers: Sequence[int]) -> None:
         spec, snapshot = Squares(), InputSnapshot.empty()
-        shipped = ShippedStudy(Sealed.of(spec, [Squares]), 1, snapshot)
+        shipped = ShippedStudy(SealedCode.of(spec, [Squares]), 1, snapshot)
         super().__init__(spec, Design(("x",), [(str(x),) for x in numbers]), shipped, folder, ["square"])
 
     def _keys(self, indices: Sequence[int] | np.ndarray) -> list[str]:

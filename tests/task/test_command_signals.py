@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.task.command_signals import COMMANDS, CommandSignals, stream
+from mjrun.task.random_streams import COMMANDS, CommandSignals, stream
 from mjrun.task.task import Command
 
 DT = Fraction(1, 10)

@@ -9,9 +9,9 @@ from mjrun.model import state
 from mjrun.model.sources import parse_source
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from mjrun.physics.random_distribution import draw_numbers
-from mjrun.task.command_signals import MODEL as MODEL_STREAM
-from mjrun.task.command_signals import START, stream
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
+from mjrun.task.random_streams import MODEL as MODEL_STREAM
+from mjrun.task.random_streams import START, stream
 from mjrun.task.task import Reset
 
 MODEL = mujoco.MjModel.from_xml_string(

@@ -8,9 +8,9 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.probe.task_expression import TaskColumns
-from mjrun.task.command_signals import BLOCK, OBSERVATIONS, CommandSignals, stream
 from mjrun.task.expressions import Inputs
 from mjrun.task.observation_plan import ObservationPlan, ObservationVector
+from mjrun.task.random_streams import BLOCK, OBSERVATIONS, CommandSignals, stream
 from mjrun.task.task import Command, Observation
 
 MODEL = mujoco.MjModel.from_xml_string(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjrun.task.command_signals import BLOCK, COMMANDS, OBSERVATIONS, START, ObservationNoise, stream
+from mjrun.task.random_streams import BLOCK, COMMANDS, OBSERVATIONS, START, ObservationNoise, stream
 
 
 @pytest.mark.parametrize("seed", [0, 5, 2**31, 2**32 - 1, 2**32, 2**70])

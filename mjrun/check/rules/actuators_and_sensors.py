@@ -8,7 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.context import OWNERS, LintContext
+from mjrun.check.context import OWNERS, CheckContext
 from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.symmetry import other_side
 from mjrun.model.names import JOINT_TRANSMISSIONS, KIND_OF, KINDS, SCALAR_JOINTS
@@ -35,7 +35,7 @@ TRANSMISSIONS = {
 
 
 @rule("MJ312", "warning", "force that adds energy")
-def negative_springs(context: LintContext) -> Iterator[Violation]:
+def negative_springs(context: CheckContext) -> Iterator[Violation]:
     """Yields joints, tendons and servos that push away from their rest position, or along their velocity."""
     model = context.model
     affine = model.actuator_biastype == AFFINE
@@ -75,7 +75,7 @@ class Servo(NamedTuple):
 
 
 @rule("MJ306", "note", "servo beyond its joint")
-def servos_beyond_joints(context: LintContext) -> Iterator[Violation]:
+def servos_beyond_joints(context: CheckContext) -> Iterator[Violation]:
     """Yields servos whose control range exceeds the range of their joint by a tenth; the worst of each unit.
 
     It is a warning from five times the range on, as if degrees were meant.
@@ -96,7 +96,7 @@ def servos_beyond_joints(context: LintContext) -> Iterator[Violation]:
             yield _beyond(context, worst, excesses[worst], len(servos) - 1, severity)
 
 
-def _beyond(context: LintContext, servo: Servo, excess: float, others: int, severity: str) -> Violation:
+def _beyond(context: CheckContext, servo: Servo, excess: float, others: int, severity: str) -> Violation:
     model = context.model
     low, high = model.jnt_range[servo.joint]
     start, end = servo.limits
@@ -115,7 +115,7 @@ def _beyond(context: LintContext, servo: Servo, excess: float, others: int, seve
 
 
 @rule("MJ307", "warning", "servo too stiff for the timestep")
-def servos_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
+def servos_too_stiff_for_timestep(context: CheckContext) -> Iterator[Violation]:
     """Yields servos that oscillate or brake faster than the timestep resolves; the worst of both kinds.
 
     The inertia of a joint is at most its entry in the inertia matrix at the start, for which h √(kp/M) is the phase of
@@ -142,7 +142,7 @@ def servos_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
         yield _too_stiff(context, worst, message, f"kv of at most {limits[0]:.3g}", limits[1], len(braking) - 1)
 
 
-def _too_stiff(context: LintContext, servo: Servo, message: str, gain: str, step: float, others: int) -> Violation:
+def _too_stiff(context: CheckContext, servo: Servo, message: str, gain: str, step: float, others: int) -> Violation:
     inertia = context.model.dof_M0[context.model.jnt_dofadr[servo.joint]]
     joint = context.object("joint", servo.joint)
     message += f" of {context.model.opt.timestep:g} s, as {joint} has an inertia of {inertia:.3g}"
@@ -188,7 +188,7 @@ def _servos(model: mujoco.MjModel) -> Iterator[Servo]:
 
 
 @rule("MJ310", "warning", "name of the other side")
-def signals_of_the_other_side(context: LintContext) -> Iterator[Violation]:
+def signals_of_the_other_side(context: CheckContext) -> Iterator[Violation]:
     """Yields actuators and sensors that are named after the left one of two objects, and belong to the right one."""
     model = context.model
     for kind, index, target_kind, target in _targets(model):
@@ -204,7 +204,7 @@ def signals_of_the_other_side(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ311", "warning", "motion of a body that cannot move")
-def sensors_of_fixed_bodies(context: LintContext) -> Iterator[Violation]:
+def sensors_of_fixed_bodies(context: CheckContext) -> Iterator[Violation]:
     """Yields the first sensor of velocities or accelerations on a body that is fixed to the world.
 
     Models whose world has no geoms are parts of scenes, in which they may move.

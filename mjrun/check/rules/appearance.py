@@ -9,7 +9,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Place, Violation, rule
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import option
@@ -26,7 +26,7 @@ CONVEX = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in SOLID)
 
 
 @rule("MJ602", "note", "no light")
-def missing_light(context: LintContext) -> Iterator[Violation]:
+def missing_light(context: CheckContext) -> Iterator[Violation]:
     """Yields models whose images are black: without an active light, and without a headlight."""
     model = context.model
     headlight = model.vis.headlight
@@ -38,7 +38,7 @@ def missing_light(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ603", "note", "geoms that flicker")
-def coincident_geoms(context: LintContext) -> Iterator[Violation]:
+def coincident_geoms(context: CheckContext) -> Iterator[Violation]:
     """Yields the first visible geom with the same surface as another one of the same body in another colour."""
     model = context.model
     seen: dict[tuple[float, ...], int] = {}
@@ -86,7 +86,7 @@ class ViewVolume(NamedTuple):
 
 
 @rule("MJ601", "warning", "camera that sees nothing")
-def cameras_that_see_nothing(context: LintContext) -> Iterator[Violation]:
+def cameras_that_see_nothing(context: CheckContext) -> Iterator[Violation]:
     """Yields cameras with nothing visible in their frustum at any start.
 
     Models without a floor are parts of scenes, which the cameras of their bodies look at.
@@ -102,7 +102,7 @@ def cameras_that_see_nothing(context: LintContext) -> Iterator[Violation]:
         yield context.violation("camera", camera, *_explain(context, camera, visible))
 
 
-def _explain(context: LintContext, camera: int, visible: np.ndarray) -> tuple[str, str]:
+def _explain(context: CheckContext, camera: int, visible: np.ndarray) -> tuple[str, str]:
     """Returns the reason why a camera sees nothing, and a remedy."""
     model, data = context.model, context.data_at(None)
     frustum = _frustum(model, data, camera)
@@ -118,7 +118,7 @@ def _explain(context: LintContext, camera: int, visible: np.ndarray) -> tuple[st
     return f"it sees nothing: {where}no {'other ' * bool(around)}geom is in its frustum", remedy
 
 
-def _explain_hidden(context: LintContext, geom: int) -> tuple[str, str]:
+def _explain_hidden(context: CheckContext, geom: int) -> tuple[str, str]:
     """Returns message and remedy for a camera that sees nothing because a geom in its view is hidden."""
     group, name = int(context.model.geom_group[geom]), context.object("geom", geom)
     if _alpha(context.model)[geom] <= 0:

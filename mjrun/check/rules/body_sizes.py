@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.meshes import convex_volume
 
@@ -17,7 +17,7 @@ INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
 @rule("MJ207", "warning", "density that no material has")
-def impossible_densities(context: LintContext) -> Iterator[Violation]:
+def impossible_densities(context: CheckContext) -> Iterator[Violation]:
     """Yields moving bodies that are denser than lead, or lighter than foam; the worst of both kinds."""
     model, limits = context.model, context.thresholds
     if np.linalg.norm(model.opt.gravity) > MAX_GRAVITY:
@@ -38,7 +38,7 @@ def impossible_densities(context: LintContext) -> Iterator[Violation]:
 
 
 def _density_violation(
-    context: LintContext, body: int, densities: Mapping[int, float], known: str, units: str, severity: str
+    context: CheckContext, body: int, densities: Mapping[int, float], known: str, units: str, severity: str
 ) -> Violation:
     more = f" (and {len(densities) - 1} more)" if len(densities) > 1 else ""
     density, mass = densities[body], _mass(context.model, body)
@@ -50,7 +50,7 @@ def _density_violation(
 
 
 @rule("MJ208", "warning", "centre of mass outside the body")
-def distant_centres_of_mass(context: LintContext) -> Iterator[Violation]:
+def distant_centres_of_mass(context: CheckContext) -> Iterator[Violation]:
     """Yields moving bodies whose centre of mass is far outside the box around their geoms."""
     model, data = context.model, context.data_at(None)
     for body, geoms in moving_geoms(model).items():
@@ -71,7 +71,7 @@ def distant_centres_of_mass(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ209", "note", "huge body")
-def large_bodies(context: LintContext) -> Iterator[Violation]:
+def large_bodies(context: CheckContext) -> Iterator[Violation]:
     """Yields moving bodies that are larger than a house."""
     if np.linalg.norm(context.model.opt.gravity) > MAX_GRAVITY:
         return
@@ -84,7 +84,7 @@ def large_bodies(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ507", "note", "collisions elsewhere than the visible shape")
-def displaced_collisions(context: LintContext) -> Iterator[Violation]:
+def displaced_collisions(context: CheckContext) -> Iterator[Violation]:
     """Yields moving bodies whose visual and colliding geoms hardly overlap."""
     model = context.model
     collides = (model.geom_contype | model.geom_conaffinity) != 0
@@ -109,14 +109,14 @@ def moving_geoms(model: mujoco.MjModel) -> dict[int, np.ndarray]:
     return {body: np.flatnonzero(owners == body) for body in sorted({int(b) for b in owners} - left_out)}
 
 
-def box(context: LintContext, body: int, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def box(context: CheckContext, body: int, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the lowest and the highest corner of the box around `geoms` in the frame of a body, `(3,)` [m]."""
     data = context.data_at(None)
     points = (context.geom_corners[geoms].reshape(-1, 3) - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
     return points.min(axis=0), points.max(axis=0)
 
 
-def _volume(context: LintContext, body: int, geoms: np.ndarray) -> float:
+def _volume(context: CheckContext, body: int, geoms: np.ndarray) -> float:
     """Returns the volume of a body [m³], at most that of its box.
 
     Visual geoms often repeat the colliding ones; they count where they reach farther.
@@ -134,7 +134,7 @@ def _convex_volumes(model: mujoco.MjModel, geoms: np.ndarray) -> float:
     return sum(convex_volume(model, int(geom)) for geom in geoms)
 
 
-def _box_volume(context: LintContext, body: int, geoms: np.ndarray) -> float:
+def _box_volume(context: CheckContext, body: int, geoms: np.ndarray) -> float:
     low, high = box(context, body, geoms) if geoms.size else (np.zeros(3), np.zeros(3))
     return float(np.prod(high - low))
 
@@ -144,7 +144,7 @@ def _mass(model: mujoco.MjModel, body: int) -> float:
     return float(model.body_mass[model.body_weldid == body].sum())
 
 
-def _sides(context: LintContext, body: int) -> str:
+def _sides(context: CheckContext, body: int) -> str:
     low, high = box(context, body, moving_geoms(context.model)[body])
     return " × ".join(f"{side:.3g}" for side in high - low)
 

@@ -65,7 +65,7 @@ BEFORE_ATTACHING = re.compile(r"Schema violation|invalid keyword|XML_|XML parse 
 _REFERENCE = "MuJoCo's XML reference lists them: https://mujoco.readthedocs.io/en/stable/XMLreference.html"
 
 
-class CompileError(NamedTuple):
+class CompileFailure(NamedTuple):
     """An error of MuJoCo's parser or compiler, or of mjrun, which refuses models that would crash MuJoCo.
 
     Attributes:
@@ -83,7 +83,7 @@ class CompileError(NamedTuple):
     hint: str = ""
 
     @classmethod
-    def of(cls, error: BrokenModelError, source: XmlSource) -> "CompileError":
+    def of(cls, error: BrokenModelError, source: XmlSource) -> "CompileFailure":
         """Returns the compile error that `error` of the model `source` describes."""
         place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
         hint = f"\n{spelled(error.hint)}" if error.hint else ""
@@ -141,10 +141,10 @@ def explain(error: BrokenModelError, source: XmlSource, parents: frozenset[Path]
 
     An error in an attached model is reported for that model; `parents` are the models that attach `source`.
     """
-    compile_error = CompileError.of(error, source)
+    compile_error = CompileFailure.of(error, source)
     parents |= {source.path.resolve()}
     broken = () if BEFORE_ATTACHING.match(compile_error.message) else _broken_attached(source, parents)
-    causes = [(e, part) for e, part in broken if CompileError.of(e, part).pattern in compile_error.pattern]
+    causes = [(e, part) for e, part in broken if CompileFailure.of(e, part).pattern in compile_error.pattern]
     if not causes:
         yield from _explain(compile_error)
         return
@@ -166,7 +166,7 @@ def _broken_attached(source: XmlSource, parents: frozenset[Path]) -> Iterator[tu
             continue
 
 
-def _explain(error: CompileError) -> Findings:
+def _explain(error: CompileFailure) -> Findings:
     """Yields missing files, which MuJoCo reports one at a time, and the findings of the first explanation with any."""
     pointers = list(asset_files.lfs_pointers(error.source))
     explained = _first_explanation(error)
@@ -179,7 +179,7 @@ def _explain(error: CompileError) -> Findings:
         yield error.finding(COMPILE_ERROR, f"the model does not load: {error.text}", remedy)
 
 
-def _first_explanation(error: CompileError) -> list[Finding]:
+def _first_explanation(error: CompileFailure) -> list[Finding]:
     for pattern, explanation in EXPLANATIONS:
         match = re.search(pattern, error.message)
         if match and (findings := list(explanation(error, match))):
@@ -187,7 +187,7 @@ def _first_explanation(error: CompileError) -> list[Finding]:
     return []
 
 
-def _syntax(error: CompileError, match: re.Match[str]) -> Findings:
+def _syntax(error: CompileFailure, match: re.Match[str]) -> Findings:
     for xml_error in error.source.errors:
         place = Place(xml_error.file, xml_error.line)
         yield NOT_WELL_FORMED.finding(xml_error.message, xml_error.remedy, place)
@@ -203,19 +203,19 @@ def _invalid_xml(source: XmlSource) -> Findings:
     yield from sorted(findings, key=lambda finding: (finding.file != own, finding.file, finding.line or 0))
 
 
-def _schema(error: CompileError, match: re.Match[str]) -> Findings:
+def _schema(error: CompileFailure, match: re.Match[str]) -> Findings:
     return _invalid_xml(error.source)
 
 
-def _files(error: CompileError, match: re.Match[str]) -> Findings:
+def _files(error: CompileFailure, match: re.Match[str]) -> Findings:
     return asset_files.missing_files(error.source)
 
 
-def _special_file(error: CompileError, match: re.Match[str]) -> Findings:
+def _special_file(error: CompileFailure, match: re.Match[str]) -> Findings:
     yield error.finding(asset_files.MISSING_FILE, error.text, "name a regular file", match[1])
 
 
-def _included_again(error: CompileError, match: re.Match[str]) -> Findings:
+def _included_again(error: CompileFailure, match: re.Match[str]) -> Findings:
     name = match[1]
     again = [
         e for e in error.source.elements() if e.tag == "include" and Path(e.attributes.get("file", "")).name == name
@@ -225,7 +225,7 @@ def _included_again(error: CompileError, match: re.Match[str]) -> Findings:
         yield COMPILE_ERROR.in_element(element, f"the model does not load: {error.text}", remedy)
 
 
-def _mesh(error: CompileError, match: re.Match[str]) -> Findings:
+def _mesh(error: CompileFailure, match: re.Match[str]) -> Findings:
     """Yields a finding for the mesh, whose file may be damaged."""
     name, message = match["name"], f"the model does not load: {match['text']}"
     message += f", in mesh {quoted(name)}" if name not in match["text"] else ""
@@ -237,7 +237,7 @@ def _mesh(error: CompileError, match: re.Match[str]) -> Findings:
             yield COMPILE_ERROR.in_element(mesh, message, remedy)
 
 
-def _not_finite(error: CompileError, match: re.Match[str]) -> Findings:
+def _not_finite(error: CompileFailure, match: re.Match[str]) -> Findings:
     """Yields a finding for each attribute with a number like that in mjrun's message."""
     value = float(match[1])
     for element in error.source.elements():
@@ -257,16 +257,16 @@ def _is_same(word: str, value: float) -> bool:
         return False
 
 
-def _circle(error: CompileError, match: re.Match[str]) -> Findings:
+def _circle(error: CompileFailure, match: re.Match[str]) -> Findings:
     yield error.finding(SELF_ATTACHED, error.text, f"{error.hint}; <replicate> repeats a part of a model")
 
 
-def _memory(error: CompileError, match: re.Match[str]) -> Findings:
+def _memory(error: CompileFailure, match: re.Match[str]) -> Findings:
     remedy = f"raise {option('memory')}, or look for a count, a size or a resolution that is too large"
     yield OUT_OF_MEMORY.finding("the model needs more memory than allowed", remedy, error.place)
 
 
-def _duplicate_name(error: CompileError, match: re.Match[str]) -> Findings:
+def _duplicate_name(error: CompileFailure, match: re.Match[str]) -> Findings:
     name, kind = match.groups()
     duplicates = [e for e in error.source.elements() if e.attributes.get("name") == name]
     reported = error.element(name)
@@ -291,14 +291,14 @@ def _renamed(source: XmlSource, others: list[Element], other: Element) -> Fix:
     return Fix((ElementEditor(source.mjcf_texts).with_value(other, "name", new),))
 
 
-def _keyword(error: CompileError, match: re.Match[str]) -> Findings:
+def _keyword(error: CompileFailure, match: re.Match[str]) -> Findings:
     findings = list(_invalid_xml(error.source))
     yield from findings
     if all(finding.code not in (BAD_VALUE.code, REMOVED.code) for finding in findings):
         yield error.finding(BAD_VALUE, f"no such keyword: {quoted(match[1])}", _REFERENCE, match[1])
 
 
-def _value(error: CompileError, match: re.Match[str]) -> Findings:
+def _value(error: CompileFailure, match: re.Match[str]) -> Findings:
     attribute, element = match["attribute"], error.element()
     value = element.attributes.get(attribute) if element else None
     shown = f": {quoted(value)}" if value is not None else ""
@@ -306,14 +306,14 @@ def _value(error: CompileError, match: re.Match[str]) -> Findings:
     yield error.finding(BAD_VALUE, f"{error.text}{shown}", remedy)
 
 
-def _missing_attribute(error: CompileError, match: re.Match[str]) -> Findings:
+def _missing_attribute(error: CompileFailure, match: re.Match[str]) -> Findings:
     element, attribute = error.element(), match["attribute"]
     what = f"<{clean(element.tag)}>" if element else "an element"
     message = f"{what} needs the attribute {quoted(attribute)}"
     yield error.finding(MISSING_ATTRIBUTE, message, f"write {attribute}=…")
 
 
-def _massless_body(error: CompileError, match: re.Match[str]) -> Findings:
+def _massless_body(error: CompileFailure, match: re.Match[str]) -> Findings:
     remedy = (
         "give one of its geoms a density or mass, or the body an <inertial pos=… mass=… diaginertia=…/>, "
         "or remove its joints; <compiler boundmass=… boundinertia=…> sets a floor for all bodies"
@@ -323,7 +323,7 @@ def _massless_body(error: CompileError, match: re.Match[str]) -> Findings:
     yield error.finding(MASSLESS_BODY, message, remedy, fix=partial(_inferred, error))
 
 
-def _inferred(error: CompileError) -> Fix | str:
+def _inferred(error: CompileFailure) -> Fix | str:
     """Returns the fix that infers the inertia of bodies without one, if the model prevents that."""
     body = error.element()
     compilers = [e for e in error.source.elements() if e.tag == "compiler" and "inertiafromgeom" in e.attributes]
@@ -335,7 +335,7 @@ def _inferred(error: CompileError) -> Fix | str:
     return Fix((ElementEditor(error.source.mjcf_texts).with_value(compilers[-1], "inertiafromgeom", "auto"),))
 
 
-def _missing_range(error: CompileError, match: re.Match[str]) -> Findings:
+def _missing_range(error: CompileFailure, match: re.Match[str]) -> Findings:
     remedy = "write a range with the smaller number first, or do not declare it limited"
     reason, fix = "it is limited, but has no range or a reversed one", limits.swapped_ranges
     if "but not" in match[0]:
@@ -349,7 +349,7 @@ def _missing_range(error: CompileError, match: re.Match[str]) -> Findings:
     yield finding
 
 
-def _timestep(error: CompileError, match: re.Match[str]) -> Findings:
+def _timestep(error: CompileFailure, match: re.Match[str]) -> Findings:
     options = [e for e in error.source.elements() if e.tag == "option" and "timestep" in e.attributes]
     message, remedy = error.text.partition(";")[0], 'write <option timestep="0.002"/>'
     if options:
@@ -358,7 +358,7 @@ def _timestep(error: CompileError, match: re.Match[str]) -> Findings:
         yield BAD_TIMESTEP.finding(message, remedy, error.place)
 
 
-def _keyframe_size(error: CompileError, match: re.Match[str]) -> Findings:
+def _keyframe_size(error: CompileFailure, match: re.Match[str]) -> Findings:
     name, number, field, expected = match["name"], match["number"], match["field"], int(match["expected"])
     keys = [e for e in error.source.elements() if e.tag == "key"]
     candidates = keys[int(number) :][:1] if number else [e for e in keys if e.attributes.get("name", "") == name]
@@ -372,7 +372,7 @@ def _keyframe_size(error: CompileError, match: re.Match[str]) -> Findings:
         yield incomplete_keyframes.finding(message, SIZE_REMEDY, error.place, "<key>")
 
 
-def _unknown_name(error: CompileError, match: re.Match[str]) -> Findings:
+def _unknown_name(error: CompileFailure, match: re.Match[str]) -> Findings:
     """Yields a finding for the reference in MuJoCo's message, with the valid names."""
     name = match["name"]
     element = error.element(name)
@@ -387,7 +387,7 @@ def _unknown_name(error: CompileError, match: re.Match[str]) -> Findings:
     yield error.finding(UNKNOWN_NAME, f"{error.text}{hint}", remedy, name)
 
 
-def _unquoted_name(error: CompileError, match: re.Match[str]) -> Findings:
+def _unquoted_name(error: CompileFailure, match: re.Match[str]) -> Findings:
     """Yields a finding for the first unknown reference of a kind, for a message in which MuJoCo omits the name."""
     attribute, kind = WITHOUT_NAME[match["kind"]]
     elements = list(error.source.elements())
@@ -401,7 +401,7 @@ def _unquoted_name(error: CompileError, match: re.Match[str]) -> Findings:
         yield UNKNOWN_NAME.in_element(element, f"{error.text}: {quoted(name)}{hint}", remedy)
 
 
-def _candidates(error: CompileError, element: Element | None, kind: str) -> list[Element]:
+def _candidates(error: CompileFailure, element: Element | None, kind: str) -> list[Element]:
     """Returns the elements that can have the name: those of the attached model for a reference in `<attach>`."""
     if element is None or element.tag != "attach" or kind == "model":
         return list(error.source.elements())
@@ -436,7 +436,7 @@ def _name(element: Element, kind: str) -> str:
 
 
 # Patterns in MuJoCo's messages, and the functions that explain them; the first one with findings wins.
-EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]] = [
+EXPLANATIONS: list[tuple[str, Callable[[CompileFailure, re.Match[str]], Findings]]] = [
     (r"XML_|XML parse error|empty file|not UTF-8", _syntax),
     (
         r"Schema violation|unrecognized model element|World body cannot have attr|Unrecognized XML model type",

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Place, Violation, rule
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
@@ -14,7 +14,7 @@ from mjrun.model.names import FREE
 
 
 @rule("MJ504", "error", "nothing can collide")
-def disjoint_collisions(context: LintContext) -> Iterator[Violation]:
+def disjoint_collisions(context: CheckContext) -> Iterator[Violation]:
     """Yields a free body in a scene where no contype has a bit in common with the conaffinity of another geom.
 
     Models without static geoms are parts of scenes, which may declare the contacts.
@@ -31,7 +31,7 @@ def disjoint_collisions(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ508", "note", "no floor")
-def missing_floor(context: LintContext) -> Iterator[Violation]:
+def missing_floor(context: CheckContext) -> Iterator[Violation]:
     """Yields a free body in a model without static geoms."""
     model = context.model
     joint = _falling_joint(model)
@@ -43,7 +43,7 @@ def missing_floor(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ509", "warning", "gravity upwards")
-def upward_gravity(context: LintContext) -> Iterator[Violation]:
+def upward_gravity(context: CheckContext) -> Iterator[Violation]:
     """Yields models in which bodies fall upwards."""
     model = context.model
     upwards = float(model.opt.gravity[2])
@@ -54,7 +54,7 @@ def upward_gravity(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ510", "note", "link that does not collide")
-def links_without_collisions(context: LintContext) -> Iterator[Violation]:
+def links_without_collisions(context: CheckContext) -> Iterator[Violation]:
     """Yields the first visible link without colliding geoms between links that collide, such as one of an arm."""
     model = context.model
     collides = (model.geom_contype | model.geom_conaffinity) != 0
@@ -102,7 +102,7 @@ def _any_collision(model: mujoco.MjModel) -> bool:
     )
 
 
-def filled_mesh(context: LintContext, start: int | None, pair: tuple[int, int]) -> int | None:
+def filled_mesh(context: CheckContext, start: int | None, pair: tuple[int, int]) -> int | None:
     """Returns the mesh of two geoms whose hull, but not whose surface, encloses the centre of the other; else None."""
     model, data = context.model, context.data_at(start)
     for geom, other in (pair, pair[::-1]):
@@ -119,7 +119,7 @@ def filled_mesh(context: LintContext, start: int | None, pair: tuple[int, int]) 
     return None
 
 
-def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
+def deep_penetrations(context: CheckContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
     """Returns the pairs of geoms that penetrate each other deeply at a start, as `penetration_depths` does."""
     model, deep = context.model, dict[tuple[int, int], tuple[float, float]]()
     for pair, (depth, share) in penetration_depths(context, start).items():
@@ -130,7 +130,7 @@ def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int
     return deep
 
 
-def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
+def penetration_depths(context: CheckContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
     """Returns the depth [m] of each pair of geoms in contact, and its ratio to the smaller geom's half size."""
     depths: dict[tuple[int, int], float] = {}
     contacts = context.data_at(start).contact

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext, declared_name
+from mjrun.check.context import CheckContext, declared_name
 from mjrun.check.rule import GENERATED, Fix
 from mjrun.check.rules.asset_files import asset_folders, file_of
 from mjrun.check.rules.contacts import deep_penetrations
@@ -53,7 +53,7 @@ def obstacle() -> str:
     return ""
 
 
-def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[int, int]) -> Fix | str:
+def decomposed(context: CheckContext, start: int | None, geom: int, pair: tuple[int, int]) -> Fix | str:
     """Returns the fix that makes room, in the mesh of `geom`, for the other one of two geoms at a start."""
     elements = _elements(context, geom)
     if isinstance(elements, str):
@@ -79,7 +79,7 @@ def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[i
     return f"{context.object('geom', other)} penetrates convex parts of the mesh, too: it is not only in the cavity"
 
 
-def _elements(context: LintContext, geom: int) -> _Elements | str:
+def _elements(context: CheckContext, geom: int) -> _Elements | str:
     """Returns the elements of a geom and of its mesh, or the reason why those of parts cannot replace them."""
     element = context.element("geom", geom)
     mesh = context.name("mesh", int(context.model.geom_dataid[geom]))
@@ -94,7 +94,7 @@ def _elements(context: LintContext, geom: int) -> _Elements | str:
     return _Elements(element, meshes[0])
 
 
-def _is_referred_to(context: LintContext, geom: Element, attributes: Sequence[str]) -> bool:
+def _is_referred_to(context: CheckContext, geom: Element, attributes: Sequence[str]) -> bool:
     name = geom.attributes.get("name")
     return name is not None and any(
         e.attributes.get(attribute) == name for e in context.source.elements() for attribute in attributes
@@ -102,7 +102,7 @@ def _is_referred_to(context: LintContext, geom: Element, attributes: Sequence[st
 
 
 @lru_cache(maxsize=8)
-def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
+def _parts(context: CheckContext, mesh: int, fineness: float) -> list[Surface]:
     """Returns convex parts of a mesh, in the frame of its principal axes, along which CoACD cuts it; none if that takes
     too long.
     """
@@ -154,7 +154,7 @@ def _limited(decompose: Callable[[], Sequence[Any]]) -> list[list[Any]]:
 
 
 def _remaining_depth(
-    context: LintContext, spec: mujoco.MjSpec, start: int | None, geom: int, other: int, parts: Sequence[Surface]
+    context: CheckContext, spec: mujoco.MjSpec, start: int | None, geom: int, other: int, parts: Sequence[Surface]
 ) -> float:
     """Returns how deeply a geom that collides as parts of its mesh, in `spec`, penetrates another one [m].
 
@@ -173,12 +173,12 @@ def _remaining_depth(
         model = spec.compile()
     except ValueError:
         return math.nan
-    deep = deep_penetrations(LintContext(context.path, model, spec, context.source, context.thresholds), start)
+    deep = deep_penetrations(CheckContext(context.path, model, spec, context.source, context.thresholds), start)
     pairs = {frozenset((neighbour.id, piece.id)) for piece in added}
     return max((depth for pair, (depth, _) in deep.items() if frozenset(pair) in pairs), default=0.0)
 
 
-def _fix(context: LintContext, geom: int, elements: _Elements, parts: Sequence[Surface]) -> Fix:
+def _fix(context: CheckContext, geom: int, elements: _Elements, parts: Sequence[Surface]) -> Fix:
     edits = list(_files(context, geom, elements.mesh, parts))
     names = [Path(edit.file).stem for edit in edits]
     edits.append(context.editor.followed_by(elements.mesh, [*_meshes(elements.mesh, names)]))
@@ -192,7 +192,7 @@ def _fix(context: LintContext, geom: int, elements: _Elements, parts: Sequence[S
     return Fix(tuple(edits), FIELDS)
 
 
-def _files(context: LintContext, geom: int, mesh: Element, parts: Sequence[Surface]) -> Iterator[TextEdit]:
+def _files(context: CheckContext, geom: int, mesh: Element, parts: Sequence[Surface]) -> Iterator[TextEdit]:
     """Yields the edits that create the files of the parts, named after the mesh, but not like another file or mesh."""
     source, stem = context.source, declared_name(mesh)
     file = file_of(mesh, source) or context.path.parent / asset_folders(source).get("meshdir", "") / stem
@@ -216,7 +216,7 @@ def _differs(place: Path, text: str) -> bool:
         return True
 
 
-def _placed(context: LintContext, geom: int, part: Surface) -> Surface:
+def _placed(context: CheckContext, geom: int, part: Surface) -> Surface:
     """Returns a part of the mesh of a geom in the frame in which the text of the model places the mesh."""
     mesh, rotation = int(context.model.geom_dataid[geom]), np.zeros(9)
     mujoco.mju_quat2Mat(rotation, context.model.mesh_quat[mesh])
@@ -241,7 +241,7 @@ def _meshes(mesh: Element, names: Sequence[str]) -> Iterator[str]:
         yield f'<mesh name="{escaped(name)}" file="{escaped(f"{folder}{name}.obj")}"{scale}/>'
 
 
-def _stays(context: LintContext, geom: int, element: Element) -> bool:
+def _stays(context: CheckContext, geom: int, element: Element) -> bool:
     """Returns whether a geom that no longer collides has another use: it is visible, has mass, or is referred to."""
     model, body = context.model, int(context.model.geom_bodyid[geom])
     others = np.flatnonzero((model.geom_bodyid == body) & (model.geom_dataid == model.geom_dataid[geom]))

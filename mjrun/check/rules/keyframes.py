@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import GENERATED, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
@@ -21,7 +21,7 @@ TOLERANCE = 1e-3  # of the length of a quaternion, which is 1; files have few di
 
 
 @rule("MJ401", "error", "keyframe not finite")
-def keyframes_not_finite(context: LintContext) -> Iterator[Violation]:
+def keyframes_not_finite(context: CheckContext) -> Iterator[Violation]:
     """Yields keyframes with numbers that are not finite, or so large that MuJoCo considers them unstable."""
     model = context.model
     for key in range(model.nkey):
@@ -35,7 +35,7 @@ def keyframes_not_finite(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ402", "warning", "keyframe beyond a joint range", fix=UNSAFE)
-def keyframes_beyond_range(context: LintContext) -> Iterator[Violation]:
+def keyframes_beyond_range(context: CheckContext) -> Iterator[Violation]:
     """Yields keyframes that put joints beyond their ranges."""
     model = context.model
     for key in range(model.nkey):
@@ -54,7 +54,7 @@ def keyframes_beyond_range(context: LintContext) -> Iterator[Violation]:
         yield context.violation("keyframe", key, message, remedy, fix=partial(_joints_within, context, key, joints))
 
 
-def _joints_within(context: LintContext, key: int, joints: Sequence[int]) -> Fix | str:
+def _joints_within(context: CheckContext, key: int, joints: Sequence[int]) -> Fix | str:
     """Returns the fix that moves hinges and slides to the nearest bound."""
     model, words = context.model, dict[int, str]()
     for joint in joints:
@@ -65,7 +65,7 @@ def _joints_within(context: LintContext, key: int, joints: Sequence[int]) -> Fix
 
 
 @rule("MJ403", "warning", "keyframe beyond a control range", fix=UNSAFE)
-def controls_beyond_range(context: LintContext) -> Iterator[Violation]:
+def controls_beyond_range(context: CheckContext) -> Iterator[Violation]:
     """Yields keyframes with a control or an activation beyond its range, unless the controls are omitted and thus 0."""
     model = context.model
     clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
@@ -85,7 +85,7 @@ def controls_beyond_range(context: LintContext) -> Iterator[Violation]:
         yield from _activations(context, key)
 
 
-def _activations(context: LintContext, key: int) -> Iterator[Violation]:
+def _activations(context: CheckContext, key: int) -> Iterator[Violation]:
     model = context.model
     for i in map(int, np.flatnonzero(model.actuator_actlimited & (model.actuator_actadr >= 0))):
         last = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1)  # the one that is limited
@@ -99,7 +99,7 @@ def _activations(context: LintContext, key: int) -> Iterator[Violation]:
 
 
 @rule("MJ404", "warning", "keyframe with a bad quaternion", fix=SAFE)
-def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
+def quaternions_not_normalized(context: CheckContext) -> Iterator[Violation]:
     """Yields keyframes with a quaternion that is not a rotation; MuJoCo normalizes it, and reads 0 as no rotation."""
     model = context.model
     offsets = {FREE: 3, BALL: 0}
@@ -118,7 +118,7 @@ def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
                 yield context.violation("keyframe", key, message, f"change {numbers} in the keyframe", fix=fix)
 
 
-def _normalized(context: LintContext, key: int, start: int) -> Fix | str:
+def _normalized(context: CheckContext, key: int, start: int) -> Fix | str:
     """Returns the fix that writes the quaternion which MuJoCo uses."""
     element = context.element("keyframe", key)
     if element is None or len(_words(context, key, "qpos")) != context.model.nq:
@@ -129,7 +129,7 @@ def _normalized(context: LintContext, key: int, start: int) -> Fix | str:
 
 
 @rule("MJ405", "error", "keyframe of the wrong size")
-def incomplete_keyframes(context: LintContext) -> Iterator[Violation]:
+def incomplete_keyframes(context: CheckContext) -> Iterator[Violation]:
     """Yields keyframes with fewer numbers than the model has, or than the file needs that the model includes.
 
     MuJoCo completes them. Attached models may add numbers: a keyframe need not be complete in a model that attaches
@@ -146,7 +146,7 @@ def incomplete_keyframes(context: LintContext) -> Iterator[Violation]:
                 yield context.violation("keyframe", key, message, SIZE_REMEDY, "warning")
 
 
-def _size_within(context: LintContext, file: Path, field: str) -> int:
+def _size_within(context: CheckContext, file: Path, field: str) -> int:
     """Returns the number of values up to the last object of an included file; 0 without such objects."""
     model = context.model
     kind, ends = {
@@ -163,7 +163,7 @@ def size_message(field: str, count: int, size: int) -> str:
     return f"{field} of the keyframe has {count} number{'s' * (count != 1)}, but the model has {size}"
 
 
-def _written_qpos(context: LintContext, key: int) -> np.ndarray:
+def _written_qpos(context: CheckContext, key: int) -> np.ndarray:
     """Returns the positions as written; the compiler has normalized those of the model."""
     try:
         written = np.array([float(word) for word in _words(context, key, "qpos")])
@@ -172,13 +172,13 @@ def _written_qpos(context: LintContext, key: int) -> np.ndarray:
     return written if written.size == context.model.nq else context.model.key_qpos[key]
 
 
-def _entry(context: LintContext, key: int, field: str, index: int) -> str:
+def _entry(context: CheckContext, key: int, field: str, index: int) -> str:
     """Returns a number of a keyframe, as `qpos[3]`; empty if it is missing, or declared by an attached model."""
     words = _words(context, key, field)
     return f"{field}[{index}]" if index < len(words) and not context.place("keyframe", key).origin else ""
 
 
-def _words(context: LintContext, key: int, field: str) -> list[str]:
+def _words(context: CheckContext, key: int, field: str) -> list[str]:
     """Returns the numbers in a field of a keyframe as written."""
     element = context.element("keyframe", key)
     return element.attributes.get(field, "").split() if element else []

@@ -9,7 +9,7 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import option
@@ -40,7 +40,7 @@ SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
 
 
 @rule("MJ301", "note", "actuator without limits")
-def actuators_without_limits(context: LintContext) -> Iterator[Violation]:
+def actuators_without_limits(context: CheckContext) -> Iterator[Violation]:
     """Yields actuators with neither a limited control nor a limited force."""
     model = context.model
     for i in range(model.nactuator):
@@ -60,7 +60,7 @@ def actuators_without_limits(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ302", "warning", "reversed range", fix=SAFE)
-def reversed_ranges(context: LintContext) -> Iterator[Violation]:
+def reversed_ranges(context: CheckContext) -> Iterator[Violation]:
     """Yields ranges whose first number is the larger one, which MuJoCo silently ignores."""
     model = context.model
     fields = (
@@ -81,7 +81,7 @@ def reversed_ranges(context: LintContext) -> Iterator[Violation]:
             yield context.violation(kind, i, message, remedy, fix=fix)
 
 
-def _swapped(context: LintContext, kind: str, index: int, attribute: str) -> Fix | str:
+def _swapped(context: CheckContext, kind: str, index: int, attribute: str) -> Fix | str:
     """Returns the fix that swaps the numbers of a range, in the element or in the default class that sets it."""
     element = context.element(kind, index)
     owner = holder(element, attribute) if element else None
@@ -97,7 +97,7 @@ def _swapped(context: LintContext, kind: str, index: int, attribute: str) -> Fix
 
 
 @rule("MJ304", "warning", "joint or tendon starts beyond its range")
-def starts_beyond_range(context: LintContext) -> Iterator[Violation]:
+def starts_beyond_range(context: CheckContext) -> Iterator[Violation]:
     """Yields joints and tendons that start beyond their range; as a note if a keyframe starts a joint within it."""
     model = context.model
     for joint in joints_beyond_range(context, None):
@@ -117,7 +117,7 @@ def starts_beyond_range(context: LintContext) -> Iterator[Violation]:
             yield context.violation("tendon", tendon, message, remedy, "note")  # usually a taut string
 
 
-def joints_beyond_range(context: LintContext, start: int | None) -> list[int]:
+def joints_beyond_range(context: CheckContext, start: int | None) -> list[int]:
     """Returns the limited joints that are beyond their range at a start."""
     model = context.model
     qpos = model.qpos0 if start is None else model.key_qpos[start]
@@ -125,7 +125,7 @@ def joints_beyond_range(context: LintContext, start: int | None) -> list[int]:
 
 
 @rule("MJ305", "warning", "angle probably in the wrong unit", fix=UNSAFE)
-def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
+def ranges_in_other_unit(context: CheckContext) -> Iterator[Violation]:
     """Yields ranges of joints in degrees that look like radians, and the other way round."""
     model, spec = context.model, context.spec
     for joint in map(int, np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, ROTATING))):
@@ -138,7 +138,7 @@ def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
             yield context.violation("joint", joint, message, remedy, fix=partial(_converted, context, joint, words))
 
 
-def _converted(context: LintContext, joint: int, words: Sequence[str]) -> Fix | str:
+def _converted(context: CheckContext, joint: int, words: Sequence[str]) -> Fix | str:
     """Returns the fix that writes a range in the other unit, in the element or in the default class that sets it."""
     element = context.element("joint", joint)
     owner = holder(element, "range") if element else None
@@ -169,7 +169,7 @@ def _whole_degrees(span: np.ndarray) -> bool:
 
 
 @rule("MJ308", "note", "improbable range of a hinge")
-def improbable_turns(context: LintContext) -> Iterator[Violation]:
+def improbable_turns(context: CheckContext) -> Iterator[Violation]:
     """Yields hinges that can turn by an improbably small or large angle, unless MJ305 reports them."""
     model, limits = context.model, context.thresholds
     turns = model.jnt_range[:, 1] - model.jnt_range[:, 0]
@@ -259,7 +259,7 @@ def _numbers(element: Element, attribute: str) -> tuple[float, ...]:
 
 
 @rule("MJ313", "note", "hinge that turns its link through its parent")
-def links_through_parents(context: LintContext) -> Iterator[Violation]:
+def links_through_parents(context: CheckContext) -> Iterator[Violation]:
     """Yields the first hinge that turns a colliding geom into one of its parent, and out of it again on the other side.
 
     The others are counted. A geom is inside another one if its centre is well inside the other one's box.
@@ -284,7 +284,7 @@ def links_through_parents(context: LintContext) -> Iterator[Violation]:
         yield context.violation("joint", joint, message, 'limit it: range="-90 90" (in the unit of <compiler angle=…>)')
 
 
-def _entered(context: LintContext, joint: int, low: float, high: float) -> tuple[int, int] | None:
+def _entered(context: CheckContext, joint: int, low: float, high: float) -> tuple[int, int] | None:
     """Returns a geom that a hinge turns through a geom of the parent, and that one; None if all stay outside."""
     model = context.model
     link = int(model.body_weldid[model.jnt_bodyid[joint]])

@@ -6,7 +6,7 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import GENERATED, UNSAFE, Fix, Violation, rule
 from mjrun.check.rules.body_sizes import INFINITE, flex_bodies
 from mjrun.check.rules.meshes import geom_mass
@@ -22,7 +22,7 @@ SHAPES = {"visual", "collision"}  # the elements with the geoms of a link
 
 
 @rule("MJ203", "note", "geom without mass")
-def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
+def geoms_without_mass(context: CheckContext) -> Iterator[Violation]:
     """Yields geoms that collide and have no mass, on a moving body whose mass comes from geoms that collide."""
     model, inferred = context.model, bodies_with_inferred_mass(context)
     geoms = [geom for geom in context.spec.geoms if 0 <= geom.id < model.ngeom] if context.spec else []
@@ -44,7 +44,7 @@ def _is_massless(model: mujoco.MjModel, geom: mujoco.MjsGeom) -> bool:
     return bool(moves and massless and _collides(model, geom.id) and model.geom_type[geom.id] not in INFINITE)
 
 
-def bodies_with_inferred_mass(context: LintContext) -> set[int]:
+def bodies_with_inferred_mass(context: CheckContext) -> set[int]:
     """Returns the bodies whose mass and inertia MuJoCo infers from their geoms."""
     spec = context.spec
     if spec is None:
@@ -58,7 +58,7 @@ def _collides(model: mujoco.MjModel, geom: int) -> bool:
 
 
 @rule("MJ204", "warning", "extreme principal inertias")
-def extreme_principal_inertias(context: LintContext) -> Iterator[Violation]:
+def extreme_principal_inertias(context: CheckContext) -> Iterator[Violation]:
     """Yields bodies that rotate and have almost no inertia about one of their axes."""
     model = context.model
     generated = flex_bodies(model)
@@ -72,7 +72,7 @@ def extreme_principal_inertias(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ205", "warning", "extreme inertias in one tree")
-def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
+def extreme_inertia_ratios(context: CheckContext) -> Iterator[Violation]:
     """Yields kinematic trees whose joints move very different inertias, which costs digits in every step."""
     model = context.model
     for tree in range(model.ntree):
@@ -94,7 +94,7 @@ def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ206", "warning", "inertia that the body cannot have", fix=UNSAFE)
-def impossible_inertias(context: LintContext) -> Iterator[Violation]:
+def impossible_inertias(context: CheckContext) -> Iterator[Violation]:
     """Yields bodies whose explicit inertia does not fit their geoms and those of the bodies that are welded to them.
 
     The half trace less a principal inertia is the mass times the mean square distance along that axis, which cannot
@@ -122,7 +122,7 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ210", "note", "mass of visual geoms")
-def visual_masses(context: LintContext) -> Iterator[Violation]:
+def visual_masses(context: CheckContext) -> Iterator[Violation]:
     """Yields the moving body that gets most of its mass from the density of geoms that do not collide, beside others.
 
     A geom with an explicit mass is meant to have it.
@@ -149,7 +149,7 @@ def visual_masses(context: LintContext) -> Iterator[Violation]:
         yield context.violation("body", worst, message, remedy)
 
 
-def _inertia_problem(context: LintContext, body: int) -> str:
+def _inertia_problem(context: CheckContext, body: int) -> str:
     """Returns the reason why a body cannot have its inertia, or an empty text."""
     model = context.model
     mass, inertia = float(model.body_mass[body]), model.body_inertia[body]
@@ -182,7 +182,7 @@ def _inertia_problem(context: LintContext, body: int) -> str:
     return ""
 
 
-def _solid_inertia(context: LintContext, body: int) -> np.ndarray:
+def _solid_inertia(context: CheckContext, body: int) -> np.ndarray:
     """Returns the inertia of ellipsoids in place of the round geoms of a body, and of boxes around the others, filled
     with its mass, along its principal axes, `(3,)` [kg m²].
     """
@@ -202,7 +202,7 @@ def _solid_inertia(context: LintContext, body: int) -> np.ndarray:
     return model.body_mass[body] * (squares.sum() - squares)
 
 
-def _reach(context: LintContext, body: int, selected: np.ndarray) -> np.ndarray:
+def _reach(context: CheckContext, body: int, selected: np.ndarray) -> np.ndarray:
     """Returns how far the `selected` geoms `(ngeom,)` reach from the centre of mass of a body, along its principal
     axes, `(3,)` [m]; zeros without geoms, or with a plane or height field.
     """
@@ -226,7 +226,7 @@ def _ratio(high: float, low: float) -> str:
     return f"{high / low:.2g}" if low > 0 else "infinity"
 
 
-def _inferred_inertia(context: LintContext, body: int) -> Fix | str:
+def _inferred_inertia(context: CheckContext, body: int) -> Fix | str:
     """Returns the fix that gives a body the inertia of its geoms, of which the mass is scaled to that of the body."""
     element = context.element("body", body)
     inertial = next((child for child in element.children if child.tag == "inertial"), None) if element else None
@@ -245,7 +245,7 @@ def _inferred_inertia(context: LintContext, body: int) -> Fix | str:
     return Fix(tuple(edits), ("body_inertia", "body_ipos", "body_iquat"))
 
 
-def _model_with_inferred_inertia(context: LintContext, body: int) -> mujoco.MjModel | None:
+def _model_with_inferred_inertia(context: CheckContext, body: int) -> mujoco.MjModel | None:
     """Returns the model with the inertia of one body inferred from its geoms; None if they have none."""
     if context.spec is None:
         return None
@@ -263,7 +263,7 @@ def _numbers(values: np.ndarray) -> str:
     return " ".join(f"{value:.9g}" for value in values.tolist())
 
 
-def _fused_links(context: LintContext, body: int) -> list[Element]:
+def _fused_links(context: CheckContext, body: int) -> list[Element]:
     """Returns the links that a body consists of, that of its name first; none unless they are those of a URDF."""
     root = context.source.root
     if root is None or root.tag != "robot" or context.spec is None or not context.spec.compiler.fusestatic:
@@ -277,7 +277,7 @@ def _fused_links(context: LintContext, body: int) -> list[Element]:
     return [links[name] for name in filter(None, names) if name in links]
 
 
-def _loses_its_shape(context: LintContext, link: Element) -> bool:
+def _loses_its_shape(context: CheckContext, link: Element) -> bool:
     """Returns whether MuJoCo discards all geoms of a link, which are only visual ones."""
     tags = {child.tag for child in link.children}
     return context.spec is not None and bool(context.spec.compiler.discardvisual) and tags & SHAPES == {"visual"}

@@ -6,7 +6,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Violation, rule
 
 LEGACY, EXACT = mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY, mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
@@ -93,7 +93,7 @@ def _vertices(model: mujoco.MjModel, mesh: int) -> np.ndarray:
 
 
 @rule("MJ505", "note", "mesh that is inside out or open")
-def unsound_meshes(context: LintContext) -> Iterator[Violation]:
+def unsound_meshes(context: CheckContext) -> Iterator[Violation]:
     """Yields meshes that are inside out and collide or give mass, and open ones that give mass.
 
     MuJoCo collides with the convex hull of a mesh, which is the same if it is open.
@@ -113,7 +113,7 @@ def unsound_meshes(context: LintContext) -> Iterator[Violation]:
             yield context.violation("mesh", mesh, message, remedy)
 
 
-def _meshes_with_mass(context: LintContext) -> set[int]:
+def _meshes_with_mass(context: CheckContext) -> set[int]:
     """Returns the meshes whose volume determines the mass or the inertia of a moving body."""
     spec, model = context.spec, context.model
     by_volume = {mesh.id for mesh in spec.meshes if mesh.inertia in (LEGACY, EXACT)} if spec else set[int]()
@@ -127,7 +127,7 @@ def _meshes_with_mass(context: LintContext) -> set[int]:
     return meshes & by_volume
 
 
-def geom_mass(context: LintContext, geom: mujoco.MjsGeom) -> float:
+def geom_mass(context: CheckContext, geom: mujoco.MjsGeom) -> float:
     """Returns the mass that MuJoCo infers from a geom, before it scales all masses of a model [kg]."""
     spec = context.spec
     if spec is None or not spec.compiler.inertiagrouprange[0] <= geom.group <= spec.compiler.inertiagrouprange[1]:
@@ -135,7 +135,7 @@ def geom_mass(context: LintContext, geom: mujoco.MjsGeom) -> float:
     return float(geom.density * _volume(context, geom.id) if np.isnan(geom.mass) else geom.mass)
 
 
-def _volume(context: LintContext, geom: int) -> float:
+def _volume(context: CheckContext, geom: int) -> float:
     """Returns the volume of a geom as MuJoCo computes it [m³], or the area of a shell [m²]; 0 for an infinite geom."""
     model, spec = context.model, context.spec
     if model.geom_type[geom] == MESH and spec:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding, Rule
 from mjrun.check.rules.limits import joints_beyond_range
 from mjrun.check.rules.start_forces import deep_penetrations
@@ -26,7 +26,7 @@ SAMPLES = 25  # of the energy
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
-def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
+def simulate(context: CheckContext, steps: int) -> Iterator[Finding]:
     """Yields the faults within `steps` steps from the model's initial state, without controls."""
     for bug in known_bugs.bugs_of_model(context.model):
         message, _, remedy = bug.partition("; ")
@@ -35,7 +35,7 @@ def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
         yield from _step(context, steps)
 
 
-def _step(context: LintContext, steps: int) -> Iterator[Finding]:
+def _step(context: CheckContext, steps: int) -> Iterator[Finding]:
     energies: list[tuple[float, float]] = []
     passive = True
     with collected_warnings() as warnings, _energy_flags(context.model):
@@ -90,7 +90,7 @@ def _conserves_energy(model: mujoco.MjModel) -> bool:
     )
 
 
-def _energy_gain(context: LintContext, energies: np.ndarray) -> Iterator[Finding]:
+def _energy_gain(context: CheckContext, energies: np.ndarray) -> Iterator[Finding]:
     """Yields a finding if potential plus kinetic energy, `(n, 2)` [J], ever exceeds its initial value."""
     model, total, kinetic = context.model, energies.sum(axis=1), energies[:, 1]
     fall = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity) * model.stat.meansize)

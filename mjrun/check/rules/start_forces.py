@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.check.rules.contacts import deep_penetrations, filled_mesh
 from mjrun.check.rules.decomposition_fix import decomposed
@@ -24,7 +24,7 @@ DECOMPOSE = "replace it by convex parts, as `obj2mjcf --decompose` and CoACD mak
 
 
 @rule("MJ501", "warning", "initial penetration", fix=UNSAFE)
-def initial_penetrations(context: LintContext) -> Iterator[Violation]:
+def initial_penetrations(context: CheckContext) -> Iterator[Violation]:
     """Yields geoms that penetrate each other deeply: the worst pair of each start, and no pair twice."""
     reported: set[tuple[int, int]] = set()
     for start in context.starts:
@@ -56,7 +56,7 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
 
 
 def _separated(
-    context: LintContext, start: int | None, worst: tuple[int, int], pairs: Collection[tuple[int, int]]
+    context: CheckContext, start: int | None, worst: tuple[int, int], pairs: Collection[tuple[int, int]]
 ) -> Fix | str:
     """Returns the fix of the worst of several pairs if the hull of a mesh causes it, or else of the others."""
     geom, reason = filled_mesh(context, start, worst), ""
@@ -71,7 +71,7 @@ def _separated(
 
 
 @rule("MJ506", "warning", "hull that fills a cavity", fix=UNSAFE)
-def filled_cavities(context: LintContext) -> Iterator[Violation]:
+def filled_cavities(context: CheckContext) -> Iterator[Violation]:
     """Yields meshes that collide as their convex hull, in a cavity of which another geom starts."""
     reported = set[int]()
     for start in context.starts:
@@ -88,7 +88,7 @@ def filled_cavities(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ502", "warning", "violent initial forces")
-def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
+def violent_initial_forces(context: CheckContext) -> Iterator[Violation]:
     """Yields bodies that contacts, limits or equalities launch when a simulation starts at rest.
 
     Starts with a deep penetration or a joint beyond its range are left to the rules that report these.
@@ -122,7 +122,7 @@ def constraint_accelerations(model: mujoco.MjModel, data: mujoco.MjData) -> np.n
     return accelerations
 
 
-def _strongest_constraint(context: LintContext, data: mujoco.MjData) -> str:
+def _strongest_constraint(context: CheckContext, data: mujoco.MjData) -> str:
     """Returns the constraint with the largest force."""
     row = int(abs(data.efc_force).argmax())
     kind, index = mujoco.mjtConstraint(int(data.efc_type[row])), int(data.efc_id[row])
@@ -147,7 +147,7 @@ class ConstraintSpring(NamedTuple):
 
 
 @rule("MJ503", "warning", "timestep too large for a constraint")
-def springs_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
+def springs_too_stiff_for_timestep(context: CheckContext) -> Iterator[Violation]:
     """Yields contacts, limits and equalities that are too stiff for the timestep: the stiffest of each kind."""
     model = context.model
     stiff: dict[tuple[str, str], list[ConstraintSpring]] = {}
@@ -223,7 +223,7 @@ def _softer(model: mujoco.MjModel, springs: list[ConstraintSpring]) -> str:
     return f"write a time constant of at least {2 * step:g}, or a timestep of at most {min(positive) / 2:g}"
 
 
-def _without_contacts(context: LintContext, start: int | None, pairs: Collection[tuple[int, int]]) -> Fix | str:
+def _without_contacts(context: CheckContext, start: int | None, pairs: Collection[tuple[int, int]]) -> Fix | str:
     """Returns the fix of geoms that penetrate each other at a start.
 
     In the initial state, moving bodies exclude each other. In a keyframe, floating bodies are lifted out of the floor.
@@ -231,7 +231,7 @@ def _without_contacts(context: LintContext, start: int | None, pairs: Collection
     return _excluded(context, pairs) if start is None else _lifted(context, start, pairs)
 
 
-def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix | str:
+def _excluded(context: CheckContext, pairs: Collection[tuple[int, int]]) -> Fix | str:
     model, root = context.model, context.source.root
     bodies = {tuple(sorted(int(model.geom_bodyid[geom]) for geom in pair)) for pair in pairs}
     moving = sorted(pair for pair in bodies if model.body_weldid[list(pair)].all())
@@ -247,7 +247,7 @@ def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix |
     return Fix(tuple(edits), ("exclude", "exclude_*", "nexclude"))
 
 
-def _lifted(context: LintContext, key: int, pairs: Collection[tuple[int, int]]) -> Fix | str:
+def _lifted(context: CheckContext, key: int, pairs: Collection[tuple[int, int]]) -> Fix | str:
     model, heights = context.model, dict[int, float]()
     for contact in context.data_at(key).contact:
         pair = tuple(map(int, contact.geom))

@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import SAFE, Fix, Place, Violation, rule
 from mjrun.check.rules.asset_files import FOLDER_ATTRIBUTES, asset_folders, file_attributes
 from mjrun.check.rules.body_sizes import flex_bodies
@@ -35,7 +35,7 @@ LISTED = 8  # numbers in one message
 
 
 @rule("MJ116", "note", "deprecated attribute", fix=SAFE)
-def deprecated_attributes(context: LintContext) -> Iterator[Violation]:
+def deprecated_attributes(context: CheckContext) -> Iterator[Violation]:
     """Yields attributes that MuJoCo accepts only for the sake of older models."""
     for element in _elements(context):
         for attribute in element.attributes:
@@ -45,7 +45,7 @@ def deprecated_attributes(context: LintContext) -> Iterator[Violation]:
                 yield _violation(element, message, remedy, partial(_modern, context, element, attribute))
 
 
-def _modern(context: LintContext, element: Element, attribute: str) -> Fix:
+def _modern(context: CheckContext, element: Element, attribute: str) -> Fix:
     deprecated = {
         name: DEPRECATED[element.tag, name][1] for name in element.attributes if (element.tag, name) in DEPRECATED
     }
@@ -58,7 +58,7 @@ def _modern(context: LintContext, element: Element, attribute: str) -> Fix:
 
 
 @rule("MJ117", "note", "absolute path", fix=SAFE)
-def absolute_paths(context: LintContext) -> Iterator[Violation]:
+def absolute_paths(context: CheckContext) -> Iterator[Violation]:
     """Yields absolute paths of files and folders below that of the model, which a copy of the model does not find."""
     home, folders = context.home, asset_folders(context.source)
     if folders.get("strippath") == "true":
@@ -76,12 +76,12 @@ def absolute_paths(context: LintContext) -> Iterator[Violation]:
             yield _violation(element, message, f'write {key}="{relative}"', fix)
 
 
-def _with_value(context: LintContext, element: Element, attribute: str, value: str) -> Fix:
+def _with_value(context: CheckContext, element: Element, attribute: str, value: str) -> Fix:
     return Fix((context.editor.with_value(element, attribute, value),))
 
 
 @rule("MJ118", "note", "direction that is not normalized", fix=SAFE)
-def directions_not_normalized(context: LintContext) -> Iterator[Violation]:
+def directions_not_normalized(context: CheckContext) -> Iterator[Violation]:
     """Yields quaternions and axes that are probably meant to have length 1: decimals, and a length close to 1."""
     for element in _elements(context):
         for attribute, count in DIRECTIONS.items():
@@ -94,7 +94,7 @@ def directions_not_normalized(context: LintContext) -> Iterator[Violation]:
                 yield _violation(element, message, remedy, partial(_with_words, context, element, attribute, words))
 
 
-def _with_words(context: LintContext, element: Element, attribute: str, words: Sequence[str]) -> Fix:
+def _with_words(context: CheckContext, element: Element, attribute: str, words: Sequence[str]) -> Fix:
     return Fix(context.editor.with_words(element, attribute, dict(enumerate(words))))
 
 
@@ -105,7 +105,7 @@ def _numbers(text: str) -> list[float]:
         return []
 
 
-def _elements(context: LintContext) -> Iterator[Element]:
+def _elements(context: CheckContext) -> Iterator[Element]:
     """Yields the elements of an MJCF model."""
     root = context.source.root
     return context.source.elements() if root is not None and root.tag == "mujoco" else iter(())
@@ -116,7 +116,7 @@ def _violation(element: Element, message: str, remedy: str, fix: partial[Fix]) -
 
 
 @rule("MJ201", "note", "object without a name")
-def unnamed_objects(context: LintContext) -> Iterator[Violation]:
+def unnamed_objects(context: CheckContext) -> Iterator[Violation]:
     """Yields joints, actuators, sensors and cameras without a name, one violation for each kind.
 
     The only joint of a body can be addressed by the name of its body, and the parts of a flexcomp cannot be named.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import Violation, rule
 from mjrun.errors import clean
 from mjrun.model.names import actuators_of
@@ -19,7 +19,7 @@ OTHER_SIDE = str.maketrans("lrLR", "rlRL")
 
 
 @rule("MJ309", "warning", "left and right differ")
-def unequal_sides(context: LintContext) -> Iterator[Violation]:
+def unequal_sides(context: CheckContext) -> Iterator[Violation]:
     """Yields moving bodies on the left whose mass, colliding geoms or joints are not those on the right, mirrored.
 
     Limbs with different numbers of bodies, such as a leg and a prosthesis, are meant to differ.
@@ -52,7 +52,7 @@ def _mirrored_word(match: re.Match[str]) -> str:
     return word[:side] + word[side].translate(OTHER_SIDE) + word[side + 1 :]
 
 
-def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
+def _differences(context: CheckContext, left: int, right: int) -> Iterator[str]:
     """Yields the differences between two bodies."""
     model, limits = context.model, context.thresholds
     one, other = float(model.body_mass[left]), float(model.body_mass[right])
@@ -86,7 +86,7 @@ def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
         yield from _actuator_differences(context, *pair)
 
 
-def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
+def _joint_differences(context: CheckContext, left: int, right: int) -> Iterator[str]:
     model, data, limits = context.model, context.data_at(None), context.thresholds
     name = clean(context.name("joint", left))
     home = _common_ancestor(model, int(model.jnt_bodyid[left]), int(model.jnt_bodyid[right]))
@@ -109,7 +109,7 @@ def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[
             yield f"{name} turns the other way: its axis is mirrored, but its range is not"
 
 
-def _actuator_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
+def _actuator_differences(context: CheckContext, left: int, right: int) -> Iterator[str]:
     """Yields the differences of the actuators of two joints, if both joints have as many."""
     model, limits = context.model, context.thresholds
     drives = [actuators_of(model, joint) for joint in (left, right)]
@@ -134,7 +134,7 @@ def _counts_alike(model: mujoco.MjModel, left: int, right: int) -> bool:
     return bool(model.jnt_limited[left] and abs(one - other).max() < 0.1 * abs(one + other[::-1]).max())
 
 
-def _turns_like(context: LintContext, left: int, right: int, sense: int = 1) -> bool:
+def _turns_like(context: CheckContext, left: int, right: int, sense: int = 1) -> bool:
     """Returns whether two hinges turn in the same or the opposite sense about the line between them, like knees.
 
     Mirroring keeps the sense of such rotations, and so does moving an arm to the other side. That of others, such as

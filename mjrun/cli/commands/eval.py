@@ -18,9 +18,9 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.evaluation.evaluation import EpisodeFailures, Evaluation, EvaluationResult
+    from mjrun.evaluation.evaluation import EpisodeFailureGroup, Evaluation, EvaluationResult
     from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, PointSummary, PolicyComparison
-    from mjrun.experiment.statistics import Interval, NumberSummary, Share
+    from mjrun.experiment.statistics import Interval, NumberSummary, Proportion
 
     Located = Callable[[], AbstractContextManager[None]]
 
@@ -274,7 +274,7 @@ def _difference(comparison: "PolicyComparison", found: "PairedDifference", level
     return f"{verdict}: {first} - {second} is {size}{note}; {counts}"
 
 
-def _failure(failures: "EpisodeFailures", result: "EvaluationResult") -> str:
+def _failure(failures: "EpisodeFailureGroup", result: "EvaluationResult") -> str:
     where = [f"seed {failures.seed}"]
     where += [f"point {failures.point}"] if result.points else []
     where += [clean(failures.policy)] if len(result.policies) > 1 else []
@@ -298,7 +298,7 @@ def _last_line(result: "EvaluationResult") -> str:
     return f"{clean(str(Path(result.path)))}: {', '.join(facts)}; {result.wall:.1f} s"
 
 
-def _share(share: "Share", level: str) -> str:
+def _share(share: "Proportion", level: str) -> str:
     interval = f"{level} {_percents(share.interval)}, Wilson's interval"
     if share.share is None:
         return "no episode that did not fail"

@@ -29,7 +29,7 @@ from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
 from mjrun.formats.csv_sidecar import units_beside
 from mjrun.formats.number_text import ROW_END, WholeLinePieces
-from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, OpenTable, select, shown
+from mjrun.formats.table_contents import EXACT, AcceptedCells, ColumnFilter, OpenTable, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 
@@ -148,7 +148,7 @@ def _label_lines(values: np.ndarray, labels: Sequence[Sequence[bytes]]) -> list[
     return [lines[row] for row in rows]
 
 
-def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: CellKinds) -> OpenTable:
+def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: AcceptedCells) -> OpenTable:
     """Reads the accepted columns."""
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
@@ -217,7 +217,7 @@ def _blocks(
     pieces: WholeLinePieces,
     keys: Mapping[str, int],
     width: int,
-    cells: CellKinds,
+    cells: AcceptedCells,
 ) -> Iterator[np.ndarray]:
     """Yields the rows after the header: plain numbers are parsed piece by piece, anything else cell by cell."""
     convert = (_floats, _floats_or_nan, _exact)[cells]
@@ -229,7 +229,7 @@ def _blocks(
         yield from parse(header, header.count)
     for before, piece in pieces:
         block = _plain_block(piece, list(keys.values()), width)
-        if block is not None and not (cells is CellKinds.ANY and (np.abs(block) >= EXACT).any()):
+        if block is not None and not (cells is AcceptedCells.ANY and (np.abs(block) >= EXACT).any()):
             yield block
         elif b'"' in piece:  # a cell may end in a later piece, so that the rest is read line by line
             yield from parse(itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n"))), before)

@@ -39,7 +39,7 @@ class FeatherWriter(GroupWriter):
         self.writer.write_batch(arrow.record_batch(group, self.columns, self._schema))
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
     """Reads the accepted columns."""
     with decoding(path):
         require_expandable(path, max(batch_sizes(file)), file)  # dictionaries, or a batch, are whole in memory

@@ -90,7 +90,7 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
     """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")
@@ -110,7 +110,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     def opened(name: str, dataset: h5py.Dataset) -> tables.ArrayInFile:
         content = content_name(dataset.dtype)
         text = h5py.check_string_dtype(dataset.dtype)
-        if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.CellKinds.ANY):
+        if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.AcceptedCells.ANY):
             raise tables.not_numbers(path, name, "text" if text else content)
         tables.require_vector(path, name, dataset.shape or ())
         require_own_content(path, f"column {tables.shown(name)}", dataset, file)

@@ -20,7 +20,7 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
-from mjrun.formats.table_contents import CellKinds, ColumnFilter, OpenTable, select, shown
+from mjrun.formats.table_contents import AcceptedCells, ColumnFilter, OpenTable, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 
@@ -54,7 +54,7 @@ def _string(text: str) -> bytes:
     return json.dumps(text, ensure_ascii=clean(text) != text).encode()
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: CellKinds) -> OpenTable:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: AcceptedCells) -> OpenTable:
     """Reads the accepted columns. If gaps are accepted, a key may be missing too."""
     rows = _rows(path, file, cells)
     first = next(rows, None)
@@ -62,12 +62,12 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: CellKinds) -> 
         raise FileError(path, "is empty: its first row has the names of the columns")
     names = first[1].keys()
     keys = {name: name for name in select(path, list(names), wanted)}
-    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= CellKinds.GAPS))
+    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= AcceptedCells.GAPS))
     convert = (_floats, _floats_or_nan, _exact)[cells]
     return OpenTable(list(keys), number_text.number_blocks(path, alike, keys, convert))
 
 
-def _rows(path: Path, file: BinaryIO, cells: CellKinds) -> Iterator[tuple[int, dict[str, Any]]]:
+def _rows(path: Path, file: BinaryIO, cells: AcceptedCells) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yields every object with its line; skips blank lines, and checks that the keys of the first row are unique."""
     first = True
     for number, text in enumerate(number_text.lines(path, file), 1):
@@ -79,7 +79,7 @@ def _rows(path: Path, file: BinaryIO, cells: CellKinds) -> Iterator[tuple[int, d
             row = orjson.loads(line)
         except orjson.JSONDecodeError as error:
             raise FileError(place, f"cannot be read as JSON: {clean(error.msg)}, character {error.pos + 1}") from None
-        if cells is CellKinds.ANY and LONG_INTEGER.search(line):  # which orjson reads as a float
+        if cells is AcceptedCells.ANY and LONG_INTEGER.search(line):  # which orjson reads as a float
             with contextlib.suppress(ValueError, RecursionError):
                 row = json.loads(line)
         if not isinstance(row, dict):

@@ -93,7 +93,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
     """Reads the accepted columns. A variable is whole in memory, as it may be compressed."""
     with decoding(path):
         mat = MatParser(file)
@@ -118,9 +118,9 @@ def _shape(matrix: "Matrix") -> tuple[int, ...]:
 class _MatrixReader:
     """A variable; its values are read with its first rows."""
 
-    def __init__(self, path: Path, name: str, mat: "MatParser", index: int, cells: tables.CellKinds) -> None:
+    def __init__(self, path: Path, name: str, mat: "MatParser", index: int, cells: tables.AcceptedCells) -> None:
         matrix = mat.read(index)
-        texts = mat.texts(matrix) if cells is tables.CellKinds.ANY else None
+        texts = mat.texts(matrix) if cells is tables.AcceptedCells.ANY else None
         if texts is not None:
             self._values = np.array([*texts, None], object)[:-1, None]
         else:

@@ -47,7 +47,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
     """Reads the accepted columns; those of an array with two dimensions are `name/0`, `name/1`, …"""
     with decoding(path):
         archive = zipfile.ZipFile(file)
@@ -74,9 +74,11 @@ def _shape(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[int, ...]:
 class _MemberReader:
     """The array in a member of the archive; one of objects, which would have to be unpickled, is refused."""
 
-    def __init__(self, path: Path, name: str, member: IO[bytes], cells: tables.CellKinds, archive: BinaryIO) -> None:
+    def __init__(
+        self, path: Path, name: str, member: IO[bytes], cells: tables.AcceptedCells, archive: BinaryIO
+    ) -> None:
         shape, by_column, self._kind = read_header(member)
-        if self._kind.kind not in NUMERIC + ("U" if cells is tables.CellKinds.ANY else ""):
+        if self._kind.kind not in NUMERIC + ("U" if cells is tables.AcceptedCells.ANY else ""):
             raise tables.not_numbers(path, name, content_name(self._kind))
         tables.require_vector(path, name, shape)
         if min(shape) < 0:

@@ -43,7 +43,7 @@ class ParquetWriter(GroupWriter):
         self.writer.is_open = False  # otherwise its finalizer would try once more
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
     """Reads the accepted columns."""
     with decoding(path):
         parquet = pyarrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)

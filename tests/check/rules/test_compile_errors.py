@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.check.rule import Rule
-from mjrun.check.rules.compile_errors import CompileError
+from mjrun.check.rules.compile_errors import CompileFailure
 from mjrun.errors import BrokenModelError, option
 from mjrun.model.sources import load
 from mjrun.model.xml_source import XmlSource, read_xml
@@ -152,12 +152,12 @@ def test_the_only_reversed_range_is_the_place_of_the_error_in_an_included_file()
         assert (finding.code, finding.file, finding.line) == ("MJ303", *place)
 
 
-def failing(text: str) -> CompileError:
+def failing(text: str) -> CompileFailure:
     """The error of the model `text`."""
     path = Path(write("model.xml", text))
     with pytest.raises(BrokenModelError) as error:
         load(path)
-    return CompileError.of(error.value, read_xml(path))
+    return CompileFailure.of(error.value, read_xml(path))
 
 
 def test_the_message_is_that_of_mujoco_on_one_line() -> None:
@@ -202,7 +202,7 @@ def test_the_pattern_of_an_error_is_the_same_in_the_model_and_in_one_that_attach
     arm = write("sub/arm.xml", attached_arm('mass="-1"'))
     with pytest.raises(BrokenModelError) as error:
         load(Path(arm))
-    own = CompileError.of(error.value, read_xml(Path(arm)))
+    own = CompileFailure.of(error.value, read_xml(Path(arm)))
     assert own.pattern in failing(PARENT).pattern
 
 
@@ -217,5 +217,5 @@ def test_a_finding_is_in_the_element_and_without_one_at_the_place() -> None:
 def test_advice_that_names_options_is_no_part_of_the_message() -> None:
     path = Path("model.xml")
     hint = f"{option('root')} chooses a folder"
-    error = CompileError.of(BrokenModelError(path, "'x.stl' lies outside", 1, hint), XmlSource(path))
+    error = CompileFailure.of(BrokenModelError(path, "'x.stl' lies outside", 1, hint), XmlSource(path))
     assert (error.message, error.hint) == ("'x.stl' lies outside", hint)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.fixing import changed_fields
 from mjrun.check.rules import decomposition_fix
 from mjrun.check.rules.decomposition_fix import FINENESS
@@ -99,7 +99,7 @@ def test_parts_of_a_mesh_are_computed_once_and_stored_exactly(tmp_path: Path, mo
         list[list[decomposition_fix.Surface]](),
     )
     for _ in range(2):
-        context = LintContext.load(model, read_xml(model))
+        context = CheckContext.load(model, read_xml(model))
         context.cache = UserCache("parts")
         with monkeypatch.context() as patch:
             patch.setattr(decomposition_fix, "limit_this_process", dict)  # this process is not one of those that check

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.check.catalogue import Thresholds
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rules import masses
 from mjrun.model.xml_source import read_xml
 from tests.check.models import lint, lint_file, mjcf
@@ -143,6 +143,6 @@ def test_a_shape_of_a_link_that_is_fused_into_the_world_is_placed_at_this_link()
     path = Path("r.urdf")
     shape = SPHERE.format("collision")
     path.write_text(URDF.replace('"base"/>', f'"base">\n{shape}</link>', 1).format(shape + INERTIAL, shape + INERTIAL))
-    context = LintContext.load(path, read_xml(path))
+    context = CheckContext.load(path, read_xml(path))
     assert int(context.model.geom_bodyid[0]) == 0
     assert context.place("geom", 0) == (path, 1, None)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rules.meshes import Surface, geom_mass
 from mjrun.model.xml_source import read_xml
 from tests.check.models import lint, mjcf, write
@@ -81,7 +81,7 @@ def test_masses_of_geoms_are_those_that_mujoco_infers(inertia: str) -> None:
     compiler = '<compiler inertiagrouprange="0 0"/>'
     text = mjcf(bodies, before=compiler + asset(TRAY, TRAY_FACES, f'inertia="{inertia}"'))
     path = Path(write("model.xml", text))
-    context = LintContext.load(path, read_xml(path))
+    context = CheckContext.load(path, read_xml(path))
     assert context.spec
     masses = [geom_mass(context, geom) for geom in context.spec.geoms]
     assert masses == pytest.approx(context.model.body_mass[1:], rel=1e-5)

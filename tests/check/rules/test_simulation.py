@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.check.catalogue import Thresholds
-from mjrun.check.context import DEFAULTS, LintContext
+from mjrun.check.context import DEFAULTS, CheckContext
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules import simulation
 from mjrun.model.xml_source import read_xml
@@ -16,7 +16,7 @@ from tests.check.models import PASSIVE, write
 def moved(text: str, steps: int = 200, thresholds: Thresholds = DEFAULTS) -> dict[str, str]:
     """Codes and messages of what motion shows."""
     path = Path(write("moved.xml", text))
-    findings = simulation.simulate(LintContext.load(path, read_xml(path), thresholds), steps)
+    findings = simulation.simulate(CheckContext.load(path, read_xml(path), thresholds), steps)
     return {finding.code: finding.message for finding in findings}
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import CheckContext
 from mjrun.check.rules import contacts, start_forces
 from mjrun.model.xml_source import read_xml
 from tests.check.models import hinged, lint, mjcf
@@ -77,7 +77,7 @@ def test_without_refsafe_a_stiff_contact_may_be_unstable() -> None:
 def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
     path = Path("deep.xml")
     path.write_text(apart(-depth))
-    context = LintContext.load(path, read_xml(path))
+    context = CheckContext.load(path, read_xml(path))
     ((deepest, share),) = contacts.penetration_depths(context, None).values()
     np.testing.assert_allclose([deepest, share], [depth, depth / 0.1], rtol=1e-6)
 
@@ -110,7 +110,7 @@ def test_a_penetration_is_reported_from_2_mm_on_or_10_mm_against_a_static_geom(
 def test_a_cause_with_a_rule_of_its_own_is_not_reported_as_violent_forces(text: str, cause: str) -> None:
     path = Path("violent.xml")
     path.write_text(text)
-    context = LintContext.load(path, read_xml(path))
+    context = CheckContext.load(path, read_xml(path))
     assert start_forces.constraint_accelerations(context.model, context.data_at(None)).max() > 20 * 9.81
     assert [f.code for f in lint(text)] == [cause]
 
@@ -118,7 +118,7 @@ def test_a_cause_with_a_rule_of_its_own_is_not_reported_as_violent_forces(text: 
 def test_bodies_are_thrown_as_a_bare_step_throws_them() -> None:
     path = Path("thrown.xml")
     path.write_text(apart(-0.15).replace("<option/>", '<option gravity="0 0 0" timestep="1e-5"/>'))
-    context = LintContext.load(path, read_xml(path))
+    context = CheckContext.load(path, read_xml(path))
     data = mujoco.MjData(context.model)
     mujoco.mj_step(context.model, data)
     thrown = start_forces.constraint_accelerations(context.model, context.data_at(None))

@@ -80,7 +80,7 @@ class LegendEntry:
     row: int = 0
 
 
-class Graph:
+class LivePlot:
     """Curves over time in fixed axes, of which `draw` shows an instant.
 
     All series share the vertical axis. As many as fit are named, with their values.
@@ -140,9 +140,9 @@ class Graph:
                 write(image, self._figures(head), (entry.end, self._baseline(entry.row)), self._em, align=1.0)
         return image
 
-    def moved(self, left: int) -> "Graph":
+    def moved(self, left: int) -> "LivePlot":
         """Returns the same graph with its vertical axis at least `left` [pixels] from the left edge."""
-        return Graph(*self._arguments, left)
+        return LivePlot(*self._arguments, left)
 
     def head(self, series: int, time: float) -> float:
         """Returns the value of a series at `time`, on the line between two samples; nan in a gap."""
@@ -272,7 +272,7 @@ class Graph:
         return np.asarray(canvas.reduce(_SAMPLES)), (left - pad, top - pad)
 
 
-def aligned(graphs: Sequence[Graph]) -> list[Graph]:
+def aligned(graphs: Sequence[LivePlot]) -> list[LivePlot]:
     """Returns the graphs with their vertical axes aligned at the distance that the widest tick labels require."""
     left = max((graph.axes.box[0] for graph in graphs), default=0)
     return [graph if graph.axes.box[0] == left else graph.moved(left) for graph in graphs]

@@ -1,4 +1,4 @@
-"""A live graph: what is where, and when."""
+"""A live plot: what is where, and when."""
 
 import math
 from itertools import combinations
@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 
 from mjrun.options.video import PLOT_SIDES
 from mjrun.palette import ON_DARK
-from mjrun.rendering import graph
+from mjrun.rendering import live_plot
 from mjrun.rendering.colormaps import oklab
-from mjrun.rendering.graph import Graph, aligned, graph_size
+from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
 from mjrun.rendering.text import BACKGROUND
 
 SIZE = (480, 140)
 TIMES = np.linspace(0, 4, 401)
 
 
-def wave(size: tuple[int, int] = SIZE) -> Graph:
-    return Graph(TIMES, np.sin(2 * TIMES)[:, None], ["qpos/knee"], ["rad"], size)
+def wave(size: tuple[int, int] = SIZE) -> LivePlot:
+    return LivePlot(TIMES, np.sin(2 * TIMES)[:, None], ["qpos/knee"], ["rad"], size)
 
 
 def like(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
@@ -28,7 +28,7 @@ def like(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     return np.abs(image.astype(int) - colour).max(axis=-1) < 24
 
 
-def plot(graph: Graph, image: np.ndarray) -> np.ndarray:
+def plot(graph: LivePlot, image: np.ndarray) -> np.ndarray:
     left, top, right, bottom = graph.axes.box
     return image[top:bottom, left:right]
 
@@ -44,7 +44,7 @@ def test_the_head_is_where_the_axes_say(size: tuple[int, int], time: float) -> N
 
 
 def test_the_head_is_centred_to_a_fraction_of_a_pixel() -> None:
-    graph = Graph(np.array([0.0, 1, 2]), np.array([[np.nan], [0.3], [np.nan]]), ["a"], [""], (640, 160))
+    graph = LivePlot(np.array([0.0, 1, 2]), np.array([[np.nan], [0.3], [np.nan]]), ["a"], [""], (640, 160))
     graph._later[:] = graph._now[:] = BACKGROUND  # without the curve, a dot too
     left, top, right, bottom = graph.axes.box
     x, y = float(graph.axes.x(1)), float(graph.axes.y(0.3))
@@ -103,13 +103,13 @@ def test_the_value_stands_still_while_its_figures_run() -> None:
 
 
 def test_between_samples_the_head_rides_on_the_line() -> None:
-    graph = Graph(np.array([0.0, 1, 3]), np.array([[0.0], [2], [-2]]), ["a"], [""], SIZE)
+    graph = LivePlot(np.array([0.0, 1, 3]), np.array([[0.0], [2], [-2]]), ["a"], [""], SIZE)
     assert [graph.head(0, t) for t in (-1, 0, 0.25, 1, 2, 3, 9)] == [0, 0, 0.5, 2, 0, -2, -2]
 
 
 def test_a_gap_is_empty_and_has_no_head() -> None:
     values = np.where((TIMES > 1) & (TIMES < 2), np.nan, 0.25 * TIMES)[:, None]
-    graph = Graph(TIMES, values, ["a"], [""], SIZE)
+    graph = LivePlot(TIMES, values, ["a"], [""], SIZE)
     assert math.isnan(graph.head(0, 1.5))
     assert graph.head(0, 1.0) == 0.25
     left, _, _, _ = graph.axes.box
@@ -123,7 +123,7 @@ def test_a_gap_is_empty_and_has_no_head() -> None:
 def test_a_single_sample_between_gaps_is_seen() -> None:
     values = np.full((401, 1), np.nan)
     values[100], values[300] = 1, 2
-    graph = Graph(TIMES, values, ["a"], [""], SIZE)
+    graph = LivePlot(TIMES, values, ["a"], [""], SIZE)
     panel = like(plot(graph, graph.draw(4.0)), ON_DARK[0])
     x = round(float(graph.axes.x(1.0))) - graph.axes.box[0]
     assert panel[:, x - 2 : x + 3].any()
@@ -134,7 +134,7 @@ def test_a_spike_of_one_sample_in_a_million_is_drawn() -> None:
     times = np.linspace(0, 10, 1_000_001)
     values = np.sin(times)[:, None]
     values[420_000] = 9.0
-    graph = Graph(times, values, ["a"], [""], SIZE)
+    graph = LivePlot(times, values, ["a"], [""], SIZE)
     image = graph.draw(10.0)
     x, y = math.floor(float(graph.axes.x(4.2))), float(graph.axes.y(9.0))
     column = np.abs(image[round(y) : round(float(graph.axes.y(2.0))), x - 1 : x + 2].astype(int) - BACKGROUND).max(
@@ -146,9 +146,9 @@ def test_a_spike_of_one_sample_in_a_million_is_drawn() -> None:
 def test_thinning_draws_the_same_line(monkeypatch: pytest.MonkeyPatch) -> None:
     times = np.linspace(0, 4, 30_000)
     values = (np.sin(3 * times) + 0.2 * np.sin(200 * times))[:, None]
-    thinned = Graph(times, values, ["a"], [""], (160, 80)).draw(4.0)
-    monkeypatch.setattr(graph, "_thinned", lambda x, y: np.column_stack([x, y]))
-    whole = Graph(times, values, ["a"], [""], (160, 80)).draw(4.0)
+    thinned = LivePlot(times, values, ["a"], [""], (160, 80)).draw(4.0)
+    monkeypatch.setattr(live_plot, "_thinned", lambda x, y: np.column_stack([x, y]))
+    whole = LivePlot(times, values, ["a"], [""], (160, 80)).draw(4.0)
     difference = np.abs(thinned.astype(int) - whole)
     assert difference.mean() < 1
     assert difference.max() < 80
@@ -166,7 +166,7 @@ def test_drawing_is_deterministic_and_does_not_depend_on_what_was_drawn_before()
 
 def test_every_series_has_a_head_and_a_swatch_of_its_colour() -> None:
     values = np.stack([np.full(401, float(k)) for k in range(6)], axis=1)
-    graph = Graph(TIMES, values, [f"value/{k}" for k in range(6)], ["m"] * 6, (960, 240))
+    graph = LivePlot(TIMES, values, [f"value/{k}" for k in range(6)], ["m"] * 6, (960, 240))
     image = graph.draw(2.0)
     x = math.floor(float(graph.axes.x(2.0)))
     for series, colour in enumerate(ON_DARK):
@@ -180,7 +180,7 @@ def test_names_that_do_not_fit_lose_their_units_then_their_first_parts() -> None
     values = np.stack([np.sin(TIMES + k) for k in range(3)], axis=1)
 
     def shown(width: int) -> list[tuple[str, str]]:
-        return [(e.name, e.unit) for e in Graph(TIMES, values, names, units, (width, 80))._entries]
+        return [(e.name, e.unit) for e in LivePlot(TIMES, values, names, units, (width, 80))._entries]
 
     assert shown(640) == [("qpos/left_knee", " rad"), ("sensor/imu/x", " m/s²"), ("speed[box]", " m/s")]
     assert shown(320) == [("left_knee", ""), ("imu/x", ""), ("speed[box]", "")]
@@ -212,13 +212,13 @@ def test_colours_of_series_can_be_told_apart_on_the_ground() -> None:
 @pytest.mark.parametrize("time", [0.0, 1.5, 4.0])
 def test_any_values_can_be_drawn(values: np.ndarray, time: float) -> None:
     count = values.shape[1]
-    graph = Graph(np.arange(5.0), values, [f"a/{k}" for k in range(count)], ["N"] * count, SIZE)
+    graph = LivePlot(np.arange(5.0), values, [f"a/{k}" for k in range(count)], ["N"] * count, SIZE)
     assert graph.draw(time).shape == (SIZE[1], SIZE[0], 3)
     assert graph.axes.values[0] < graph.axes.values[1]
 
 
 def test_a_single_instant_can_be_drawn() -> None:
-    graph = Graph(np.array([2.0]), np.array([[3.0]]), ["a"], ["m"], SIZE)
+    graph = LivePlot(np.array([2.0]), np.array([[3.0]]), ["a"], ["m"], SIZE)
     image = graph.draw(2.0)
     x, y = float(graph.axes.x(2.0)), float(graph.axes.y(3.0))
     assert tuple(image[math.floor(y), math.floor(x)]) == ON_DARK[0]
@@ -228,7 +228,7 @@ def test_a_single_instant_can_be_drawn() -> None:
 @settings(max_examples=30, deadline=None)
 def test_a_graph_of_any_size_can_be_drawn(width: int, height: int, count: int) -> None:
     values = np.stack([np.sin(TIMES + k) for k in range(count)], axis=1)
-    graph = Graph(TIMES, values, ["a/long/name"] * count, ["m/s²"] * count, (width, height))
+    graph = LivePlot(TIMES, values, ["a/long/name"] * count, ["m/s²"] * count, (width, height))
     assert graph.draw(1.0).shape == (height, width, 3)
 
 
@@ -246,7 +246,7 @@ def test_a_graph_shares_a_side_with_its_video_and_is_smaller(side: str, size: tu
 @pytest.mark.parametrize("width", [160, 320, 1280])
 def test_series_without_room_for_their_names_are_counted(count: int, width: int) -> None:
     values = np.stack([np.sin(TIMES + k) for k in range(count)], axis=1)
-    graph = Graph(TIMES, values, ["qpos/knee"] * count, ["rad"] * count, (width, 80))
+    graph = LivePlot(TIMES, values, ["qpos/knee"] * count, ["rad"] * count, (width, 80))
     named = [entry for entry in graph._entries if entry.name]
     told = [entry.unit for entry in graph._entries if not entry.name]
     assert told == ([f"… {count - len(named)} more"] if len(named) < count else [])
@@ -254,7 +254,7 @@ def test_series_without_room_for_their_names_are_counted(count: int, width: int)
 
 
 def test_graphs_under_each_other_have_one_left_edge_and_are_otherwise_as_before() -> None:
-    small, large = (Graph(TIMES, (k * np.sin(TIMES))[:, None], ["a"], ["m"], SIZE) for k in (1.0, 123456.0))
+    small, large = (LivePlot(TIMES, (k * np.sin(TIMES))[:, None], ["a"], ["m"], SIZE) for k in (1.0, 123456.0))
     edges = [graph.axes.box[0] for graph in (small, large)]
     assert edges[0] < edges[1]  # the labels of one are wider
     first, second = aligned([small, large])
