@@ -172,7 +172,7 @@ class Options:
 
 def _without_numpy(value: object) -> object:
     """Converts NumPy's numbers and arrays to Python's, also within lists and dictionaries."""
-    if type(value).__module__ == "numpy":
+    if type(value).__module__ == "numpy" and hasattr(value, "tolist"):  # functions have none
         return cast("Any", value).tolist()
     if type(value) is dict:
         return {name: _without_numpy(each) for name, each in cast("dict[object, object]", value).items()}

@@ -84,4 +84,3 @@ def test_it_is_a_mapping_of_contiguous_columns() -> None:
 def test_vectors_have_their_columns_in_order(names: tuple[str, ...]) -> None:
     vector = MADE.vector(names)
     np.testing.assert_array_equal(vector, np.stack([BY_NAME[name] for name in names], axis=-1))
-    assert vector.flags.c_contiguous
