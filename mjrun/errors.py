@@ -330,8 +330,8 @@ class DocumentError(UsageError):
         super().__init__("\n".join([*map(str, problems[:FAULTS]), *more]))
 
 
-class FaultyJobsError(UsageError):
-    """Problems of jobs in one pass: `faults`, each with the index of its job, or None for the simulation."""
+class FaultyRequestsError(UsageError):
+    """Problems of requests in one pass: `faults`, each with the index of its request, or None for the simulation."""
 
     def __init__(self, faults: Sequence[tuple[int | None, UsageError]]) -> None:
         self.faults = tuple(faults)

@@ -25,7 +25,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import panel_files
-from mjrun.outputs.drawn_frames import check_drawing, scene_compositor
+from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from mjrun.check.rule import Finding
 from mjrun.errors import FileError, option
-from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import exists, opened
+from mjrun.formats.output_writer import publish_together, written_file
 
 SCHEMA = "mjrun-baseline-1"
 LARGEST = 2**26  # bytes

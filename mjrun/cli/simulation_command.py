@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mjrun.outputs.export import ExportResult
     from mjrun.outputs.image import ImageResult
     from mjrun.outputs.keyframe import KeyframeResult
-    from mjrun.outputs.output import Job, OutputResult
+    from mjrun.outputs.output import OutputRequest, OutputResult
     from mjrun.outputs.plot import PlotResult
     from mjrun.outputs.recording import RecordingResult
     from mjrun.outputs.trace import TraceResult
@@ -165,12 +165,12 @@ def _camera(spec: str) -> object:
 def make(
     console: Console,
     command_line: CommandLine,
-    job: "Job[R]",
+    request: "OutputRequest[R]",
     time: Fraction | None = None,
     step: int | None = None,
     report: "Callable[[R], Report] | None" = None,
 ) -> "R":
-    """Makes the output that `job` describes, and a recording and a keyframe on request; or prints a document for all.
+    """Makes the requested output, and a recording and a keyframe if asked for; or prints a document for all.
 
     Args:
       time, step: time of the keyframe; by default, the last instant.
@@ -179,27 +179,27 @@ def make(
     from mjrun.outputs.perform import perform
 
     options = command_line.make(SimulationCommandOptions)
-    jobs: list[Job[OutputResult]] = [job]
+    requests: list[OutputRequest[OutputResult]] = [request]
     if options.recording is not None:
         from mjrun.outputs.recording import Recording
 
         partial = command_line.make(TraceOptions, simulation=None).keep_partial
-        jobs.append(Recording(job.simulation, options.recording, keep_partial=partial, command=console.command))
+        requests.append(Recording(request.simulation, options.recording, keep_partial=partial, command=console.command))
     if options.save_key is not None:
         from mjrun.outputs.keyframe import Keyframe
 
         path, name = _saved_key(options.save_key)
-        jobs.append(Keyframe(job.simulation, path, name=name, time=time, step=step, command=console.command))
+        requests.append(Keyframe(request.simulation, path, name=name, time=time, step=step, command=console.command))
     if options.print_document:
         from mjrun.document.run_writer import document_text
 
-        console.result(document_text(jobs, console.command).rstrip("\n"))
+        console.result(document_text(requests, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
 
     try:
         if options.if_changed or options.depfile:
-            return cast("R", _make_if_changed(console, jobs, options, report or _report))
-        return cast("R", perform(jobs, console)[0])
+            return cast("R", _make_if_changed(console, requests, options, report or _report))
+        return cast("R", perform(requests, console)[0])
     except MjrunError as error:
         if console.document_form and error.results:
             console.answer(_report(error.results[0]))
@@ -208,7 +208,7 @@ def make(
 
 def _make_if_changed(
     console: Console,
-    jobs: "Sequence[Job[OutputResult]]",
+    requests: "Sequence[OutputRequest[OutputResult]]",
     options: RerunOptions,
     report: Callable[[Any], Report],
 ) -> "OutputResult":
@@ -216,13 +216,13 @@ def _make_if_changed(
     from mjrun.outputs.perform import PublishedOutput, perform
     from mjrun.outputs.up_to_date_check import UpToDateCheck
 
-    with UpToDateCheck(jobs, options) as last:
+    with UpToDateCheck(requests, options) as last:
         if earlier := last.up_to_date():
             console.answer(unchanged(earlier))
             raise click.exceptions.Exit(0)
         tell_reason(console, last)
         published = list[PublishedOutput]()
-        result = perform(jobs, console, published)[0]
+        result = perform(requests, console, published)[0]
         last.finish(published, report(result).json)
     return result
 

@@ -40,7 +40,7 @@ from mjrun.document.tree import (
     path_text,
     written_path,
 )
-from mjrun.errors import FaultyJobsError, UsageError
+from mjrun.errors import FaultyRequestsError, UsageError
 from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import File, ReadingContext
@@ -54,7 +54,7 @@ from mjrun.options.simulation import SimulationOptions
 from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
-from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.simulation.simulation import Simulation
 
 # The options of all outputs, by key; the classes of outputs are imported only when a document uses them.
@@ -104,17 +104,17 @@ class _Run(OptionsMapping[Values]):
 RUN = _Run()
 
 
-def _output_class(key: str) -> Callable[..., Job[OutputResult]]:
+def _output_class(key: str) -> Callable[..., OutputRequest[OutputResult]]:
     """Returns the class of the outputs under a key."""
     name = OUTPUTS[key].__name__.removesuffix("Options")
-    return cast("Callable[..., Job[OutputResult]]", resolve_name(f"mjrun.outputs.{name.lower()}:{name}"))
+    return cast("Callable[..., OutputRequest[OutputResult]]", resolve_name(f"mjrun.outputs.{name.lower()}:{name}"))
 
 
 class RunRequest:
-    """The jobs of a document, with a context that locates their errors.
+    """The requests of a document, with a context that locates their errors.
 
     Attributes:
-      jobs: the jobs, which share one simulation.
+      outputs: the requested outputs, which share one simulation.
       page: the page about their outputs.
       documents: the files of the document and of those that it refers to.
     """
@@ -122,17 +122,17 @@ class RunRequest:
     def __init__(
         self,
         tree: MappingNode,
-        jobs: Mapping[Place, Job[OutputResult]],
+        requests: Mapping[Place, OutputRequest[OutputResult]],
         page: PageOptions,
         documents: Sequence[str] = (),
     ) -> None:
         self.page, self.documents = page, documents
-        self._tree, self._places = tree, list(jobs)
-        self.jobs = list(jobs.values())
+        self._tree, self._places = tree, list(requests)
+        self.outputs = list(requests.values())
 
     @contextmanager
     def located(self) -> Generator[None]:
-        """Converts errors of the jobs to errors at lines of the document.
+        """Converts errors of the requests to errors at lines of the document.
 
         Raises:
           DocumentError: the document is faulty; all faults are listed.
@@ -140,15 +140,15 @@ class RunRequest:
         try:
             yield
         except UsageError as error:
-            jobs_error = (
-                error if isinstance(error, FaultyJobsError) else error.__cause__
+            faulty = (
+                error if isinstance(error, FaultyRequestsError) else error.__cause__
             )  # a lone one is raised as itself
-            if not isinstance(jobs_error, FaultyJobsError):
+            if not isinstance(faulty, FaultyRequestsError):
                 raise
-            raise document_error(self._fault(*fault) for fault in jobs_error.faults) from error
+            raise document_error(self._fault(*fault) for fault in faulty.faults) from error
 
     def _fault(self, index: int | None, error: UsageError) -> Fault:
-        """Returns the fault for `error` at its option, or else at its job."""
+        """Returns the fault for `error` at its option, or else at its request."""
         place: Place = () if index is None else self._places[index]
         return option_fault(self._tree, place, error, _declared_at)
 
@@ -175,28 +175,28 @@ def read_run(
     document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
     page = builder.page(document)
-    return RunRequest(tree, builder.jobs(document), page, folders.documents)
+    return RunRequest(tree, builder.requests(document), page, folders.documents)
 
 
 class _Builder(DocumentBuilder):
-    """A builder of jobs from the contents of a document."""
+    """A builder of requests from the contents of a document."""
 
     def __init__(self, tree: MappingNode, folders: DocumentContext, options: RunOptions, command: str) -> None:
         super().__init__(tree, folders, _declared_at)
         self._options, self._command = options, command
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")
 
-    def jobs(self, document: Values) -> dict[Place, Job[OutputResult]]:
-        """Returns all jobs by their places in the document."""
+    def requests(self, document: Values) -> dict[Place, OutputRequest[OutputResult]]:
+        """Returns all requests by their places in the document."""
         simulation = self.simulation(document, self._options)
-        jobs: dict[Place, Job[OutputResult]] = {}
+        requests: dict[Place, OutputRequest[OutputResult]] = {}
         for key in OUTPUTS:
             for index, entry in enumerate(cast("Sequence[Values | str]", document.get(key, ()))):
-                job = self._job(entry, (key, index), simulation)
-                if job is not None:
-                    jobs[key, index] = job
+                request = self._request(entry, (key, index), simulation)
+                if request is not None:
+                    requests[key, index] = request
         self.raise_faults()
-        return jobs
+        return requests
 
     def page(self, document: Values) -> PageOptions:
         """Returns the page that the command line requests, or else the document."""
@@ -212,17 +212,17 @@ class _Builder(DocumentBuilder):
         limit = self._options.embed_up_to
         return page if limit is None else replace(page, embed_up_to=limit)
 
-    def _job(self, entry: Values | str, place: Place, simulation: Simulation) -> Job[OutputResult] | None:
+    def _request(self, entry: Values | str, place: Place, simulation: Simulation) -> OutputRequest[OutputResult] | None:
         key = str(place[0])
         values = {"output": entry} if isinstance(entry, str) else entry
         values = {**values, **self._machine_values(key), "command": self._command}
         output = _output_class(key)
-        job = self.attempt(place, lambda: output(simulation, **values))
-        if job is None:
+        request = self.attempt(place, lambda: output(simulation, **values))
+        if request is None:
             return None
-        for name, file in self.attempt(place, lambda: job.files) or ():
+        for name, file in self.attempt(place, lambda: request.files) or ():
             self._reserve_file(name, file, place)
-        return self._updated(job, place) if key == "traces" and self._options.update else job
+        return self._updated(request, place) if key == "traces" and self._options.update else request
 
     def _machine_values(self, key: str) -> Values:
         """Returns the options of the command line for all outputs under a key."""
@@ -233,14 +233,14 @@ class _Builder(DocumentBuilder):
         values |= {"jobs": options.jobs} if key == "videos" else {}
         return {name: value for name, value in values.items() if value is not None}
 
-    def _updated(self, job: Job[OutputResult], place: Place) -> Job[OutputResult]:
+    def _updated(self, request: OutputRequest[OutputResult], place: Place) -> OutputRequest[OutputResult]:
         """Returns the trace with its golden table to be updated, if the document may write to that file."""
         from mjrun.outputs.trace import Trace, golden_files
 
-        assert isinstance(job, Trace)
-        if job.golden is None:
-            return job
-        updated = replace(job, update=True)
+        assert isinstance(request, Trace)
+        if request.golden is None:
+            return request
+        updated = replace(request, update=True)
         for file in golden_files(updated):
             where = written_path(self.tree, (*place, "golden"))
             owner = f"{path_text(where)} at {find(self.tree, where).mark}"

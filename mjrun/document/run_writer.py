@@ -1,4 +1,4 @@
-"""Conversion of jobs to documents."""
+"""Conversion of requests to documents."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -14,7 +14,7 @@ from mjrun.options.policy import PolicyKind, is_code
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, setting_text
 from mjrun.options.structured_kinds import plain_values
-from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 
@@ -28,28 +28,28 @@ class HasDocumentForm(Protocol):
         ...
 
 
-def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
-    """Formats the run document of `jobs`, which share one simulation, without default values.
+def document_text(requests: Sequence[OutputRequest[OutputResult]], command: str = "") -> str:
+    """Formats the run document of `requests`, which share one simulation, without default values.
 
     Options that apply to this machine only, such as the OpenGL backend, are left out. Files are relative to the
     current folder.
 
     Args:
-      command: the command that made the jobs, for a comment.
+      command: the command that made the requests, for a comment.
 
     Raises:
       UsageError: a document cannot contain this: code, a compiled model, an output outside of a folder.
     """
     from mjrun.document.run import OUTPUTS  # slow to import, and other documents need only what follows
 
-    if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
+    if not requests or any(request.simulation is not requests[0].simulation for request in requests):
         raise UsageError("a run document requires outputs of a single simulation")
     outputs: dict[str, list[Plain]] = {}
-    for job in jobs:
-        key = next(key for key, output in OUTPUTS.items() if isinstance(job, output))
-        options = plain_options(job)
-        outputs.setdefault(key, []).append(job.output if [*options] == ["output"] else options)
-    return text_of({**simulation_document(jobs[0].simulation), **outputs}, command)
+    for request in requests:
+        key = next(key for key, output in OUTPUTS.items() if isinstance(request, output))
+        options = plain_options(request)
+        outputs.setdefault(key, []).append(request.output if [*options] == ["output"] else options)
+    return text_of({**simulation_document(requests[0].simulation), **outputs}, command)
 
 
 def text_of(document: Mapped, command: str) -> str:

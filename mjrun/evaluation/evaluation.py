@@ -39,8 +39,8 @@ from mjrun.evaluation.summaries import (
 )
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import manifest_writer, raise_failures
-from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_results
 from mjrun.model.source import Source
 from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions

@@ -13,8 +13,8 @@ import numpy as np
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
 from mjrun.experiment.design import Design, is_whole
 from mjrun.experiment.design_points import DesignColumn
-from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.folders import Folder, folder_at
+from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.override import holds_whole_number

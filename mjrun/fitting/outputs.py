@@ -25,8 +25,8 @@ from mjrun.fitting.result import FitResult, FittedParameter
 from mjrun.fitting.shooting_fit import SHORTEST
 from mjrun.fitting.shooting_problem import Solution
 from mjrun.fitting.starting_states import measured_positions
-from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.formats.temporary_output import scratch_folder, temporary_file

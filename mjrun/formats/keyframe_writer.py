@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BrokenModelError, FileError, clean
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.temporary_output import temporary_file
 from mjrun.model import state
 from mjrun.model.compilation import compile_spec, refusals_named

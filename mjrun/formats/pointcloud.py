@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UsageError, clean
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.model.rendered_view import RenderedView, SegmentedObject
 
 SUFFIX = ".ply"

@@ -24,9 +24,9 @@ from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, file_errors, option, quoted
 from mjrun.formats import npy_reader
-from mjrun.formats.atomic_output import OutputWriter, closing_quietly
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import decoding, require_file
+from mjrun.formats.output_writer import OutputWriter, closing_quietly
 from mjrun.interruption import uninterrupted
 
 FACTS = 2**24  # characters of facts, at most

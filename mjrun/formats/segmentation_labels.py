@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.model.rendered_view import SegmentedObject
 
 INFO = {"description": "segmentation by mjrun", "contributor": "mjrun"}

@@ -14,9 +14,9 @@ from mjrun.child_process import ChildProcess, ExitStatus
 from mjrun.confinement.confinement import confinement
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
 from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput, no_space
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.timeline import rational
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB

@@ -13,8 +13,8 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, listing, option
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.model.names import enum_members
 from mjrun.model.state import restore, widened
 from mjrun.model.table_column import Column
@@ -27,7 +27,7 @@ from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import (
     PlacedScene,
-    SceneJob,
+    RenderedOutputRequest,
     ScenePlan,
     check_scene,
     open_states,
@@ -48,7 +48,7 @@ from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_po
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 
 if TYPE_CHECKING:
-    from mjrun.outputs.drawn_frames import FramePlan, OpenFrames
+    from mjrun.outputs.frame_drawing import FramePlan, OpenFrames
 
 NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
@@ -56,7 +56,7 @@ BLOCK = 64  # frames whose contacts are converted at once
 
 
 @options
-class Export(ExportOptions, SceneJob["ExportResult"]):
+class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
     """An export of a simulation: its options are keywords."""
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
             until=context.timeline.steps,
             enable_flags=(table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0),
             conditions=scene.conditions,
-            job=self,
+            request=self,
             scene=scene,
             images=images,
             schedule=schedule,
@@ -159,7 +159,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
 
     def _images(self, context: output.Context) -> "FramePlan":
         """Plans the images that the file holds."""
-        from mjrun.outputs.drawn_frames import plan_frames  # which imports the renderers
+        from mjrun.outputs.frame_drawing import plan_frames  # which imports the renderers
         from mjrun.outputs.video import VideoInMemory
 
         values = values_of(self, SceneOptions)
@@ -287,7 +287,7 @@ class ExportedScene:
     """A simulated scene that is ready to be written.
 
     Attributes:
-      job: the options.
+      request: the options.
       context: the simulation, its model and its timeline.
       facts: the facts of the manifest.
       frames: the states of all frames, their times, the poses of the cameras, and the decorations.
@@ -298,7 +298,7 @@ class ExportedScene:
 
     def __init__(
         self,
-        job: Export,
+        request: Export,
         plan: ScenePlan,
         frames: PlacedScene,
         images: "OpenFrames | None",
@@ -307,7 +307,7 @@ class ExportedScene:
         contacts: FrameContacts | None,
         facts: Mapping[str, object],
     ) -> None:
-        self.job, self.context, self.frames, self.facts = job, plan.context, frames, facts
+        self.request, self.context, self.frames, self.facts = request, plan.context, frames, facts
         self.values, self.marks, self.contacts = values, marks, contacts
         self._plan, self._images = plan, images
 
@@ -342,7 +342,7 @@ class ExportedScene:
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
-        from mjrun.outputs.drawn_frames import FrameDrawing, frame_compositor
+        from mjrun.outputs.frame_drawing import FrameDrawing, frame_compositor
 
         assert self._images
         compositor = frame_compositor(self._images, self.frames)
@@ -353,15 +353,15 @@ class ExportedScene:
     @cached_property
     def layers(self) -> Sequence[str]:
         """The requested layers that viewers of the format show in their own way."""
-        options = visual_of(self.job).options()
+        options = visual_of(self.request).options()
         shown = {"labels": options.label == BODY_LABELS}
         shown |= {name: bool(options.flags[FLAGS[name]]) for name in CONTACTS}
-        return [name for name in self.job.file_format.layers if shown[name]]
+        return [name for name in self.request.file_format.layers if shown[name]]
 
     @property
     def _options(self) -> mujoco.MjvOption:
         """The flags and groups of what the scene itself holds."""
-        options = visual_of(self.job).options()
+        options = visual_of(self.request).options()
         for name in self.layers:
             if name == "labels":
                 options.label = NO_LABELS
@@ -372,24 +372,24 @@ class ExportedScene:
     @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
         model, decorations = self.model, self.frames.decorations
-        request = SceneRequest(
+        scene_request = SceneRequest(
             options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
             room=sum(each.geoms for each in decorations),
-            hidden=self.job.file_format.hidden,
-            detail=DETAIL[self.job.quality],
+            hidden=self.request.file_format.hidden,
+            detail=DETAIL[self.request.quality],
         )
         states = (widened(model, state) for state in iter(self.frames.states))
-        instants = instants_of(model, states) if request.needs_forces(model) else _positions(model, states)
-        graph, motion = record_scene(model, instants, self.times, request)
+        instants = instants_of(model, states) if scene_request.needs_forces(model) else _positions(model, states)
+        graph, motion = record_scene(model, instants, self.times, scene_request)
         for text in [*graph.remarks, *self._unused()]:
             self.context.reporter.warn(text)
         return self._with_shots(graph, motion)
 
     def _unused(self) -> list[str]:
         """Returns a warning about flags that only change images, which no export shows."""
-        names = [name for name in (*self.job.show, *self.job.hide) if name in enum_members(mujoco.mjtRndFlag)]
-        if not names or self.job.renderer_options is not None:
+        names = [name for name in (*self.request.show, *self.request.hide) if name in enum_members(mujoco.mjtRndFlag)]
+        if not names or self.request.renderer_options is not None:
             return []
         return [f"{listing(names)}: ignored, since they only affect images"]
 
@@ -410,7 +410,7 @@ class ExportedScene:
                     position=vector(positions[0]),
                     quaternion=quaternion(quaternions[0]),
                     moves=True,
-                    lens=_lens(poses[0][index], self.job.size),
+                    lens=_lens(poses[0][index], self.request.size),
                 )
             )
         return replace(graph, nodes=nodes), replace(motion, tracks=tracks)
@@ -428,7 +428,7 @@ class ExportPlan(output.Plan[ExportResult]):
       detector: detects marks on the time line, if any.
     """
 
-    job: Export
+    request: Export
     scene: ScenePlan
     images: "FramePlan | None"
     schedule: FrameSchedule | None
@@ -436,38 +436,38 @@ class ExportPlan(output.Plan[ExportResult]):
     rows: Sequence[int] | None
     detector: MarkDetector | None
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "ExportOutput":
-        return ExportOutput(self, stack, backends)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenExport":
+        return OpenExport(self, stack, backends)
 
 
-class ExportOutput(output.Output[ExportResult]):
+class OpenExport(output.OpenOutput[ExportResult]):
     """An export with an open file."""
 
     def __init__(self, plan: ExportPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
-        job = self._job = plan.job
+        request = self._request = plan.request
         self._plan, self._context = plan, plan.scene.context
-        self._facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
+        self._facts = self._context.facts(request, plan.schedule.observed if plan.schedule else None)
         self._images: OpenFrames | None = None
         if plan.images:
             from mjrun.outputs.camera_panels import panel_files
-            from mjrun.outputs.drawn_frames import open_frames
+            from mjrun.outputs.frame_drawing import open_frames
 
-            files = panel_files(plan.images.job, plan.images.job.output)
-            self._images = open_frames(plan.images, plan.schedule, files, stack, backends, job.jobs)
+            files = panel_files(plan.images.request, plan.images.request.output)
+            self._images = open_frames(plan.images, plan.schedule, files, stack, backends, request.jobs)
         self._states = self._images.states if self._images else open_states(plan.scene, stack)
         self._rows = stack.enter_context(closing(RowFile(len(plan.table.columns) if plan.table else 0)))
         self._detector = plan.detector
         self._contacts: ContactRecorder | None = None
-        if job.file_format.contacts:
+        if request.file_format.contacts:
             self._contacts = stack.enter_context(closing(ContactRecorder(self._context.model)))
-        destination = StandardOutput() if job.output == "-" else StagedFile(Path(job.output))
+        destination = StandardOutput() if request.output == "-" else StagedFile(Path(request.output))
         self._writer = stack.enter_context(OutputWriter(destination))
         self._file: BinaryIO = self._writer.open_file()
         if plan.schedule:
             self._observe(plan.schedule)
 
     def schedule(self, event_steps: output.EventSteps) -> None:
-        self._observe(self._job.schedule(self._plan.scene, event_steps))
+        self._observe(self._request.schedule(self._plan.scene, event_steps))
 
     def _observe(self, schedule: FrameSchedule) -> None:
         """Makes the taps that record the frames of a schedule."""
@@ -489,8 +489,8 @@ class ExportOutput(output.Output[ExportResult]):
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
         contacts = self._contacts.contacts(len(placed.states)) if self._contacts else None
         values, plan = self._measured(), self._plan.scene
-        scene = ExportedScene(self._job, plan, placed, self._images, values, marks, contacts, self._facts)
-        write = self._job.file_format.write
+        scene = ExportedScene(self._request, plan, placed, self._images, values, marks, contacts, self._facts)
+        write = self._request.file_format.write
         assert write
         with self._writer.writing():
             write(scene, self._file)
@@ -498,13 +498,13 @@ class ExportOutput(output.Output[ExportResult]):
             size = self._file.tell() if self._file.seekable() else 0
         self._writer.finish()
 
-        job, timeline, count = self._job, self._context.timeline, len(placed.states)
+        request, timeline, count = self._request, self._context.timeline, len(placed.states)
         result = ExportResult(
-            path=job.output,
-            format=job.file_format.name,
+            path=request.output,
+            format=request.file_format.name,
             frames=count,
-            fps=float(job.fps),
-            duration=float(count / job.fps),
+            fps=float(request.fps),
+            duration=float(count / request.fps),
             simulated=float(timeline.duration),
             steps=timeline.steps,
             size=size,

@@ -12,23 +12,23 @@ import numpy as np
 from mjrun.camera.script import Event
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, clean, option
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.model.rendered_view import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
-from mjrun.outputs.drawn_frames import (
-    VideoOrImageJob,
+from mjrun.outputs.event_detection import time_of
+from mjrun.outputs.frame_drawing import (
     VideoOrImagePlan,
+    VideoOrImageRequest,
     frame_compositor,
     open_frames,
     plan_frames,
 )
-from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
 from mjrun.outputs.recorded_scene import ScenePlan
@@ -43,7 +43,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 
 
 @options
-class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
+class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
     """An image of one instant of a simulation: its options are keywords.
 
     The duration of the simulation matters only if the output waits for an event. Depth and segmentation are stored as
@@ -96,7 +96,7 @@ class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
             until=context.timeline.steps if schedule is None else schedule.steps[0],
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
-            job=self,
+            request=self,
             frames=frames,
             schedule=schedule,
         )
@@ -147,18 +147,18 @@ class ImageFile(VideoOrImageFile):
 class ImagePlan(VideoOrImagePlan[ImageResult]):
     """A planned image."""
 
-    job: Image
+    request: Image
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "ImageOutput":
-        return ImageOutput(self, stack, backends)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenImage":
+        return OpenImage(self, stack, backends)
 
 
-class ImageOutput(output.Output[ImageResult]):
+class OpenImage(output.OpenOutput[ImageResult]):
     """An image with open files."""
 
     def __init__(self, plan: ImagePlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
-        job, files = plan.job, plan.job.formatted_files
-        self._plan, self._job = plan, job
+        request, files = plan.request, plan.request.formatted_files
+        self._plan, self._request = plan, request
         self._frames = open_frames(plan.frames, plan.schedule, files, stack, backends)
         self.taps = self._frames.taps
         self._facts = self._frames.facts
@@ -168,23 +168,23 @@ class ImageOutput(output.Output[ImageResult]):
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
         self._calibration: CalibrationOutput | None = None
-        if job.calibration is not None:
+        if request.calibration is not None:
             numbers = any(file.view == "depth" and file.format == "png" for file in files)
-            self._calibration = CalibrationOutput(job, plan.frames.scene.motions, files, numbers)
+            self._calibration = CalibrationOutput(request, plan.frames.scene.motions, files, numbers)
             stack.enter_context(self._calibration.writer)
         self._pointcloud: PointCloudWriter | None = None
-        if job.pointcloud is not None:
+        if request.pointcloud is not None:
             model = plan.frames.scene.context.model
-            labels = Segmentation(model, job.seg_by).legend if "seg" in job.view else None
-            self._pointcloud = stack.enter_context(PointCloudWriter(job.pointcloud, labels))
+            labels = Segmentation(model, request.seg_by).legend if "seg" in request.view else None
+            self._pointcloud = stack.enter_context(PointCloudWriter(request.pointcloud, labels))
 
     def schedule(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._job.schedule(self._plan.frames.scene, event_steps)
+        self._frames.schedule = self._request.schedule(self._plan.frames.scene, event_steps)
         self.taps = self._frames.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[ImageResult]:
         scene = self._frames.place()
-        compositor = frame_compositor(self._frames, scene, legend=self._job.legend)
+        compositor = frame_compositor(self._frames, scene, legend=self._request.legend)
         pictures = self._pictures(compositor, scene.states[0])
         for index in range(len(self._writers)):
             self._write(index, compositor, pictures)
@@ -206,10 +206,10 @@ class ImageOutput(output.Output[ImageResult]):
         return output.FinishedOutput(self._result(scene.schedule, clipped, writers), writers, self._facts)
 
     def _result(self, schedule: FrameSchedule, clipped: float, writers: Sequence[OutputWriter]) -> ImageResult:
-        backend, file = self._frames.backend, self._job.formatted_files[0]
+        backend, file = self._frames.backend, self._request.formatted_files[0]
         places = [part.destination for writer in writers for part in writer.together]
         return ImageResult(
-            path=self._job.output,
+            path=self._request.output,
             paths=[str(place.shown) for place in places if place.stdout is None],
             format=file.format,
             size=self._plan.frames.size_of(file),
@@ -223,7 +223,7 @@ class ImageOutput(output.Output[ImageResult]):
 
     def _pictures(self, compositor: SceneCompositor, state: np.ndarray) -> list[RenderedView]:
         """Renders the view of each camera."""
-        views = self._job.view
+        views = self._request.view
         try:
             compositor.open()
             if not compositor.ranges and "depth" in views:
@@ -234,7 +234,7 @@ class ImageOutput(output.Output[ImageResult]):
 
     def _write(self, index: int, compositor: SceneCompositor, pictures: Sequence[RenderedView]) -> None:
         """Writes the file with this index."""
-        file, writer = self._job.formatted_files[index], self._writers[index]
+        file, writer = self._request.formatted_files[index], self._writers[index]
         picture = pictures[file.panels[0].camera]
         if file.view == "depth":
             assert picture.depth is not None
@@ -246,32 +246,32 @@ class ImageOutput(output.Output[ImageResult]):
             writer.write(np.ascontiguousarray(compositor.frame(compositor.streams[index], pictures, 0)))
 
 
-def _image_file(job: Image, file: VideoOrImageFile) -> ImageFile:
+def _image_file(request: Image, file: VideoOrImageFile) -> ImageFile:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
-    if len(file.panels) > 1 and job.style == "exact":
+    if len(file.panels) > 1 and request.style == "exact":
         exact_style = f"{option('style')} exact"
         raise UsageError(f"{exact_style}: numbers cannot share an image; {option('separate')} writes a file for each")
     alone = len(file.panels) == 1 and file.panels[0].view != "rgb"
     exact = alone and (
-        job.style == "exact" or (job.style is None and Path(file.path).suffix.lower() not in COLOUR_SUFFIXES)
+        request.style == "exact" or (request.style is None and Path(file.path).suffix.lower() not in COLOUR_SUFFIXES)
     )
     view = file.panels[0].view if exact else "rgb"
     hint = f"{option('style')} color renders colours instead" if exact else ""
-    return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, job.format, hint))
+    return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint))
 
 
-def _step(job: Image, timeline: Timeline, event_steps: output.EventSteps) -> int:
+def _step(request: Image, timeline: Timeline, event_steps: output.EventSteps) -> int:
     """Returns the step that the image shows."""
-    if job.step is not None:
-        require_countable(job.step, "step")
-        return job.step
-    if isinstance(job.time, Event):
-        at = time_of(job.time, event_steps[job.time.when], timeline, job.output)
+    if request.step is not None:
+        require_countable(request.step, "step")
+        return request.step
+    if isinstance(request.time, Event):
+        at = time_of(request.time, event_steps[request.time.when], timeline, request.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
-    if job.time is not None and not isinstance(job.time, Fraction):
-        raise BadValueError(option("time"), job.time, "a number of seconds of at least 0")
-    step = nearest((job.time or Fraction(0)) / timeline.timestep)
+    if request.time is not None and not isinstance(request.time, Fraction):
+        raise BadValueError(option("time"), request.time, "a number of seconds of at least 0")
+    step = nearest((request.time or Fraction(0)) / timeline.timestep)
     require_countable(step, "time")
     return step

@@ -22,7 +22,7 @@ SUFFIX = ".xml"
 
 
 @options
-class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
+class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
     """A keyframe with an instant of a simulation, saved in the model's XML: its options are keywords."""
 
     @property
@@ -83,7 +83,7 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
         numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
         about = f"{clean(self.name)}, {numbers} numbers"
         preview = output.Preview("keyframe", self.output, 1, "key", [numbers], about)
-        return KeyframePlan(preview=preview, until=step, job=self, context=context, source=file, xml=xml)
+        return KeyframePlan(preview=preview, until=step, request=self, context=context, source=file, xml=xml)
 
 
 @dataclass(frozen=True)
@@ -110,37 +110,37 @@ class KeyframePlan(output.Plan[KeyframeResult]):
       source, xml: the main file of the model and its content.
     """
 
-    job: Keyframe
+    request: Keyframe
     context: output.Context
     source: Path
     xml: bytes
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "KeyframeOutput":
-        return KeyframeOutput(self, stack)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenKeyframe":
+        return OpenKeyframe(self, stack)
 
 
-class KeyframeOutput(output.Output[KeyframeResult]):
+class OpenKeyframe(output.OpenOutput[KeyframeResult]):
     """A keyframe with an open file."""
 
     def __init__(self, plan: KeyframePlan, stack: ExitStack) -> None:
-        job, context = plan.job, plan.context
-        self._job, self._context, self._step = job, context, plan.until
+        request, context = plan.request, plan.context
+        self._request, self._context, self._step = request, context, plan.until
         self._state = np.empty(0)
-        model, origin = context.model, job.simulation.source
+        model, origin = context.model, request.simulation.source
         if origin.overrides:
             model = replace(origin, overrides=()).load()
             overrides = listing([str(override) for override in origin.overrides])
-            context.reporter.warn(f"{job.output} holds the model without its overrides: {overrides} is left out")
-        self._facts = context.facts(job)
+            context.reporter.warn(f"{request.output} holds the model without its overrides: {overrides} is left out")
+        self._facts = context.facts(request)
         self.taps = [Tap([plan.until], self._record)]
-        self._writer = stack.enter_context(KeyframeWriter(job.output, plan.source, plan.xml, job.name, model))
+        self._writer = stack.enter_context(KeyframeWriter(request.output, plan.source, plan.xml, request.name, model))
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[KeyframeResult]:
         for text in self._writer.write(self._context.model, self._state):
-            self._context.reporter.warn(f"{clean(self._job.output)}: {text}")
+            self._context.reporter.warn(f"{clean(self._request.output)}: {text}")
         result = KeyframeResult(
-            path=self._job.output,
-            name=self._job.name,
+            path=self._request.output,
+            name=self._request.name,
             time=float(self._context.timeline.time(self._step)),
             step=self._step,
         )

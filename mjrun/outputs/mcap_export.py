@@ -125,7 +125,7 @@ def instants(scene: ExportedScene, channels: "InstantTopics") -> Generator[Timed
     """Yields the poses, joints and contacts of each frame."""
     poses = scene.frames.poses if cameras_of(scene) else itertools.repeat(())
     for time, data, cameras in zip(frame_times(scene), scene.instants(), poses, strict=False):
-        yield from channels.messages(time, data, [lens(pose, scene.job.size) for pose in cameras])
+        yield from channels.messages(time, data, [lens(pose, scene.request.size) for pose in cameras])
 
 
 def rows(scene: ExportedScene, log: McapWriter) -> Generator[TimedMessage]:
@@ -153,7 +153,7 @@ def images(scene: ExportedScene, cameras: Sequence["CameraTopics"]) -> Generator
     times = frame_times(scene)
     with ExitStack() as stack:
         drawn = stack.enter_context(closing(scene.images()))
-        encoders = [stack.enter_context(closing(image_encoder(scene.job))) for _ in cameras]
+        encoders = [stack.enter_context(closing(image_encoder(scene.request))) for _ in cameras]
         waiting = [deque[bytes]() for _ in cameras]
         encoded = 0
         for pixels in itertools.chain(drawn, [None]):
@@ -162,7 +162,7 @@ def images(scene: ExportedScene, cameras: Sequence["CameraTopics"]) -> Generator
             while all(waiting):
                 time, poses = next(times), scene.frames.poses[encoded]
                 for camera, pose, queue in zip(cameras, poses, waiting, strict=True):
-                    yield from camera.messages(time, queue.popleft(), lens(pose, scene.job.size))
+                    yield from camera.messages(time, queue.popleft(), lens(pose, scene.request.size))
                 encoded += 1
 
 
@@ -189,7 +189,7 @@ class InstantTopics:
         self._joints = log.add_channel("/joint_states", mcap.JOINTS) if joints else None
         self._soft = self._shapes = None
         if SoftShapes.exist_in(model):
-            self._soft = SoftShapes(model, visual_of(scene.job).options())
+            self._soft = SoftShapes(model, visual_of(scene.request).options())
             self._shapes = log.add_channel("/scene/shapes", mcap.SCENE)
         self._contacts = log.add_channel("/contacts", mcap.SCENE)
         self._rows = TableMessages("contacts", contact_columns(model)[CONTACT:])
@@ -233,7 +233,7 @@ class CameraTopics:
 
     def __init__(self, log: McapWriter, scene: ExportedScene, name: str, frame: str) -> None:
         self._frame = frame
-        self._encoding, self._size = scene.job.images or H264, image_size(scene.job)
+        self._encoding, self._size = scene.request.images or H264, image_size(scene.request)
         if self._encoding == H264:
             self._images = log.add_channel(f"/camera/{name}/video", mcap.VIDEO)
         else:
@@ -268,13 +268,13 @@ class StillImageEncoder:
         """Does nothing."""
 
 
-def image_encoder(job: Export) -> H264Encoder | StillImageEncoder:
+def image_encoder(request: Export) -> H264Encoder | StillImageEncoder:
     """Returns an encoder of the images of one camera."""
-    encode = ENCODERS.get(job.images or H264)
-    return StillImageEncoder(encode) if encode else H264Encoder(job.size, job.fps)
+    encode = ENCODERS.get(request.images or H264)
+    return StillImageEncoder(encode) if encode else H264Encoder(request.size, request.fps)
 
 
-def image_size(job: Export) -> tuple[int, int]:
+def image_size(request: Export) -> tuple[int, int]:
     """Returns the size of encoded images [pixels]."""
-    width, height = job.size
-    return job.size if job.images in ENCODERS else (width + width % 2, height + height % 2)
+    width, height = request.size
+    return request.size if request.images in ENCODERS else (width + width % 2, height + height % 2)

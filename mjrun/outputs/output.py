@@ -1,11 +1,11 @@
 """An output in three phases, each a value: a plan, an output whose files are open, and a finished output.
 
-A *job* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
+A *request* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
 An *output* observes the simulation through its taps. A *finished output* has its result, and its files are complete.
 
 The pass in `perform` calls, in this order:
 
-- of each job, `files` and `check`, and then `plan` with the compiled model, while the backend is being detected;
+- of each request, `files` and `check`, and then `plan` with the compiled model, while the backend is being detected;
 - of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
 - in the simulation, the `taps` of each output, or `simulate` of a single one that reads blocks of steps; outputs that
   wait for events first `schedule` their taps;
@@ -26,7 +26,7 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
-from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
 from mjrun.physics.simulation_loop import Tap
@@ -88,9 +88,9 @@ class Context:
         """Additional columns that can be measured if a policy acts."""
         return self.simulation.episode.columns if self.simulation.episode else None
 
-    def facts(self, job: object, timeline: Timeline | None = None) -> dict[str, object]:
+    def facts(self, request: object, timeline: Timeline | None = None) -> dict[str, object]:
         """Returns the facts for an output's manifest: its origin, in the whole `timeline` or part of it."""
-        return {**origin(job, self.simulation, self.model, timeline or self.timeline)}
+        return {**origin(request, self.simulation, self.model, timeline or self.timeline)}
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class FinishedOutput(Generic[R_co]):
     golden_differences: Sequence[str] = ()
 
 
-class Output(ABC, Generic[R_co]):
+class OpenOutput(ABC, Generic[R_co]):
     """An output with open files, which proves that they can be written.
 
     Attributes:
@@ -224,7 +224,7 @@ class Output(ABC, Generic[R_co]):
         """
 
 
-class BlockOutput(Output[R_co]):
+class OpenBlockOutput(OpenOutput[R_co]):
     """An output that can read blocks of steps, which takes less time than to read each of them."""
 
     @abstractmethod
@@ -249,12 +249,12 @@ class Plan(ABC, Generic[R_co]):
     conditions: Sequence[str] = ()
 
     @abstractmethod
-    def open(self, stack: ExitStack, backends: BackendsAndWorkers) -> Output[R_co]:
+    def open(self, stack: ExitStack, backends: BackendsAndWorkers) -> OpenOutput[R_co]:
         """Opens the files, whose unpublished ones the stack removes, and starts drawing processes and encoders."""
 
 
 @options
-class Job(OutputOptions, ABC, Generic[R_co]):
+class OutputRequest(OutputOptions, ABC, Generic[R_co]):
     """A requested output: a simulation and the options of one kind of output."""
 
     simulation: Simulation = field(kw_only=False)

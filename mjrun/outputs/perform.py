@@ -12,16 +12,16 @@ from typing import Generic, TypeVar
 
 from mjrun import errors
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import MovedTogether, publishing
 from mjrun.formats.manifest import ManifestWriter
+from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.output import (
     BackendsAndWorkers,
-    BlockOutput,
     Context,
     FinishedOutput,
-    Job,
-    Output,
+    OpenBlockOutput,
+    OpenOutput,
+    OutputRequest,
     OutputResult,
     Plan,
     Preview,
@@ -48,9 +48,11 @@ class PublishedOutput:
 
 
 def perform(
-    jobs: Sequence[Job[R]], reporter: Reporter | None = None, published: list[PublishedOutput] | None = None
+    requests: Sequence[OutputRequest[R]],
+    reporter: Reporter | None = None,
+    published: list[PublishedOutput] | None = None,
 ) -> list[R]:
-    """Performs all `jobs` of one simulation in one pass, and returns their results.
+    """Performs all `requests` of one simulation in one pass, and returns their results.
 
     Errors that can be detected early are raised before the first step; nothing is made then. Later, a failing output
     does not affect the others: all are drawn and finished before any is published, and those that are complete are
@@ -70,7 +72,7 @@ def perform(
     with ExitStack() as stack:
         with doing("simulating"), collected_warnings() as warnings, without_timers():
             backends = stack.enter_context(closing(BackendsAndWorkers()))
-            plan = plan_pass(jobs, reporter, backends)
+            plan = plan_pass(requests, reporter, backends)
             current = open_pass(plan, stack, backends)
             current.simulate()
             current.finish()
@@ -101,14 +103,14 @@ class PassPreview:
     outputs: Sequence[Preview]
 
 
-def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None) -> PassPreview:
+def preview(requests: Sequence[OutputRequest[OutputResult]], reporter: Reporter | None = None) -> PassPreview:
     """Describes the pass that `perform` would make, with all names and numbers checked and no step taken.
 
     Raises:
       MjrunError: the pass would fail before its first step.
     """
     with collected_warnings(), closing(BackendsAndWorkers()) as backends:
-        plan = plan_pass(jobs, reporter or WarningReporter(), backends)
+        plan = plan_pass(requests, reporter or WarningReporter(), backends)
     timeline = plan.context.timeline
     outputs = [each.preview for each in plan.outputs]
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
@@ -120,33 +122,33 @@ class PassPlan(Generic[R]):
 
     Attributes:
       stepper: takes the steps; its model computes everything that the outputs measure.
-      outputs: the plan of each job.
+      outputs: the plan of each request.
     """
 
-    jobs: Sequence[Job[R]]
+    requests: Sequence[OutputRequest[R]]
     context: Context
     stepper: Stepper
     outputs: Sequence[Plan[R]]
 
 
-def plan_pass(jobs: Sequence[Job[R]], reporter: Reporter, backends: BackendsAndWorkers) -> PassPlan[R]:
-    """Plans all jobs, after collecting every error in them.
+def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends: BackendsAndWorkers) -> PassPlan[R]:
+    """Plans all requests, after collecting every error in them.
 
     Raises:
-      FaultyJobsError: there are several errors; a single one is raised unchanged.
+      FaultyRequestsError: there are several errors; a single one is raised unchanged.
     """
-    if not jobs:
+    if not requests:
         raise errors.UsageError("nothing to do: no output is requested")
-    simulation = jobs[0].simulation
-    if any(job.simulation is not simulation for job in jobs):
+    simulation = requests[0].simulation
+    if any(request.simulation is not simulation for request in requests):
         raise errors.UsageError("all outputs of one pass must share one simulation")
-    collected = _UsageErrors(alone=len(jobs) == 1)
-    _check_files(jobs, collected)
-    for index, job in enumerate(jobs):
+    collected = _UsageErrors(alone=len(requests) == 1)
+    _check_files(requests, collected)
+    for index, request in enumerate(requests):
         with collected.errors_of(index):
-            job.check()
-            if job.renderer_options is not None:
-                backends.detect(job.renderer_options)
+            request.check()
+            if request.renderer_options is not None:
+                backends.detect(request.renderer_options)
     collected.raise_all()
 
     with collected.errors_of(None):
@@ -154,16 +156,16 @@ def plan_pass(jobs: Sequence[Job[R]], reporter: Reporter, backends: BackendsAndW
     collected.raise_all()
 
     plans = list[Plan[R]]()
-    for index, job in enumerate(jobs):
+    for index, request in enumerate(requests):
         with collected.errors_of(index):
-            plans.append(job.plan(context))
+            plans.append(request.plan(context))
     measured = copy.copy(context.model)
     for plan in plans:
         measured.opt.enableflags |= plan.enable_flags
     with collected.errors_of(None):
         stepper = simulation.stepper(measured)
     collected.raise_all()
-    return PassPlan(jobs, context, stepper, plans)
+    return PassPlan(requests, context, stepper, plans)
 
 
 def _context(simulation: Simulation, reporter: Reporter) -> Context:
@@ -176,10 +178,10 @@ def _context(simulation: Simulation, reporter: Reporter) -> Context:
 
 
 class _UsageErrors:
-    """A collector of the errors in jobs, which raises all of them together.
+    """A collector of the errors in requests, which raises all of them together.
 
     Args:
-      alone: whether there is only one job, whose single error is raised unchanged.
+      alone: whether there is only one request, whose single error is raised unchanged.
     """
 
     def __init__(self, *, alone: bool) -> None:
@@ -188,7 +190,7 @@ class _UsageErrors:
 
     @contextmanager
     def errors_of(self, index: int | None) -> Generator[None]:
-        """Records a UsageError in the `with` block for the job with this index, or for all jobs if it is None."""
+        """Records a UsageError in the `with` block for the request with this index, or for all if it is None."""
         try:
             yield
         except errors.ControllerError:  # user code, with its traceback
@@ -199,28 +201,28 @@ class _UsageErrors:
     def raise_all(self) -> None:
         """Raises the collected errors, if any."""
         if self._errors:
-            together = errors.FaultyJobsError(self._errors)
+            together = errors.FaultyRequestsError(self._errors)
             if self._alone and len(self._errors) == 1:
                 raise self._errors[0][1] from together
             raise together
 
 
-def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> None:
+def _check_files(requests: Sequence[OutputRequest[OutputResult]], collected: _UsageErrors) -> None:
     """Collects an error for each file that is written twice, or overwrites an input that it is not made from."""
     reserved = ReservedFiles()
-    rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
-    inputs = [(path, f"the {what}, which is read") for what, path in jobs[0].simulation.inputs]
+    rewritten = {os.path.realpath(path) for request in requests for path in request.rewritten_inputs}
+    inputs = [(path, f"the {what}, which is read") for what, path in requests[0].simulation.inputs]
     known = {os.path.realpath(path) for path, _ in inputs}
-    for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one file
+    for what, path in (each for request in requests for each in request.inputs):  # several requests may read one file
         if os.path.realpath(path) not in known:
             known.add(os.path.realpath(path))
             inputs.append((Path(path), f"the {what}, which is read"))
     for path, owner in inputs:
         if os.path.realpath(path) not in rewritten:
             reserved.reserve_input(path, owner)
-    for index, job in enumerate(jobs):
+    for index, request in enumerate(requests):
         with collected.errors_of(index):
-            for name, path in job.files:
+            for name, path in request.files:
                 with collected.errors_of(index), errors.concerning(name):
                     reserved.reserve(path, f"the {name}")
 
@@ -232,7 +234,9 @@ def open_pass(plan: PassPlan[R], stack: ExitStack, backends: BackendsAndWorkers)
       MjrunError: a file cannot be written, or no backend works.
     """
     context = plan.context
-    manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in plan.jobs]
+    manifests = [
+        stack.enter_context(ManifestWriter(request.manifest)) if request.manifest else None for request in plan.requests
+    ]
     for text in context.simulation.notes(context.model):
         context.reporter.note(text)
     for text in context.simulation.remarks(context.model):
@@ -251,7 +255,7 @@ class OpenPass(Generic[R]):
     """
 
     def __init__(
-        self, plan: PassPlan[R], manifests: Sequence[ManifestWriter | None], outputs: Sequence[Output[R]]
+        self, plan: PassPlan[R], manifests: Sequence[ManifestWriter | None], outputs: Sequence[OpenOutput[R]]
     ) -> None:
         self.outputs = outputs
         self.failures: dict[int, tuple[str, errors.MjrunError]] = {}
@@ -270,7 +274,7 @@ class OpenPass(Generic[R]):
         try:
             if waiting:
                 self._simulate_and_replay(until, waiting)
-            elif len(self.outputs) == 1 and isinstance(self.outputs[0], BlockOutput):
+            elif len(self.outputs) == 1 and isinstance(self.outputs[0], OpenBlockOutput):
                 self.outputs[0].simulate(stepper, until)
             else:
                 run_with_taps(stepper, self._taps(range(len(self.outputs))), until)
@@ -319,7 +323,7 @@ class OpenPass(Generic[R]):
                     result = replace(finished.result, episode=self.episode, wall=wall, warnings=warnings)
                     failure = None if self.instability is None else str(self.instability)
                     facts = {**finished.facts, "result": asdict(result), "failure": failure}
-                    with MovedTogether() as together:
+                    with PublishingTransaction() as together:
                         files = [file for writer in finished.writers for file in together.move(writer)]
                         if manifest:
                             manifest.write(facts, files)
@@ -386,7 +390,7 @@ class OpenPass(Generic[R]):
 
     def _can_finish(self, index: int) -> bool:
         """Returns whether an output has not failed, and has all steps or keeps partial results."""
-        return index not in self.failures and (self.instability is None or self._plan.jobs[index].keeps_partial)
+        return index not in self.failures and (self.instability is None or self._plan.requests[index].keeps_partial)
 
     def _taps(self, indices: Iterable[int]) -> list[Tap]:
         """Returns the taps of the outputs with these indices, of which each output fails alone."""

@@ -24,7 +24,7 @@ from mjrun.probe.select import available_columns, split
 
 
 @options
-class Plot(PlotOptions, output.Job["PlotResult"]):
+class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
     """A plot of values measured in a simulation: its options are keywords."""
 
     @property
@@ -59,7 +59,7 @@ class Plot(PlotOptions, output.Job["PlotResult"]):
             preview=preview,
             until=context.timeline.steps,
             enable_flags=table.model.opt.enableflags,
-            job=self,
+            request=self,
             context=context,
             table=table,
             steps=steps,
@@ -122,28 +122,28 @@ class PlotPlan(output.Plan[PlotResult]):
       figure: the plan of the figure.
     """
 
-    job: Plot
+    request: Plot
     context: output.Context
     table: ProbeSampler
     steps: Sequence[int]
     figure: FigurePlan
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "PlotOutput":
-        return PlotOutput(self, stack)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenPlot":
+        return OpenPlot(self, stack)
 
 
-class PlotOutput(output.BlockOutput[PlotResult]):
+class OpenPlot(output.OpenBlockOutput[PlotResult]):
     """A plot with an open file."""
 
     def __init__(self, plan: PlotPlan, stack: ExitStack) -> None:
-        job, context, table, steps, figure = plan.job, plan.context, plan.table, plan.steps, plan.figure
-        self._job, self._context, self._table, self._steps, self._figure = job, context, table, steps, figure
+        request, context, table, steps, figure = plan.request, plan.context, plan.table, plan.steps, plan.figure
+        self._request, self._context, self._table, self._steps, self._figure = request, context, table, steps, figure
         self._collectors = [figure.collector(index) for index in range(len(figure.tables))]
         self._buffer = RowBuffer(table, steps, lambda block: self.feed(0, table.names, block.values))
         self.taps = [Tap(steps, self._buffer.record)]
-        self._facts = context.facts(job)
-        tags, form = output.metadata_tags(job.output, self._facts), job.figure_format
-        self._writer = stack.enter_context(FigureWriter(job.target, form, figure.grid.size, tags))
+        self._facts = context.facts(request)
+        tags, form = output.metadata_tags(request.output, self._facts), request.figure_format
+        self._writer = stack.enter_context(FigureWriter(request.target, form, figure.grid.size, tags))
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Steps physics in C, block by block."""
@@ -155,9 +155,9 @@ class PlotOutput(output.BlockOutput[PlotResult]):
         self._buffer.flush()
         for text in (*self._figure.notes, *(text for collector in self._collectors for text in collector.notes())):
             self._context.reporter.note(text)
-        self._writer.write(self._figure.drawing(self._collectors), self._figure.grid, self._job.style)
+        self._writer.write(self._figure.drawing(self._collectors), self._figure.grid, self._request.style)
         result = PlotResult(
-            path=self._job.output,
+            path=self._request.output,
             size=self._figure.grid.size,
             samples=sum(self.rows),
             panels=[panel.label for panel in self._figure.panels],

@@ -25,7 +25,7 @@ from mjrun.outputs import decorations
 from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
-from mjrun.outputs.output import Context, Job, OutputResult
+from mjrun.outputs.output import Context, OutputRequest, OutputResult
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.physics.simulation_loop import Tap
 from mjrun.rendering.added_geoms import Decoration
@@ -38,7 +38,7 @@ R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
 @options
-class SceneJob(SceneOptions, Job[R_co]):
+class RenderedOutputRequest(SceneOptions, OutputRequest[R_co]):
     """A requested output that shows the scene at the instants of frames."""
 
     @property
@@ -110,7 +110,7 @@ class ScenePlan:
 
 
 def plan_scene(
-    job: SceneJob[OutputResult],
+    request: RenderedOutputRequest[OutputResult],
     context: Context,
     cameras: Sequence[object],
     *,
@@ -127,16 +127,16 @@ def plan_scene(
       UsageError: a name is unknown, or a value invalid.
     """
     model, source = context.model, context.simulation.source
-    drawn, remark, is_framed = drawn_model(job, model, source, cameras, is_measured=is_measured)
+    drawn, remark, is_framed = drawn_model(request, model, source, cameras, is_measured=is_measured)
     if remark:
         context.reporter.note(remark)
     with source.named_in_errors():
-        motions = camera_motions(cameras, job.size, model, is_framed=is_framed)
+        motions = camera_motions(cameras, request.size, model, is_framed=is_framed)
     awaited = {**shot_events([motion.script for motion in motions]), **(events or {})}
     return ScenePlan(
         context=context,
         motions=motions,
-        decorations=planned_decorations(job, model, context.simulation),
+        decorations=planned_decorations(request, model, context.simulation),
         drawn_model=drawn,
         is_bare=bool(remark) and not is_measured,
         conditions=conditions(awaited, model, context.episode) if awaited else (),

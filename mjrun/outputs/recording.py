@@ -14,7 +14,7 @@ from mjrun.physics.stepper import Stepper
 
 
 @options
-class Recording(RecordingOptions, output.Job["RecordingResult"]):
+class Recording(RecordingOptions, output.OutputRequest["RecordingResult"]):
     """A recording of the states of all steps of a simulation: its options are keywords."""
 
     @property
@@ -25,7 +25,7 @@ class Recording(RecordingOptions, output.Job["RecordingResult"]):
         """Plans the recording; there is nothing to check."""
         size, steps = state.size(context.model), context.timeline.steps
         preview = output.Preview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
-        return RecordingPlan(preview=preview, until=steps, job=self, context=context)
+        return RecordingPlan(preview=preview, until=steps, request=self, context=context)
 
 
 @dataclass(frozen=True)
@@ -48,27 +48,27 @@ class RecordingResult(output.OutputResult):
 class RecordingPlan(output.Plan[RecordingResult]):
     """A planned recording."""
 
-    job: Recording
+    request: Recording
     context: output.Context
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "RecordingOutput":
-        return RecordingOutput(self.job, self.context, stack)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenRecording":
+        return OpenRecording(self.request, self.context, stack)
 
 
-class RecordingOutput(output.Output[RecordingResult]):
+class OpenRecording(output.OpenOutput[RecordingResult]):
     """A recording with an open file."""
 
-    def __init__(self, job: Recording, context: output.Context, stack: ExitStack) -> None:
+    def __init__(self, request: Recording, context: output.Context, stack: ExitStack) -> None:
         model = context.model
-        self._job, self._context = job, context
-        self._facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
-        self._writer = stack.enter_context(RecordingWriter(job.output, state.size(model), self._facts))
+        self._request, self._context = request, context
+        self._facts = {**context.facts(request), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
+        self._writer = stack.enter_context(RecordingWriter(request.output, state.size(model), self._facts))
         self.taps = [Tap(range(context.timeline.steps + 1), self._record)]
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[RecordingResult]:
         count = self._writer.count
         result = RecordingResult(
-            path=self._job.output,
+            path=self._request.output,
             states=count,
             size=state.size(self._context.model),
             simulated=float(self._context.timeline.time(count - 1)),

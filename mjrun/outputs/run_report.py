@@ -14,7 +14,7 @@ from mjrun.options.report import PageOptions
 from mjrun.outputs.export import ExportResult
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult
-from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.outputs.perform import PublishedOutput
 from mjrun.outputs.plot import PlotResult
 from mjrun.outputs.recording import RecordingResult
@@ -56,7 +56,9 @@ class RunResult:
 
 
 @contextmanager
-def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[list[PublishedOutput]]:
+def run_page(
+    options: PageOptions, title: str, requests: Sequence[OutputRequest[OutputResult]]
+) -> Generator[list[PublishedOutput]]:
     """Yields the list to which the `with` block adds the outputs that the page at `options.html` is about.
 
     The page is published at the end of the block if anything was made, even if other outputs failed.
@@ -67,7 +69,7 @@ def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]
       MjrunError: the page's location is not writable.
     """
     assert options.html is not None
-    if any(isinstance(job, Trace) and job.output != STDIN for job in jobs):
+    if any(isinstance(request, Trace) and request.output != STDIN for request in requests):
         require_matplotlib()
     with PageWriter(options.html) as writer:
         published: list[PublishedOutput] = []

@@ -12,10 +12,10 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.csv_sidecar import metadata_path
 from mjrun.formats.input_file import exists
 from mjrun.formats.manifest import SidecarWriter, sidecar_path
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS, input_format, output_format
 from mjrun.model.mujoco_globals import collected_warnings
@@ -44,7 +44,7 @@ LISTED = 10  # maximum number of differences in a message
 
 
 @options
-class Trace(TraceOptions, output.Job["TraceResult"]):
+class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
     """A trace of a simulation, a table of measured values: its options are keywords.
 
     Args:
@@ -123,7 +123,7 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
             preview=preview,
             until=context.timeline.steps,
             enable_flags=table.model.opt.enableflags,
-            job=self,
+            request=self,
             context=context,
             table=table,
             steps=steps,
@@ -171,37 +171,37 @@ class TracePlan(output.Plan[TraceResult]):
       steps: the steps of its rows.
     """
 
-    job: Trace
+    request: Trace
     context: output.Context
     table: ProbeSampler
     steps: Sequence[int]
     assertions: "Sequence[Assertion]"
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "TraceOutput":
-        return TraceOutput(self, stack)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenTrace":
+        return OpenTrace(self, stack)
 
 
-class TraceOutput(output.BlockOutput[TraceResult]):
+class OpenTrace(output.OpenBlockOutput[TraceResult]):
     """A trace with open files."""
 
     def __init__(self, plan: TracePlan, stack: ExitStack) -> None:
-        job, context, table, steps = plan.job, plan.context, plan.table, plan.steps
-        self._job, self._context, self._table, self._steps = job, context, table, steps
-        self._facts = context.facts(job)
-        self._format = output_format(job.target, job.format).name
+        request, context, table, steps = plan.request, plan.context, plan.table, plan.steps
+        self._request, self._context, self._table, self._steps = request, context, table, steps
+        self._facts = context.facts(request)
+        self._format = output_format(request.target, request.format).name
         self._writer = self._contacts = self._golden = None
-        if job.written:
+        if request.written:
             self._writer = stack.enter_context(
-                TableWriter(job.target, self._format, table.columns, self._facts, job.units)
+                TableWriter(request.target, self._format, table.columns, self._facts, request.units)
             )
-        if job.contacts is not None:
-            form = output_format(job.contacts).name
+        if request.contacts is not None:
+            form = output_format(request.contacts).name
             self._contacts = stack.enter_context(
-                TableWriter(job.contacts, form, table.contact_columns, self._facts, job.units)
+                TableWriter(request.contacts, form, table.contact_columns, self._facts, request.units)
             )
-        if job.golden is not None:
-            self._golden = GoldenTable(job, table.columns, self._facts, stack)
-        self._rows_to = job.rows_to(table.columns) if job.rows_to else None
+        if request.golden is not None:
+            self._golden = GoldenTable(request, table.columns, self._facts, stack)
+        self._rows_to = request.rows_to(table.columns) if request.rows_to else None
         self._checkers = [assertion.checker() for assertion in plan.assertions]
         self._buffer = RowBuffer(table, steps, self._write)
         self.taps = [Tap(steps, self._buffer.record)]
@@ -228,12 +228,12 @@ class TraceOutput(output.BlockOutput[TraceResult]):
             source = self._context.simulation.source.text or "the simulation"
             comparison, replaced = self._golden.finish(source, replace=complete)
             writers += replaced
-            if not (comparison.equal or self._job.update):
+            if not (comparison.equal or self._request.update):
                 differences.append(difference_message(comparison))
 
         timeline = self._context.timeline
         result = TraceResult(
-            path=self._job.output if self._job.written else "",
+            path=self._request.output if self._request.written else "",
             format=self._format,
             rows=self._rows,
             columns=len(self._table.columns),

@@ -16,14 +16,14 @@ from typing import Any, Self, cast
 from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_file
 from mjrun.formats.manifest import fingerprint
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.table_reader import STDIN
 from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
 from mjrun.options.output import RerunOptions
-from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.outputs.perform import PublishedOutput
 from mjrun.packages import installed_versions
 from mjrun.python_code import code_hash, module_sources
@@ -63,7 +63,7 @@ class UpToDateCheck:
     """A run, compared with the last one that made the same outputs; a context manager.
 
     Args:
-      jobs: the outputs, which share one simulation.
+      requests: the outputs, which share one simulation.
       options: whether the run is omitted if nothing has changed, and the file for the build system.
       documents: the documents that the outputs are described in.
       page: the page about the outputs, if any.
@@ -78,13 +78,13 @@ class UpToDateCheck:
 
     def __init__(
         self,
-        jobs: Sequence[Job[OutputResult]],
+        requests: Sequence[OutputRequest[OutputResult]],
         options: RerunOptions,
         documents: Sequence[Path | str] = (),
         page: str | None = None,
     ) -> None:
         self.reason = ""
-        self._jobs, self._options, self._documents, self._page = jobs, options, documents, page
+        self._requests, self._options, self._documents, self._page = requests, options, documents, page
         self._stack, self._facts = ExitStack(), dict[str, Any]()
         self._digests, self._entries = FileDigests(), UserCache("run")
         self._check()
@@ -144,7 +144,7 @@ class UpToDateCheck:
     @property
     def _outputs(self) -> list[str]:
         """The files and folders that are written, each once."""
-        files = [path for job in self._jobs for _, path in job.files]
+        files = [path for request in self._requests for _, path in request.files]
         return list(dict.fromkeys([*files, *([self._page] if self._page else [])]))
 
     def _check(self) -> None:
@@ -157,7 +157,7 @@ class UpToDateCheck:
             raise UsageError(f"{what} and {option('untrusted')} exclude each other: {reason}")
         if STDIN in self._outputs:
             raise UsageError(f"{what} requires files, not standard output; write to one with {option('output')}")
-        if self._jobs[0].simulation.model == STDIN:
+        if self._requests[0].simulation.model == STDIN:
             raise UsageError(f"{what} requires a model in a file, not on standard input")
         written = self._options.depfile and os.path.realpath(self._options.depfile)
         if written and written in map(os.path.realpath, [*self._outputs, *self._inputs()]):
@@ -165,20 +165,20 @@ class UpToDateCheck:
 
     def _inputs(self) -> list[str]:
         """Returns the files that are read, each once, without those of code."""
-        paths = [str(path) for _, path in self._jobs[0].simulation.inputs]
-        paths += [path for job in self._jobs for _, path in job.inputs]
+        paths = [str(path) for _, path in self._requests[0].simulation.inputs]
+        paths += [path for request in self._requests for _, path in request.inputs]
         return list(dict.fromkeys(os.path.normpath(path) for path in [*map(str, self._documents), *paths]))
 
     def _code(self) -> list[object]:
         """Returns the functions and objects that the user has written, each once."""
-        return [*{id(part): part for job in self._jobs for part in job.code}.values()]
+        return [*{id(part): part for request in self._requests for part in request.code}.values()]
 
     def _present_facts(self) -> Facts:
         """Returns everything that the outputs depend on, as plain values for JSON."""
-        simulation = self._jobs[0].simulation
+        simulation = self._requests[0].simulation
         facts = {
             "files": {path: self._digests.of(path) for path in self._inputs()},
-            "options": [_options(job) for job in self._jobs],
+            "options": [_options(request) for request in self._requests],
             "page": self._page,
             "code": code_hash(self._code()),
             "environment": [simulation.source.code, *(os.environ.get(name) for name in VARIABLES)],
@@ -223,8 +223,8 @@ def _escaped(path: str) -> str:
     return path.replace("$", "$$")
 
 
-def _options(job: Job[OutputResult]) -> object:
-    options = cast(Facts, plain(job))
+def _options(request: OutputRequest[OutputResult]) -> object:
+    options = cast(Facts, plain(request))
     return {name: value for name, value in options.items() if name not in INCIDENTAL}
 
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.image_encoding import UINT16_MAX
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
@@ -22,10 +22,10 @@ from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
-from mjrun.outputs.drawn_frames import (
+from mjrun.outputs.frame_drawing import (
     FrameDrawing,
-    VideoOrImageJob,
     VideoOrImagePlan,
+    VideoOrImageRequest,
     frame_compositor,
     open_frames,
     plan_frames,
@@ -38,7 +38,7 @@ from mjrun.reporter import WarningReporter, pass_on
 
 
 @options
-class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
+class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
     """A video of a simulation: its options are keywords."""
 
     @property
@@ -91,7 +91,7 @@ class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
             until=context.timeline.steps,
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
-            job=self,
+            request=self,
             frames=frames,
             schedule=schedule,
         )
@@ -141,37 +141,37 @@ class VideoFile(VideoOrImageFile):
 class VideoPlan(VideoOrImagePlan[VideoResult]):
     """A planned video."""
 
-    job: Video
+    request: Video
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "VideoOutput":
-        return VideoOutput(self, stack, backends)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenVideo":
+        return OpenVideo(self, stack, backends)
 
 
-class VideoOutput(output.Output[VideoResult]):
+class OpenVideo(output.OpenOutput[VideoResult]):
     """A video with open files."""
 
     def __init__(self, plan: VideoPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
-        job = plan.job
-        self._job, self._scene_plan, self._reporter = job, plan.frames.scene, plan.frames.scene.context.reporter
-        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, backends, job.jobs)
+        request = plan.request
+        self._request, self._scene_plan, self._reporter = request, plan.frames.scene, plan.frames.scene.context.reporter
+        self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
         count = {"frames": len(plan.schedule.steps)} if plan.schedule else {}
         self._facts = {**self._frames.facts, **count}
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
-        for file in job.encoded_files:
+        for file in request.encoded_files:
             size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self._facts)
             self._note_padding(file.encoding, size)
-            writer = VideoWriter(file.target, file.encoding, size, job.rate, tags=tags)
+            writer = VideoWriter(file.target, file.encoding, size, request.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
         self._calibration: CalibrationOutput | None = None
-        if job.calibration is not None:
-            numbers = job.style == "exact"
-            self._calibration = CalibrationOutput(job, self._scene_plan.motions, job.encoded_files, numbers)
+        if request.calibration is not None:
+            numbers = request.style == "exact"
+            self._calibration = CalibrationOutput(request, self._scene_plan.motions, request.encoded_files, numbers)
             stack.enter_context(self._calibration.writer)
 
     def schedule(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._job.schedule(self._scene_plan, event_steps)
+        self._frames.schedule = self._request.schedule(self._scene_plan, event_steps)
         self.taps = self._frames.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[VideoResult]:
@@ -204,7 +204,7 @@ class VideoOutput(output.Output[VideoResult]):
                     writer.write(part)
                     clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
         if clipped:
-            share = clipped / (count * sum(is_depth) * prod(self._job.size))
+            share = clipped / (count * sum(is_depth) * prod(self._request.size))
             self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
 
         for labels, stream in zip(self._labels, compositor.streams, strict=True):
@@ -214,19 +214,19 @@ class VideoOutput(output.Output[VideoResult]):
                 labels.write(stream.size, compositor.segmentation.legend, colours)
 
     def _result(self, count: int, simulation_wall: float, draw_wall: float) -> VideoResult:
-        job, timeline, backend = self._job, self._scene_plan.context.timeline, self._frames.backend
-        encoded, (width, height) = job.encoded_files[0].encoding, self._writers[0].size
+        request, timeline, backend = self._request, self._scene_plan.context.timeline, self._frames.backend
+        encoded, (width, height) = request.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
-        videos = [file.path for file in job.encoded_files]
+        videos = [file.path for file in request.encoded_files]
         return VideoResult(
-            path=job.output,
-            paths=[*videos, *(path for what, path in job.files if what != "manifest" and path not in videos)],
+            path=request.output,
+            paths=[*videos, *(path for what, path in request.files if what != "manifest" and path not in videos)],
             format=encoded.format,
             codec=encoded.codec,
             size=(width + right, height + bottom),
             frames=count,
-            fps=float(job.rate),
-            duration=float(count / job.rate),
+            fps=float(request.rate),
+            duration=float(count / request.rate),
             simulated=float(timeline.duration),
             steps=timeline.steps,
             jobs=self._frames.processes.count,
@@ -247,10 +247,10 @@ class VideoOutput(output.Output[VideoResult]):
             )
 
 
-def _video_file(job: Video, file: VideoOrImageFile) -> VideoFile:
+def _video_file(request: Video, file: VideoOrImageFile) -> VideoFile:
     coded = all(panel.view == "seg" for panel in file.panels)
     content = "exact" if file.exact else "ids" if coded else "video"
-    encoded = encoding(file.target, job.format, job.codec, job.crf, job.preset, content)
+    encoded = encoding(file.target, request.format, request.codec, request.crf, request.preset, content)
     return VideoFile(file.path, file.panels, file.exact, encoding=encoded)
 
 
@@ -270,7 +270,7 @@ class VideoInMemory(Video):
             until=context.timeline.steps,
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
-            job=self,
+            request=self,
             frames=frames,
             schedule=None if frames.scene.conditions else self.schedule(frames.scene, {}),
         )
@@ -280,22 +280,22 @@ class VideoInMemory(Video):
 class MemoryPlan(VideoOrImagePlan[output.OutputResult]):
     """A planned video in memory."""
 
-    job: VideoInMemory
+    request: VideoInMemory
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "MemoryOutput":
-        return MemoryOutput(self, stack, backends)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenFramesInMemory":
+        return OpenFramesInMemory(self, stack, backends)
 
 
-class MemoryOutput(output.Output[output.OutputResult]):
+class OpenFramesInMemory(output.OpenOutput[output.OutputResult]):
     """The frames of a video, without a file."""
 
     def __init__(self, plan: MemoryPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
-        job = self._job = plan.job
-        self._frames = open_frames(plan.frames, plan.schedule, job.encoded_files, stack, backends, job.jobs)
+        request = self._request = plan.request
+        self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
 
     def schedule(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._job.schedule(self._frames.plan.scene, event_steps)
+        self._frames.schedule = self._request.schedule(self._frames.plan.scene, event_steps)
         self.taps = self._frames.taps
 
     def images(self) -> Generator[np.ndarray]:
@@ -325,5 +325,5 @@ def video_frames(video: VideoInMemory) -> Generator[np.ndarray]:
             raise error
         pass_on(warnings, reporter)
         (made,) = current.outputs
-        assert isinstance(made, MemoryOutput)
+        assert isinstance(made, OpenFramesInMemory)
         yield from made.images()

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mjrun.errors import BadValueError, clean, option
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_encoding import ImageData
 from mjrun.formats.image_format import DRAWINGS, FORMATS
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Drawing, PanelGrid
 from mjrun.plotting.study.figure_data import StudyDrawing

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import cast
 
 from mjrun.errors import BadValueError, clean, concerning, file_errors, option
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.plotting.html_page import FileManifest, Page, PageFile, html_page, page_file
 from mjrun.probe.verdict import Verdict
 from mjrun.version import __version__

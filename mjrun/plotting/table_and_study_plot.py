@@ -8,8 +8,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedAssertionError, UsageError, clean, counted, listing, option, quoted
-from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.image_format import figure_format
+from mjrun.formats.output_writer import publish_together
 from mjrun.formats.study_reader import RESULTS, read_study
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import is_given, options

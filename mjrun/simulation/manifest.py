@@ -42,12 +42,12 @@ class Origin(TypedDict):
     steps: int
 
 
-def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
-    """Returns the facts that determine the outputs of `job`, a dataclass, as plain values for JSON.
+def origin(request: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
+    """Returns the facts that determine the outputs of `request`, a dataclass, as plain values for JSON.
 
     The fingerprint is that of the compiled model with all its assets and overrides.
     """
-    options = cast(dict[str, object], plain(job))
+    options = cast(dict[str, object], plain(request))
     made: Origin = {
         "mjrun": __version__,
         "mujoco": mujoco.mj_versionString(),

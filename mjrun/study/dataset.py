@@ -16,8 +16,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, UsageError, listing, option
 from mjrun.experiment.results_table import raise_failures
 from mjrun.formats import datasets
-from mjrun.formats.atomic_output import written_file
 from mjrun.formats.input_file import is_file
+from mjrun.formats.output_writer import written_file
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override

@@ -25,10 +25,10 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FailedEpisodesError, FileError, UsageError, clean, counted, option
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import manifest_writer, raise_failures
-from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
+from mjrun.formats.output_writer import publish_together, written_file
 from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
@@ -37,8 +37,8 @@ from mjrun.options.episode_dataset import EXTRAS, KEYFRAMES, UNUSED, EpisodeData
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import PARTS, ExecutionOptions
-from mjrun.outputs.drawn_frames import check_drawing
 from mjrun.outputs.exports import export_format
+from mjrun.outputs.frame_drawing import check_drawing
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require
 from mjrun.platform.cores import available_cores

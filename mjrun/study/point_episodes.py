@@ -22,8 +22,8 @@ from mjrun.model.names import control_names
 from mjrun.model.source import Source
 from mjrun.model.table_column import Column
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.drawn_frames import check_drawing, scene_compositor
 from mjrun.outputs.event_detection import final_timeline
+from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
 from mjrun.outputs.frame_schedule import shot_spans
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.outputs.trace_rows import ProbeSampler

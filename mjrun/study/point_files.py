@@ -19,13 +19,13 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design_points import parameter_names
 from mjrun.experiment.results_table import TableNames
-from mjrun.formats.atomic_output import written_file
 from mjrun.formats.folders import LocalFolder
+from mjrun.formats.output_writer import written_file
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
 from mjrun.options.option import values_of
 from mjrun.options.sweep import KeepOptions
 from mjrun.options.video import SelectedVideoOptions
-from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
@@ -87,7 +87,7 @@ class PointKeeper:
             from mjrun.outputs.perform import preview
 
             first = self._outputs(0, PointResult(0, "ok", (), 0))
-            preview(replace(first, simulation=prepared.first).jobs(self.kinds), WarningReporter())
+            preview(replace(first, simulation=prepared.first).requests(self.kinds), WarningReporter())
 
     def keep(
         self, columns: Mapping[str, np.ndarray], results: ResultColumns, jobs: int | str, reporter: Reporter
@@ -269,9 +269,9 @@ class PointFileRequest:
     every: int
     facts: Mapping[str, object]
 
-    def jobs(self, kinds: Sequence[str]) -> list[Job[OutputResult]]:
+    def requests(self, kinds: Sequence[str]) -> list[OutputRequest[OutputResult]]:
         """Returns the outputs of these kinds."""
-        return [self._job(kind, str(self.folder / NAMES[kind])) for kind in kinds]
+        return [self._request(kind, str(self.folder / NAMES[kind])) for kind in kinds]
 
     def missing(self) -> list[str]:
         """Returns the kinds of files that do not exist, or are of another simulation or other options."""
@@ -292,7 +292,7 @@ class PointFileRequest:
 
         kinds, digests = self.missing(), self._known_digests()
         if kinds:
-            perform(self.jobs(kinds))
+            perform(self.requests(kinds))
         digests |= {NAMES[kind]: self._digest(kind) for kind in kinds}
         for name in NAMES.values():
             if name not in digests:
@@ -307,7 +307,7 @@ class PointFileRequest:
         files = known.get("files") if known.get("key") == self.key else None
         return dict(cast("Mapping[str, object]", files)) if isinstance(files, dict) else {}
 
-    def _job(self, kind: str, path: str) -> Job[OutputResult]:
+    def _request(self, kind: str, path: str) -> OutputRequest[OutputResult]:
         options = self.options
         match kind:
             case "trace":
@@ -327,10 +327,10 @@ class PointFileRequest:
 
     def _digest(self, kind: str) -> str:
         """Returns a hash of everything that determines a file, except the simulation."""
-        job = plain(self._job(kind, NAMES[kind]))
-        assert isinstance(job, dict)
-        del job["simulation"]
-        return hashlib.sha256(json.dumps(job, sort_keys=True).encode()).hexdigest()[:16]
+        request = plain(self._request(kind, NAMES[kind]))
+        assert isinstance(request, dict)
+        del request["simulation"]
+        return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()[:16]
 
 
 class PointFileServer:

@@ -14,7 +14,7 @@ from mjrun.options.option import options
 from mjrun.options.sweep import VariationOptions
 from mjrun.outputs import output
 from mjrun.outputs.event_detection import final_timeline
-from mjrun.outputs.plot import Plot, PlotOutput, PlotPlan, PlotResult, table_columns
+from mjrun.outputs.plot import OpenPlot, Plot, PlotPlan, PlotResult, table_columns
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import TIME
 from mjrun.physics.stepper import Stepper
@@ -85,7 +85,7 @@ class VariedPlot(VariationOptions, Plot):
         preview = output.Preview("plot", self.output, len(points), "points", figure.grid.size, about)
         table = self.probe_sampler(contexts[0])
         return VariedPlotPlan(
-            preview=preview, until=0, job=self, context=context, table=table, steps=(), figure=figure, points=points
+            preview=preview, until=0, request=self, context=context, table=table, steps=(), figure=figure, points=points
         )
 
     def context(self, point: DrawnPoint, base: output.Context) -> output.Context:
@@ -129,19 +129,19 @@ class VariedPlot(VariationOptions, Plot):
 class VariedPlotPlan(PlotPlan):
     """A planned plot of several points."""
 
-    job: VariedPlot
+    request: VariedPlot
     points: Sequence[DrawnPoint]
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "VariedPlotOutput":
-        return VariedPlotOutput(self, stack)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenVariedPlot":
+        return OpenVariedPlot(self, stack)
 
 
-class VariedPlotOutput(PlotOutput):
+class OpenVariedPlot(OpenPlot):
     """A plot with an open file, of points that are simulated one after another."""
 
     def __init__(self, plan: VariedPlotPlan, stack: ExitStack) -> None:
         super().__init__(plan, stack)
-        self._varied, self._points = plan.job, plan.points
+        self._varied, self._points = plan.request, plan.points
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Simulates every point, instead of `stepper`.

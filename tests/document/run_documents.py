@@ -17,7 +17,7 @@ OUT = RunOptions(output="out")
 
 def jobs(text: str, *assignments: str, options: RunOptions = OUT, name: str = "d.yaml") -> list[Any]:
     Path(name).write_text(text)
-    return read_run(name, assignments, options).jobs
+    return read_run(name, assignments, options).outputs
 
 
 def job(text: str, *assignments: str, options: RunOptions = OUT) -> Any:

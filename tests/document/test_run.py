@@ -283,7 +283,7 @@ def test_the_machine_says_who_drives_and_who_draws() -> None:
         "traces: [{output: a.csv}]\nplots: [{output: p.png, probe: energy}]\nrecordings: [a.npz]"
     )
     options = RunOptions(controller=act, control_dt=0.02, gl="egl", require_gpu=True, quality="draft", jobs=3)
-    found = read_run("d.yaml", options=options, command="mjrun run d.yaml").jobs
+    found = read_run("d.yaml", options=options, command="mjrun run d.yaml").outputs
     film, still = found[:2]
     assert isinstance(film, Video)
     assert isinstance(still, Image)
@@ -530,7 +530,7 @@ def found(text: str, *assignments: str) -> list[str]:
     Path("d.yaml").write_text(BELOW + text)
     orders = read_run("d.yaml", assignments, OUT)
     with pytest.raises(DocumentError) as caught, orders.located():
-        preview(orders.jobs)
+        preview(orders.outputs)
     return [str(problem).removeprefix("d.yaml:").split(" (did")[0].split(";")[0] for problem in caught.value.problems]
 
 

@@ -37,7 +37,7 @@ from tests.document.camera_strategies import events, maybe, names, numbers, posi
 def again(jobs: Sequence[Any]) -> list[Any]:
     """The jobs of the document that is printed for `jobs`."""
     Path("d.yaml").write_text(document_text(jobs, "mjrun …\n"), encoding="utf-8")
-    return read_run("d.yaml").jobs
+    return read_run("d.yaml").outputs
 
 
 # --- one form of what may be said in several ----------------------------------------------------------

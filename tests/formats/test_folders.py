@@ -12,8 +12,8 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.folders import DELAYS, Folder, destination_at, folder_at
+from mjrun.formats.output_writer import OutputWriter, written_file
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format

@@ -11,12 +11,12 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats import table_writer
-from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.calibration_writer import FORMATS as CALIBRATIONS
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.formats.image_format import FORMATS as IMAGES
 from mjrun.formats.image_writer import PIXELS, ImageWriter
 from mjrun.formats.manifest import ManifestWriter
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.formats.recording import RecordingWriter
 from mjrun.formats.segmentation_labels import LabelsWriter

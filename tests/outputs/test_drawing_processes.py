@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, NoRendererError, spelled
-from mjrun.outputs import drawn_frames
-from mjrun.outputs.drawn_frames import estimated_cost, jobs_for, open_frames, plan_frames
+from mjrun.outputs import frame_drawing
+from mjrun.outputs.frame_drawing import estimated_cost, jobs_for, open_frames, plan_frames
 from mjrun.outputs.output import BackendsAndWorkers, Context
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
@@ -39,8 +39,8 @@ class Notes(WarningReporter):
 @pytest.fixture
 def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
     """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
-    monkeypatch.setattr(drawn_frames, "available_cores", lambda: 2)
-    monkeypatch.setattr(drawn_frames, "LONG", 0.0)
+    monkeypatch.setattr(frame_drawing, "available_cores", lambda: 2)
+    monkeypatch.setattr(frame_drawing, "LONG", 0.0)
 
     def made(
         estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
@@ -67,9 +67,9 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
                 started.append(count)
                 super().__init__(count, module)
 
-        monkeypatch.setattr(drawn_frames, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(frame_drawing, "estimated_cost", lambda size, panels: estimated)
         measure = SceneCompositor.costs
-        monkeypatch.setattr(drawn_frames, "CompositorPool", MeasuredPool)
+        monkeypatch.setattr(frame_drawing, "CompositorPool", MeasuredPool)
         monkeypatch.setattr(SceneCompositor, "costs", wraps(measure)(lambda self: assumed(measure(self))))
         monkeypatch.setattr(compositor_pool, "CompositorProcesses", CountedWorkers)
         notes = Notes()
@@ -130,7 +130,7 @@ def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: B
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(make_video: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drawn_frames, "LONG", 60.0)
+    monkeypatch.setattr(frame_drawing, "LONG", 60.0)
     assert make_video(0.001, 0.001)[1] == ""
 
 
@@ -187,8 +187,8 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
         assert counts == started
         raise NoRendererError({}, "")
 
-    monkeypatch.setattr(drawn_frames, "available_cores", lambda: 2)
-    monkeypatch.setattr(drawn_frames, "lacks_gpu", lambda: lacks_gpu)
+    monkeypatch.setattr(frame_drawing, "available_cores", lambda: 2)
+    monkeypatch.setattr(frame_drawing, "lacks_gpu", lambda: lacks_gpu)
     counts: list[int] = []
     monkeypatch.setattr(BackendsAndWorkers, "workers", lambda self, count: counts.append(count))
     monkeypatch.setattr(BackendsAndWorkers, "backend", backend)

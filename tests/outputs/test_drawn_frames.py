@@ -12,7 +12,7 @@ import mjrun
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.rendering import RENDERERS as NAMES
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.drawn_frames import (
+from mjrun.outputs.frame_drawing import (
     FramePlan,
     check_drawing,
     check_view,

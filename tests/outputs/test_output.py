@@ -13,11 +13,11 @@ from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
-from mjrun.formats.atomic_output import MovedTogether, publishing
+from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
-from mjrun.outputs.output import BackendsAndWorkers, BlockOutput, Context, Job, Output, metadata_tags
+from mjrun.outputs.output import BackendsAndWorkers, Context, OpenBlockOutput, OpenOutput, OutputRequest, metadata_tags
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
@@ -55,9 +55,9 @@ def context_of(simulation: Simulation) -> Context:
     return Context(simulation, model, simulation.timeline(model), WarningReporter())
 
 
-def simulate(output: Output[Any], stepper: Stepper, until: int) -> None:
+def simulate(output: OpenOutput[Any], stepper: Stepper, until: int) -> None:
     """Runs the simulation for an output as a pass of it alone does."""
-    if isinstance(output, BlockOutput):
+    if isinstance(output, OpenBlockOutput):
         output.simulate(stepper, until)
     else:
         run_with_taps(stepper, output.taps, until)
@@ -66,7 +66,7 @@ def simulate(output: Output[Any], stepper: Stepper, until: int) -> None:
 @pytest.mark.parametrize("kind", JOBS)
 def test_nothing_is_published_by_any_phase(swing: Path, tmp_path: Path, kind: str) -> None:
     simulation = Simulation(swing, steps=20)
-    job: Job[Any] = JOBS[kind](simulation, tmp_path)
+    job: OutputRequest[Any] = JOBS[kind](simulation, tmp_path)
     job.check()
     context = context_of(simulation)
     with ExitStack() as stack:
@@ -79,7 +79,7 @@ def test_nothing_is_published_by_any_phase(swing: Path, tmp_path: Path, kind: st
         finished = output.finish(1.0)
         assert visible(tmp_path) == ["swing.xml"]
 
-        with publishing(finished.writers), MovedTogether() as together:
+        with publishing(finished.writers), PublishingTransaction() as together:
             files = [file for writer in finished.writers for file in together.move(writer)]
     assert sorted(path.name for path in files) == sorted(Path(path).name for _, path in job.files)
     assert visible(tmp_path) == sorted([*(path.name for path in files), "swing.xml"])
@@ -107,7 +107,7 @@ def test_a_plan_is_frozen_and_is_only_opened(swing: Path, tmp_path: Path, kind: 
     with pytest.raises(FrozenInstanceError):
         plan.until = 3
     assert [name for name in ("check", "plan", "open", "taps", "finish") if hasattr(plan, name)] == ["open"]
-    assert {name for name in ("check", "plan", "open") if hasattr(Output, name)} == set()
+    assert {name for name in ("check", "plan", "open") if hasattr(OpenOutput, name)} == set()
 
 
 def test_a_preview_counts_what_a_recording_will_hold(swing: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from PIL import Image as Pillow
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.outputs.drawn_frames import BUILTIN, DEFAULT_FORMAT, empty_overlay, overlay_probes, parse_template
+from mjrun.outputs.frame_drawing import BUILTIN, DEFAULT_FORMAT, empty_overlay, overlay_probes, parse_template
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.compositor import Overlay

@@ -17,7 +17,7 @@ from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import (
     FailedAssertionError,
-    FaultyJobsError,
+    FaultyRequestsError,
     FileError,
     MjrunError,
     PartlyDoneError,
@@ -89,9 +89,9 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     simulation = Simulation(swing, steps=10)
     good = Trace(simulation, f"{tmp_path}/a.csv")
     for bad, error in (
-        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), FaultyJobsError),
+        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), FaultyRequestsError),
         (Plot(simulation, "/dev/null/p.png", probe=["energy"]), FileError),
-        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), FaultyJobsError),
+        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), FaultyRequestsError),
     ):
         with pytest.raises(error):
             perform([good, bad])
@@ -136,7 +136,7 @@ def test_all_that_is_wrong_with_jobs_is_reported_at_once(swing: Path, tmp_path: 
     video = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
     trace = Trace(simulation, f"{tmp_path}/t.csv", probe=["qpos"])
     plot = Plot(simulation, f"{tmp_path}/p.png", probe=["enrgy"])
-    with pytest.raises(FaultyJobsError) as caught:
+    with pytest.raises(FaultyRequestsError) as caught:
         perform([video, trace, plot])
     assert [index for index, _ in caught.value.faults] == [0, 2, None]
     assert [getattr(error, "name", None) for _, error in caught.value.faults] == ["sde", "enrgy", "hing"]
@@ -146,7 +146,7 @@ def test_all_that_is_wrong_with_jobs_is_reported_at_once(swing: Path, tmp_path: 
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
     called = Simulation(swing, control_dt=0.01)
-    with pytest.raises(FaultyJobsError) as caught:  # each front end spells options in its own way
+    with pytest.raises(FaultyRequestsError) as caught:  # each front end spells options in its own way
         preview([Trace(called, f"{tmp_path}/t.csv"), Recording(called, f"{tmp_path}/r.npz")])
     assert "--control-dt" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):

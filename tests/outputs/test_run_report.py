@@ -8,7 +8,7 @@ import pytest
 from mjrun.errors import BadValueError, FailedAssertionError, FileError, PartlyDoneError
 from mjrun.options.report import PageOptions
 from mjrun.outputs.keyframe import KeyframeResult
-from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import RecordingResult
@@ -20,7 +20,7 @@ from tests.plotting.test_html_page import external_references, read
 
 
 @pytest.fixture
-def jobs(swing: Path, tmp_path: Path) -> list[Job[OutputResult]]:
+def jobs(swing: Path, tmp_path: Path) -> list[OutputRequest[OutputResult]]:
     simulation = Simulation(str(swing), duration=0.1, qvel={"hinge": 3.0})
     return [
         Trace(simulation, str(tmp_path / "run.csv"), probe=["qpos"], assert_=["max(time) < 1"]),
@@ -28,7 +28,9 @@ def jobs(swing: Path, tmp_path: Path) -> list[Job[OutputResult]]:
     ]
 
 
-def test_it_holds_tables_images_verdicts_and_what_made_them(jobs: list[Job[OutputResult]], tmp_path: Path) -> None:
+def test_it_holds_tables_images_verdicts_and_what_made_them(
+    jobs: list[OutputRequest[OutputResult]], tmp_path: Path
+) -> None:
     page = tmp_path / "page.html"
     with run_page(PageOptions(html=str(page)), "study.yaml", jobs) as published:
         perform(jobs, published=published)
@@ -42,7 +44,9 @@ def test_it_holds_tables_images_verdicts_and_what_made_them(jobs: list[Job[Outpu
     assert "data:image/png;base64," in html
 
 
-def test_it_is_made_when_an_assertion_fails_too(jobs: list[Job[OutputResult]], swing: Path, tmp_path: Path) -> None:
+def test_it_is_made_when_an_assertion_fails_too(
+    jobs: list[OutputRequest[OutputResult]], swing: Path, tmp_path: Path
+) -> None:
     trace = Trace(Simulation(str(swing), steps=3), str(tmp_path / "run.csv"), assert_=["max(time) < 0"])
     with (
         pytest.raises(FailedAssertionError),
@@ -68,14 +72,14 @@ def test_a_page_that_fails_at_the_end_says_what_was_made(
     assert [result.path for result in caught.value.results] == [table]
 
 
-def test_nothing_is_published_if_nothing_was_made(jobs: list[Job[OutputResult]], tmp_path: Path) -> None:
+def test_nothing_is_published_if_nothing_was_made(jobs: list[OutputRequest[OutputResult]], tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), run_page(PageOptions(html=str(tmp_path / "page.html")), "t", jobs):
         raise ZeroDivisionError
     assert not list(tmp_path.glob("*.html"))
 
 
 def test_a_page_that_cannot_be_written_is_reported_before_the_run(
-    jobs: list[Job[OutputResult]], tmp_path: Path
+    jobs: list[OutputRequest[OutputResult]], tmp_path: Path
 ) -> None:
     for name, error in (("page.txt", BadValueError), ("/dev/null/page.html", FileError)):
         with pytest.raises(error), run_page(PageOptions(html=str(tmp_path / name)), "t", jobs):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import ContactMemoryError, FailedStepError, UnstableError
-from mjrun.outputs.drawn_frames import overlay_probes
 from mjrun.outputs.event_detection import EventDetector
+from mjrun.outputs.frame_drawing import overlay_probes
 from mjrun.outputs.trace_rows import ProbeSampler, blocks
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import run_with_taps

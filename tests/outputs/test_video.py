@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.outputs import drawn_frames, perform
+from mjrun.outputs import frame_drawing, perform
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
@@ -138,7 +138,7 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
 def test_software_rendering_is_reported_once_with_its_cost(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(drawn_frames, "LONG", 0.0)
+    monkeypatch.setattr(frame_drawing, "LONG", 0.0)
     reporter = RecordingReporter()
     job = Video(Simulation(swing, duration="0.2"), str(tmp_path / "f.mp4"), size=(63, 48), fps=20)
     result = job.run(reporter)

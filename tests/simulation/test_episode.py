@@ -289,7 +289,7 @@ def test_a_run_document_makes_all_outputs_of_an_episode(task: Path, tmp_path: Pa
     )
     (tmp_path / "out").mkdir()
     requests = read_run(tmp_path / "run.yaml", [], RunOptions(output=str(tmp_path / "out")), "")
-    results = perform(requests.jobs)
+    results = perform(requests.outputs)
     assert len({str(result.episode) for result in results}) == 1
     alone = Trace(
         Simulation(read_task(task), policy=str(task.with_suffix(".onnx")), seed=3),

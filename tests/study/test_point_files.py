@@ -49,10 +49,10 @@ def test_what_is_there_is_known_until_something_changes(ball: Simulation, tmp_pa
 
 
 def test_every_kind_of_file_that_can_be_kept_is_made_by_its_own_job(ball: Simulation, tmp_path: Path) -> None:
-    jobs = outputs(ball, tmp_path, *KEPT).jobs(KEPT)
+    jobs = outputs(ball, tmp_path, *KEPT).requests(KEPT)
     assert [type(job).__name__.lower() for job in jobs] == [*KEPT]
     with pytest.raises(ValueError, match="no output plot can be kept"):
-        outputs(ball, tmp_path)._job("plot", "plot.png")
+        outputs(ball, tmp_path)._request("plot", "plot.png")
 
 
 def test_files_of_an_older_simulation_are_removed_and_others_stay(ball: Simulation, tmp_path: Path) -> None:

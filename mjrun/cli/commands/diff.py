@@ -56,9 +56,9 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     from mjrun.cli.diff_report import diff_report
     from mjrun.outputs.trace import Trace, TraceResult
 
-    job = command_line.make(Trace, simulation=simulation(command_line), written=False, command=console.command)
+    request = command_line.make(Trace, simulation=simulation(command_line), written=False, command=console.command)
     try:
-        result = job.run(console)
+        result = request.run(console)
     except GoldenDifferenceError as difference:
         (result,) = difference.results
         console.code = difference.exit_code

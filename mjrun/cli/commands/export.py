@@ -79,8 +79,8 @@ def export(console: Console, command_line: CommandLine) -> None:
         if name not in {each.attribute for each in options_of(Export)}:
             raise UsageError(f"{option(name)} applies to episodes, with {option('format')} lerobot or minari")
     command_line = command_line.with_defaults(output=f"{stem(command_line)}{suffix}")
-    job = command_line.make(Export, simulation=simulation(command_line), command=console.command)
-    show(console, command_line, make(console, command_line, job))
+    request = command_line.make(Export, simulation=simulation(command_line), command=console.command)
+    show(console, command_line, make(console, command_line, request))
 
 
 def _export_episodes(console: Console, command_line: CommandLine, format_: "ExportFormat") -> None:

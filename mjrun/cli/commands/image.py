@@ -45,7 +45,7 @@ def image(console: Console, command_line: CommandLine) -> None:
     from mjrun.outputs.image import Image
 
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.png"))
-    job = command_line.make(Image, simulation=simulation(command_line), command=console.command)
-    time = cast("Fraction | None", job.time)  # events are for documents
-    at = None if job.step is not None else time or Fraction(0)
-    show(console, command_line, make(console, command_line, job, at, job.step))
+    request = command_line.make(Image, simulation=simulation(command_line), command=console.command)
+    time = cast("Fraction | None", request.time)  # events are for documents
+    at = None if request.step is not None else time or Fraction(0)
+    show(console, command_line, make(console, command_line, request, at, request.step))

@@ -87,18 +87,18 @@ def _plot_simulation(console: Console, command_line: CommandLine, models: Sequen
     command_line = command_line.with_defaults(model=models[0])
     command_line = command_line.with_defaults(output=f"{stem(command_line)}.png")
     is_piped = payload_on_stdout(command_line)
-    job = _plot_job(console, command_line)
+    request = _plot_request(console, command_line)
 
     def report(made: "PlotResult") -> Report:
         tables, rows = ([*made.points], [*made.points.values()]) if made.points else (models, [made.samples])
-        form, curves = job.figure_format, made.curves
+        form, curves = request.figure_format, made.curves
         result = TablePlotResult(made.path, form, made.size, tables, rows, made.panels, curves, notes=())
         return _report(result, is_piped)
 
-    console.answer(report(make(console, command_line, job, report=report)))
+    console.answer(report(make(console, command_line, request, report=report)))
 
 
-def _plot_job(console: Console, command_line: CommandLine) -> "Plot":
+def _plot_request(console: Console, command_line: CommandLine) -> "Plot":
     """Returns the plot of a simulation, or of several if parameters vary."""
     from mjrun.outputs.plot import Plot
 
@@ -124,9 +124,9 @@ def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[s
     if command_line.value("y") is None:  # a study's table, which has texts, means the study
         tables = [folder_of_results(table) or table for table in tables]
     is_study = any(is_folder(table) or (is_url(table) and not format_of_suffix(Path(table).suffix)) for table in tables)
-    job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
+    request = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
     with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
-        result = job.run(console)
+        result = request.run(console)
     console.answer(_report(result, is_piped))
 
 

@@ -55,38 +55,38 @@ def run(console: Console, command_line: CommandLine) -> None:
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
-    requests = read_run(document, assignments, options, console.command)
-    with requests.located():
+    request = read_run(document, assignments, options, console.command)
+    with request.located():
         if options.dry_run:
-            plan = preview(requests.jobs, console)
+            plan = preview(request.outputs, console)
             console.answer(Report("", plan, lambda: "\n".join(_plan_lines(plan))))
             return
 
-        with UpToDateCheck(requests.jobs, options, requests.documents, requests.page.html) as last:
+        with UpToDateCheck(request.outputs, options, request.documents, request.page.html) as last:
             if earlier := last.up_to_date():
                 console.answer(unchanged(earlier), form)
                 return
             tell_reason(console, last)
             with (
                 reported_failures(console, _report, form=form),
-                _page(requests, Path(document).name) as published,
+                _page(request, Path(document).name) as published,
             ):
-                results = perform(requests.jobs, console, published)
+                results = perform(request.outputs, console, published)
             report = _report(results)
             last.finish(published, report.json, report.cases)
     console.answer(report, form)
 
 
-def _page(requests: "RunRequest", title: str) -> "AbstractContextManager[list[PublishedOutput]]":
+def _page(request: "RunRequest", title: str) -> "AbstractContextManager[list[PublishedOutput]]":
     """Returns a context that makes the page about the outputs in its list, if one is requested.
 
     The plotting library is imported only then.
     """
-    if requests.page.html is None:
+    if request.page.html is None:
         return nullcontext([])
     from mjrun.outputs.run_report import run_page
 
-    return run_page(requests.page, title, requests.jobs)
+    return run_page(request.page, title, request.outputs)
 
 
 def _report(results: Sequence[Any]) -> Report:

@@ -72,8 +72,8 @@ def trace(console: Console, command_line: CommandLine) -> None:
         command_line = _as_csv(command_line)
     if command_line.make(SimulationCommandOptions).print_document:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
-    job = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
-    result = make(console, command_line, job)
+    request = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
+    result = make(console, command_line, request)
     if not piped or console.document_form:
         show(console, command_line, result)
 
@@ -98,10 +98,10 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
         measured.append((counter, [column.unit for column in columns]))
         return counter.feed
 
-    job = command_line.make(
+    request = command_line.make(
         Trace, simulation=simulation(command_line), written=False, rows_to=begin, command=console.command
     )
-    result = make(console, command_line, job)
+    result = make(console, command_line, request)
     ((counter, units),) = measured
     rows = counter.statistics(units)
     page = TerminalLayout()

@@ -41,8 +41,8 @@ def video(console: Console, command_line: CommandLine) -> None:
     from mjrun.outputs.video import Video
 
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.mp4"))
-    job = command_line.make(Video, simulation=simulation(command_line), command=console.command)
-    result = make(console, command_line, job)
+    request = command_line.make(Video, simulation=simulation(command_line), command=console.command)
+    result = make(console, command_line, request)
     show(console, command_line, result)
     if console.verbosity > 0:
         console.note(f"simulated in {result.simulation_wall:.3f} s, drawn and encoded in {result.draw_wall:.3f} s")

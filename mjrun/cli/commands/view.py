@@ -38,8 +38,8 @@ def view(console: Console, command_line: CommandLine) -> None:
     import_mujoco()
     from mjrun.viewer.viewer import Viewer
 
-    job = command_line.make(Viewer, simulation=simulation(command_line), command=console.command)
-    result = job.run(console)
+    request = command_line.make(Viewer, simulation=simulation(command_line), command=console.command)
+    result = request.run(console)
     console.answer(Report("view", result, summary=lambda: _summary(result)))
 
 

@@ -20,11 +20,11 @@ import pyarrow
 import pyarrow.parquet
 
 from mjrun.errors import FileError, UsageError, clean, option
-from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
 from mjrun.formats.episodes.statistics import MOST, NumberStatistics, RowStatistics, color_statistics
 from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
+from mjrun.formats.output_writer import OutputWriter, written_file
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -44,7 +44,7 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
 def _subtitle(scene: "ExportedScene") -> str:
     if len(scene.frames.times) == 1:
         return ""
-    rate = float(scene.job.fps / scene.job.speed)
+    rate = float(scene.request.fps / scene.request.speed)
     return f"{float(scene.context.timeline.duration):g} s, {rate:g} frames per second"
 
 
@@ -70,7 +70,7 @@ def _panels(scene: "ExportedScene") -> "Iterator[ReplayPanel]":
     if values is None:
         return
     places = {column.name: index for index, column in enumerate(values.columns)}
-    for text in scene.job.plot:
+    for text in scene.request.plot:
         probes = select(scene.context.model, split(text), scene.context.episode)
         columns = [column for probe in probes for column in probe.columns]
         units = {column.unit for column in columns}

@@ -14,9 +14,9 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
 
     from mjrun.formats.usd import write_usd
 
-    suffix = Path(scene.job.output).suffix.lower()
-    kind = suffix if suffix in FORMAT.suffixes else format_named(scene.job.format or FORMAT.name)[1]
-    for text in write_usd(file, kind, scene.graph, scene.motion, float(scene.job.fps), scene.facts):
+    suffix = Path(scene.request.output).suffix.lower()
+    kind = suffix if suffix in FORMAT.suffixes else format_named(scene.request.format or FORMAT.name)[1]
+    for text in write_usd(file, kind, scene.graph, scene.motion, float(scene.request.fps), scene.facts):
         scene.context.reporter.warn(text)
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
+from mjrun.formats.output_writer import publish_together
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.table_column import Column
 

@@ -9,8 +9,8 @@ import pytest
 
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
 from mjrun.formats import destinations
-from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.destinations import StagedFile, StagedFolder, StagedFrames
+from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
 from tests.formats.file_faults import MOST, fault
 from tests.formats.outputs import both_ways, fill, names
 

@@ -116,11 +116,11 @@ def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
     """Finishes outputs, moves them to their places, and returns their files.
 
     Raises:
-      MjrunError: as `OutputWriter.finish` and `MovedTogether`.
+      MjrunError: as `OutputWriter.finish` and `PublishingTransaction`.
     """
     for writer in writers:
         writer.finish()
-    with publishing(writers), MovedTogether() as together:
+    with publishing(writers), PublishingTransaction() as together:
         return [file for writer in writers for file in together.move(writer)]
 
 
@@ -138,7 +138,7 @@ def publishing(writers: Sequence[OutputWriter]) -> Iterator[None]:
             yield
 
 
-class MovedTogether:
+class PublishingTransaction:
     """A context manager in which outputs move to their places, all of them or none; used in `publishing`.
 
     Raises:

@@ -22,7 +22,7 @@ from mjrun.outputs.output import BackendsAndWorkers, Context, OutputResult, Plan
 from mjrun.outputs.recorded_scene import (
     PlacedScene,
     R_co,
-    SceneJob,
+    RenderedOutputRequest,
     ScenePlan,
     SceneStates,
     check_once,
@@ -222,7 +222,7 @@ def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (),
 
 
 @options
-class VideoOrImageJob(ViewOptions, SceneJob[R_co]):
+class VideoOrImageRequest(ViewOptions, RenderedOutputRequest[R_co]):
     """A requested video or image."""
 
     def __post_init__(self) -> None:
@@ -250,7 +250,7 @@ class FramePlan:
       overlay: the overlay without content, whose size is known.
     """
 
-    job: VideoOrImageJob[OutputResult]
+    request: VideoOrImageRequest[OutputResult]
     scene: ScenePlan
     plots: Sequence[str]
     probes: OverlayProbes | None
@@ -264,11 +264,11 @@ class FramePlan:
 
     def size_of(self, file: VideoOrImageFile) -> tuple[int, int]:
         """Returns width and height of the frames in a file [pixels]."""
-        return file.stream(self.job, self.overlay).size_of_frame
+        return file.stream(self.request, self.overlay).size_of_frame
 
 
 def plan_frames(
-    job: VideoOrImageJob[OutputResult],
+    request: VideoOrImageRequest[OutputResult],
     context: Context,
     plots: Sequence[str] = (),
     side: str = "under",
@@ -284,13 +284,13 @@ def plan_frames(
     Raises:
       UsageError: a name is unknown, or a value invalid.
     """
-    scene = plan_scene(job, context, job.camera, events=events, is_measured=job.is_measured)
+    scene = plan_scene(request, context, request.camera, events=events, is_measured=request.is_measured)
     probes, overlay = None, Overlay()
-    if job.text or plots:
-        probes = overlay_probes(context.model, context.timeline, job.text, plots, context.episode)
-        corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
-        overlay = empty_overlay(frame_size(job), corner, plots, side)
-    return FramePlan(job, scene, plots, probes, overlay)
+    if request.text or plots:
+        probes = overlay_probes(context.model, context.timeline, request.text, plots, context.episode)
+        corner = request.text_corner or ("bottom-right" if request.captions else "top-left")
+        overlay = empty_overlay(frame_size(request), corner, plots, side)
+    return FramePlan(request, scene, plots, probes, overlay)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,7 +329,7 @@ class OpenFrames:
     @property
     def facts(self) -> dict[str, object]:
         """Facts for the manifest, from the schedule if it is known."""
-        facts = self.plan.scene.context.facts(self.plan.job, self.schedule.observed if self.schedule else None)
+        facts = self.plan.scene.context.facts(self.plan.request, self.schedule.observed if self.schedule else None)
         return {**facts, "renderer": self.backend.renderer}
 
     @property
@@ -369,10 +369,10 @@ def open_frames(
     """
     context = plan.scene.context
     states = open_states(plan.scene, stack)
-    processes = DrawingProcesses(plan.job, jobs, backends, context.reporter)
+    processes = DrawingProcesses(plan.request, jobs, backends, context.reporter)
     if schedule and lacks_gpu():
         processes.start(len(schedule.steps), software=True)  # while the backend is being detected
-    backend = backends.backend(plan.job)
+    backend = backends.backend(plan.request)
     if schedule:
         processes.start(len(schedule.steps), software=backend.software)
     for text in _drawing_warnings(plan, files, backend):
@@ -382,11 +382,11 @@ def open_frames(
 
 def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: Backend) -> list[str]:
     """Returns warnings about what the renderer omits, and about options without effect."""
-    job, context = plan.job, plan.scene.context
+    request, context = plan.request, plan.scene.context
     replay_remarks = context.simulation.replay_remarks(context.model)
     remarks = [text for each in plan.scene.decorations for text in each.remarks if text not in replay_remarks]
-    unused = unused_options(job, plan.plots) if all(file.exact for file in files) else []
-    return [*check_drawing(job, context.model, backend), *remarks, *unused]
+    unused = unused_options(request, plan.plots) if all(file.exact for file in files) else []
+    return [*check_drawing(request, context.model, backend), *remarks, *unused]
 
 
 def frame_compositor(frames: OpenFrames, scene: PlacedScene, *, legend: bool = False) -> SceneCompositor:
@@ -399,8 +399,8 @@ def frame_compositor(frames: OpenFrames, scene: PlacedScene, *, legend: bool = F
     if plan.probes:
         timeline = plan.scene.context.timeline
         overlay = plan.probes.overlay(overlay, frames.values, schedule.steps, schedule.speeds, timeline)
-    streams = [file.stream(plan.job, overlay, legend) for file in frames.files]
-    return scene_compositor(plan.job, scene.model, frames.backend, streams, scene.poses, scene.decorations)
+    streams = [file.stream(plan.request, overlay, legend) for file in frames.files]
+    return scene_compositor(plan.request, scene.model, frames.backend, streams, scene.poses, scene.decorations)
 
 
 def check_view(options: ViewOptions) -> None:
