@@ -27,6 +27,7 @@ ROTATIONS = {"body": "xmat", "geom": "geom_xmat", "site": "site_xmat", "subtree"
 
 PLANE = mujoco.mjtGeom.mjGEOM_PLANE
 VISIBLE_GROUPS = np.array(mujoco.MjvOption().geomgroup, bool)
+VISIBLE_SKIN_GROUPS = np.array(mujoco.MjvOption().skingroup, bool)
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
@@ -92,10 +93,10 @@ def find_target(place: Place, model: mujoco.MjModel) -> Target:
 
 @dataclass(frozen=True)
 class Bounds:
-    """The boxes around the geoms of an object, or around one site.
+    """The boxes around the geoms of an object, around one site, or around what the bones of skins move.
 
     Attributes:
-      kind: `geom` or `site`.
+      kind: `geom`, `site`, or `body` for bones.
       ids: `(n,)`.
       corners: `(n, 8, 3)` [m], in the frame of each.
     """
@@ -136,21 +137,19 @@ class MovingParts:
     """Everything that joints or mocap can move, or everything, as far as images show it by default.
 
     Attributes:
-      bounds: the boxes around its geoms.
+      bounds: the boxes around its geoms, and around what the bones of its skins move.
       shares: the share of each body in its mass `(nbody,)`.
     """
 
     model: mujoco.MjModel
-    bounds: Bounds | None
+    bounds: Sequence[Bounds]
     shares: np.ndarray
 
     def points(self, data: mujoco.MjData) -> np.ndarray:
-        """Returns the current corners of the boxes around geoms, and the vertices of flexes `(n, 3)` [m]."""
-        corners = self.bounds.points(data) if self.bounds else np.empty((0, 3))
-        if not self.model.nflex:
-            return corners
-        mujoco.mj_flex(self.model, data)
-        return np.concatenate([corners, data.flexvert_xpos])
+        """Returns the current corners of the boxes, and the vertices of flexes `(n, 3)` [m]."""
+        if self.model.nflex:
+            mujoco.mj_flex(self.model, data)
+        return np.concatenate([*(bounds.points(data) for bounds in self.bounds), data.flexvert_xpos])
 
     def center(self, data: mujoco.MjData) -> np.ndarray:
         """Returns its centre of mass `(3,)` [m]; the mean position of its bodies if it has no mass."""
@@ -162,8 +161,9 @@ def moving_parts(model: mujoco.MjModel, *, with_still: bool = False) -> MovingPa
     """Returns what moves in a model, and `with_still` also what does not; None if nothing of it is visible."""
     moving = (model.body_weldid != 0) | (model.body_mocapid[model.body_rootid] >= 0) | with_still
     visible = VISIBLE_GROUPS[model.geom_group] & (model.geom_rgba[:, 3] > 0)
-    bounds = _geom_bounds(model, np.flatnonzero(moving[model.geom_bodyid] & visible))
-    if bounds is None and not model.nflex:
+    geoms = _geom_bounds(model, np.flatnonzero(moving[model.geom_bodyid] & visible))
+    bounds = [each for each in (geoms, _skin_bounds(model, moving)) if each]
+    if not bounds and not model.nflex:
         return None
     masses = model.body_mass * moving
     weights = masses if masses.any() else np.maximum(moving, not moving.any())
@@ -179,6 +179,32 @@ def _geom_bounds(model: mujoco.MjModel, ids: np.ndarray) -> Bounds | None:
     if not finite.any():
         return None
     return Bounds("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
+
+
+def _skin_bounds(model: mujoco.MjModel, moving: np.ndarray) -> Bounds | None:
+    """Returns the bounds of visible skins, a box for each bone on a moving body; None without any.
+
+    A vertex is a weighted mean of the places to which its bones would move it (mjv_updateSkin): it lies between the
+    boxes around the vertices of each bone.
+
+    Args:
+      moving: whether each body moves `(nbody,)`.
+    """
+    bodies, corners = list[int](), list[np.ndarray]()
+    turn = np.empty(9)
+    for skin in np.flatnonzero(VISIBLE_SKIN_GROUPS[model.skin_group] & (model.skin_rgba[:, 3] > 0)):
+        vertices = model.skin_vert[model.skin_vertadr[skin] :]
+        first, bones = model.skin_boneadr[skin], model.skin_bonenum[skin]
+        for bone in range(first, first + bones):
+            start, count = model.skin_bonevertadr[bone], model.skin_bonevertnum[bone]
+            if count and moving[model.skin_bonebodyid[bone]]:
+                mujoco.mju_quat2Mat(turn, model.skin_bonebindquat[bone].astype(float))
+                moved = vertices[model.skin_bonevertid[start : start + count]] - model.skin_bonebindpos[bone]
+                placed = moved @ turn.reshape(3, 3)
+                least, most = placed.min(axis=0), placed.max(axis=0)
+                bodies.append(int(model.skin_bonebodyid[bone]))
+                corners.append((least + most) / 2 + CORNERS * ((most - least) / 2 + model.skin_inflate[skin]))
+    return Bounds("body", np.array(bodies), np.array(corners)) if bodies else None
 
 
 def _inside(model: mujoco.MjModel, root: int) -> np.ndarray:

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.targets import Target, find_target, identify_objects, object_bounds
+from mjrun.camera.targets import Target, find_target, identify_objects, moving_parts, object_bounds
 from mjrun.errors import MjrunError
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -136,3 +136,39 @@ def test_what_has_no_bounds_cannot_be_fitted(name: str) -> None:
     with pytest.raises(MjrunError, match=f"{name} cannot be fitted into an image") as caught:
         object_bounds(name, MODEL)
     assert caught.value.exit_code == 2
+
+
+SKINNED = """<mujoco><worldbody>
+    <body name="a" pos="1 0 0" euler="20 30 0"><freejoint/><geom size=".01"/></body>
+    <body name="b" pos="2 0 1" euler="0 10 40"><freejoint/><geom size=".01"/></body></worldbody>
+  <deformable><skin name="s" inflate=".05" {look} vertex="0 0 0 2 0 0 0 2 0 2 2 1" face="0 1 2 1 3 2">
+    <bone body="a" bindpos="0 .1 0" bindquat="1 .2 0 0" vertid="0 1 2" vertweight="1 .5 .3"/>
+    <bone body="b" bindpos="2 0 0" bindquat="1 0 .3 0" vertid="1 2 3" vertweight=".5 .7 1"/>
+  </skin></deformable></mujoco>"""
+
+
+def test_a_skin_lies_within_the_points_of_what_moves() -> None:
+    model = mujoco.MjModel.from_xml_string(SKINNED.format(look=""))
+    data = mujoco.MjData(model)
+    scene = mujoco.MjvScene(model, 10)
+    for seed in range(5):
+        data.qpos[:] = np.random.default_rng(seed).normal(size=model.nq)
+        mujoco.mj_forward(model, data)
+        mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 7, scene)
+        shown = scene.skinvert.reshape(-1, 3)
+        parts = moving_parts(model)
+        assert parts
+        points = parts.points(data)
+        assert (points.min(axis=0) <= shown.min(axis=0) + 1e-6).all()
+        assert (points.max(axis=0) >= shown.max(axis=0) - 1e-6).all()
+        assert np.ptp(points, axis=0).max() < 4 * np.ptp(shown, axis=0).max()
+
+
+@pytest.mark.parametrize("look", ['rgba="1 1 1 0"', 'group="4"'])
+def test_a_skin_that_is_not_drawn_does_not_count(look: str) -> None:
+    model = mujoco.MjModel.from_xml_string(SKINNED.format(look=look))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    parts = moving_parts(model)
+    assert parts
+    assert len(parts.points(data)) == 2 * 8
