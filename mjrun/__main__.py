@@ -25,9 +25,9 @@ def main() -> None:
 
     open_standard_streams()
     if system.CAN_FORK:
-        from mjrun.cli.crash_monitor import fork_watched
+        from mjrun.cli.crash_monitor import continue_in_watched_child
 
-        fork_watched()
+        continue_in_watched_child()
     gc.disable()  # until the command begins: modules are not garbage
     atexit.register(_leave)  # the first to be registered is the last to be called
     from mjrun.cli.main import run

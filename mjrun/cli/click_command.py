@@ -1,4 +1,7 @@
-"""Commands made from declared options: click parameters, help by section, and typed values."""
+"""Commands made from declared options: click parameters, help by section, and typed values.
+
+click calls `SectionedCommand.invoke`, which calls the function that `command` has decorated.
+"""
 
 import faulthandler
 import gc

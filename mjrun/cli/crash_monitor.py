@@ -64,7 +64,7 @@ ADVICE = {
 SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clears the line, as a progress bar does at its end
 
 
-def fork_watched() -> None:
+def continue_in_watched_child() -> None:
     """Continues in a child process; the parent waits for its end, reports a crash, and exits with the same code.
 
     Signals of `SIGNALS` are blocked in the child until `system.release_signals` is called, unless they are ignored.

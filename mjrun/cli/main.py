@@ -155,7 +155,7 @@ def _invoke(console: Console, arguments: Sequence[str]) -> int:
     system.release_signals()
     # Not `group.main`, which would turn Ctrl-C and a closed pipe into exit code 1.
     with group.make_context("mjrun", list(arguments), obj=console) as ctx:
-        group.invoke(ctx)
+        group.invoke(ctx)  # imports the command, and calls SectionedCommand.invoke, which calls its function
     return console.code
 
 

@@ -162,7 +162,7 @@ def _camera(spec: str) -> object:
     return read_camera(spec)
 
 
-def make(
+def make_outputs(
     console: Console,
     command_line: CommandLine,
     request: "OutputRequest[R]",

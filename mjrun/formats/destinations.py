@@ -183,6 +183,8 @@ def exchange(one: Path, other: Path) -> bool:
 class Destination:
     """A place where an output is written, and from which it moves to its final place.
 
+    It is a StagedFile, a StagedFolder or StagedFrames of images, or StandardOutput.
+
     Attributes:
       path: path to write to.
       shown: path in messages, or the URL.

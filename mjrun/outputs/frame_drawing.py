@@ -544,7 +544,7 @@ class FrameDrawing:
         Raises:
           MjrunError: the frame cannot be rendered.
         """
-        frame = self._drawn_elsewhere() if self._processes.others else self._drawn_here()
+        frame = self._next_from_others() if self._processes.others else self._draw_here()
         self._drawn += 1
         self._reporter.progress("frames", self._drawn, len(self._states))
         return self._compositor.parts(frame)
@@ -558,7 +558,7 @@ class FrameDrawing:
             self._report(self._pool.answer, alone=False)
         self._compositor.close()
 
-    def _drawn_here(self) -> np.ndarray:
+    def _draw_here(self) -> np.ndarray:
         """Renders the next frame in this process; the cost of the first ones may start other processes."""
         with doing("drawing"):
             self._compositor.open()
@@ -569,7 +569,7 @@ class FrameDrawing:
             self._report(costs, alone=True)
         return self._frame
 
-    def _drawn_elsewhere(self) -> np.ndarray:
+    def _next_from_others(self) -> np.ndarray:
         """Returns the next frame from other processes, which draw ahead."""
         if self._pool is None:
             self._compositor.close()

@@ -5,7 +5,8 @@ An *output* observes the simulation through its taps. A *finished output* has it
 
 The pass in `perform` calls, in this order:
 
-- of each request, `files` and `check`, and then `plan` with the compiled model, while the backend is being detected;
+- of each request, `files`, `inputs` and `check`, `renderer_options` to detect a backend while the model loads (requests
+  for videos and images are these options themselves), and then `plan` with the compiled model;
 - of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
 - in the simulation, the `taps` of each output, or `simulate` of a single one that reads blocks of steps; outputs that
   wait for events first `schedule` their taps;

@@ -210,7 +210,7 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
     for motion, spans in zip(plan.motions, schedule.spans, strict=True):
         for text in motion.aim_at_motion(iter(frames), times, spans):
             context.reporter.note(text)
-    poses = PoseArray(
+    poses = PoseArray(  # computed now, one camera after the other
         motion.poses(iter(frames), times, schedule.times, spans)
         for motion, spans in zip(plan.motions, schedule.spans, strict=True)
     )

@@ -39,7 +39,7 @@ from mjrun.reporter import WarningReporter, pass_on
 
 @options
 class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
-    """A video of a simulation: its options are keywords."""
+    """A requested video of a simulation: its options are keywords, which are converted and checked on construction."""
 
     @property
     def files(self) -> list[tuple[str, str]]:

@@ -237,6 +237,7 @@ def _report(name: str) -> NoReturn:
 
 # The backends that worked in this process, by name and environment variables: Python code renders again and again.
 _working: dict[tuple[str, frozenset[tuple[str, str]]], Backend] = {}
+# Trials that wait for the first `BackendDetection` in the same environment, which takes them over.
 _started_early: dict[tuple[str, frozenset[tuple[str, str]]], BackendTrialProcess] = {}
 
 

@@ -243,7 +243,7 @@ class SceneCompositor:
         style, overlay = stream.style, stream.style.overlay
         panels = [self._colored(panel, views[panel.camera], style.legend) for panel in stream.panels]
         captions = [self.caption(panel) for panel in stream.panels] if style.captions else None
-        frame = compose(panels, style.layout, captions) if len(panels) > 1 or captions else panels[0]
+        frame = compose_panels(panels, style.layout, captions) if len(panels) > 1 or captions else panels[0]
 
         for decoration in self.decorations:
             decoration.draw(frame, index)
@@ -322,7 +322,9 @@ def places(count: int, size: tuple[int, int], layout: str = "row") -> list[tuple
     return [((i % across) * (size[0] + between), (i // across) * (size[1] + between)) for i in range(count)]
 
 
-def compose(images: Sequence[np.ndarray], layout: str = "row", labels: Sequence[str] | None = None) -> np.ndarray:
+def compose_panels(
+    images: Sequence[np.ndarray], layout: str = "row", labels: Sequence[str] | None = None
+) -> np.ndarray:
     """Composes images `(h, w, 3)` of one size into one image `(H, W, 3)` uint8 of size `layout_size`.
 
     Args:

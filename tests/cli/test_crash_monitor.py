@@ -22,7 +22,7 @@ import os, signal, sys, time
 from mjrun import shared_status
 from mjrun.shared_status import ConfinementPromise, ProcessStatus
 from mjrun.shared_status import completing, doing, make_promise, note_child, note_heard
-from mjrun.cli.crash_monitor import fork_watched
+from mjrun.cli.crash_monitor import continue_in_watched_child
 from mjrun.platform import system
 def die(number):
     os.kill(os.getpid(), number)
@@ -30,7 +30,7 @@ def work():
 """
 TAIL = """
 signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-fork_watched()
+continue_in_watched_child()
 sys.exit(work())
 """
 

@@ -18,7 +18,7 @@ from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.added_geoms import Decoration, Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
-from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor, compose
+from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor, compose_panels
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
@@ -72,7 +72,7 @@ def stream(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameS
 
 @pytest.mark.parametrize(("layout", "count", "side"), [*product(LAYOUTS, (1, 2, 5), ("under", "beside"))])
 def test_a_frame_is_as_large_as_its_panels_composed_and_its_plots(layout: str, count: int, side: str) -> None:
-    height, width = compose([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)] * count, layout).shape[:2]
+    height, width = compose_panels([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)] * count, layout).shape[:2]
     plots = [(30, 7), (30, 11)]
     overlay = Overlay(plots=plots, side=side)
     frames = stream(*[RGB] * count, layout=layout, overlay=overlay)
@@ -105,7 +105,7 @@ def test_colours_are_those_of_mujoco_s_renderer_whatever_other_streams_show(
     for index, (side, free) in enumerate(expected):
         alone, both, _ = scene.frames(compositor, index)
         assert np.array_equal(alone, side)
-        assert np.array_equal(both, compose([side, free]))
+        assert np.array_equal(both, compose_panels([side, free]))
     compositor.close()
 
 
@@ -179,7 +179,7 @@ def test_captions_and_text_are_stamped_on_the_plain_frame(scene: Swing) -> None:
         expected = plain.copy()
         stamp(expected, text, "bottom-right")
         assert np.array_equal(written, expected)
-        assert np.array_equal(captioned, compose([plain], labels=["side"]))
+        assert np.array_equal(captioned, compose_panels([plain], labels=["side"]))
     compositor.close()
 
 

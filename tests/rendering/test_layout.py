@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
 from mjrun.options.rendering import LAYOUTS
-from mjrun.rendering.compositor import columns, compose, gap, layout_size, places
+from mjrun.rendering.compositor import columns, compose_panels, gap, layout_size, places
 from mjrun.rendering.text import BACKGROUND, stamp
 
 layouts = st.sampled_from(LAYOUTS)
@@ -27,7 +27,7 @@ def test_every_picture_is_in_its_place_and_nothing_else_is_there(
     count: int, size: tuple[int, int], layout: str
 ) -> None:
     pictures = noise(count, *size)
-    whole = compose(pictures, layout)
+    whole = compose_panels(pictures, layout)
     assert whole.dtype == np.uint8
     assert whole.shape == (*layout_size(count, size, layout)[::-1], 3)
     for picture, (x, y) in zip(pictures, places(count, size, layout), strict=True):
@@ -48,7 +48,7 @@ def test_rows_and_columns_are_what_they_are_called() -> None:
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_one_picture_is_itself(layout: str) -> None:
     (picture,) = noise(1, 40, 30)
-    assert np.array_equal(compose([picture], layout), picture)
+    assert np.array_equal(compose_panels([picture], layout), picture)
 
 
 @given(st.integers(1, 12), st.integers(1, 400), st.integers(1, 400), layouts)
@@ -82,7 +82,7 @@ def test_no_other_full_grid_comes_nearer_to_16_by_9(count: int, size: tuple[int,
 
 def test_labels_are_stamped_on_their_own_panel() -> None:
     pictures = noise(3, 160, 120)
-    whole = compose(pictures, "row", ["side · depth", "", "top · rgb"])
+    whole = compose_panels(pictures, "row", ["side · depth", "", "top · rgb"])
     for picture, label, (x, y) in zip(pictures, ("side · depth", "", "top · rgb"), places(3, (160, 120)), strict=True):
         expected = picture.copy()
         if label:
@@ -92,7 +92,7 @@ def test_labels_are_stamped_on_their_own_panel() -> None:
 
 def test_the_pictures_stay_as_they_were() -> None:
     pictures = noise(2, 80, 60)
-    compose(pictures, "row", ["a", "b"])
+    compose_panels(pictures, "row", ["a", "b"])
     assert all(np.array_equal(*pair) for pair in zip(pictures, noise(2, 80, 60), strict=True))
 
 
@@ -100,8 +100,8 @@ def test_what_does_not_fit_together_is_refused() -> None:
     with pytest.raises(
         UnknownNameError, match=r"no layout 'gird' \(did you mean 'grid'\?\)\nlayouts: row, column, grid"
     ):
-        compose(noise(2, 8, 8), "gird")
+        compose_panels(noise(2, 8, 8), "gird")
     with pytest.raises(ValueError, match="images must have the same size"):
-        compose([*noise(1, 8, 8), *noise(1, 9, 8)])
+        compose_panels([*noise(1, 8, 8), *noise(1, 9, 8)])
     with pytest.raises(ValueError, match="zip"):
-        compose(noise(2, 8, 8), "row", ["one"])
+        compose_panels(noise(2, 8, 8), "row", ["one"])

@@ -454,5 +454,5 @@ def attacked(arguments: list[str]) -> int:
         begin = f"; from tests.scoreboard.attacks import attack; attack({watcher})"
         child_process.BOOT = child_process.BOOT.replace("; from", f"{begin}; from", 1)
         child_process._continue_in_fork = in_fork
-    crash_monitor.fork_watched()
+    crash_monitor.continue_in_watched_child()
     return run(arguments)

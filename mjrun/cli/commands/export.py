@@ -8,7 +8,7 @@ from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
-    make,
+    make_outputs,
     payload_on_stdout,
     reported_failures,
     show,
@@ -80,7 +80,7 @@ def export(console: Console, command_line: CommandLine) -> None:
             raise UsageError(f"{option(name)} applies to episodes, with {option('format')} lerobot or minari")
     command_line = command_line.with_defaults(output=f"{stem(command_line)}{suffix}")
     request = command_line.make(Export, simulation=simulation(command_line), command=console.command)
-    show(console, command_line, make(console, command_line, request))
+    show(console, command_line, make_outputs(console, command_line, request))
 
 
 def _export_episodes(console: Console, command_line: CommandLine, format_: "ExportFormat") -> None:

@@ -7,7 +7,7 @@ from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
-    make,
+    make_outputs,
     payload_on_stdout,
     show,
     simulation,
@@ -48,4 +48,4 @@ def image(console: Console, command_line: CommandLine) -> None:
     request = command_line.make(Image, simulation=simulation(command_line), command=console.command)
     time = cast("Fraction | None", request.time)  # events are for documents
     at = None if request.step is not None else time or Fraction(0)
-    show(console, command_line, make(console, command_line, request, at, request.step))
+    show(console, command_line, make_outputs(console, command_line, request, at, request.step))

@@ -10,7 +10,7 @@ from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, comman
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
-    make,
+    make_outputs,
     payload_on_stdout,
     reported_failures,
     simulation,
@@ -95,7 +95,7 @@ def _plot_simulation(console: Console, command_line: CommandLine, models: Sequen
         result = TablePlotResult(made.path, form, made.size, tables, rows, made.panels, curves, notes=())
         return _report(result, is_piped)
 
-    console.answer(report(make(console, command_line, request, report=report)))
+    console.answer(report(make_outputs(console, command_line, request, report=report)))
 
 
 def _plot_request(console: Console, command_line: CommandLine) -> "Plot":

@@ -8,7 +8,7 @@ from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.simulation_command import (
     import_mujoco,
-    make,
+    make_outputs,
     payload_on_stdout,
     show,
     show_columns,
@@ -73,7 +73,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
     if command_line.make(SimulationCommandOptions).print_document:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
     request = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
-    result = make(console, command_line, request)
+    result = make_outputs(console, command_line, request)
     if not piped or console.document_form:
         show(console, command_line, result)
 
@@ -101,7 +101,7 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
     request = command_line.make(
         Trace, simulation=simulation(command_line), written=False, rows_to=begin, command=console.command
     )
-    result = make(console, command_line, request)
+    result = make_outputs(console, command_line, request)
     ((counter, units),) = measured
     rows = counter.statistics(units)
     page = TerminalLayout()

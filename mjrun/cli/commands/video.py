@@ -4,7 +4,7 @@ from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
-    make,
+    make_outputs,
     payload_on_stdout,
     show,
     simulation,
@@ -42,7 +42,7 @@ def video(console: Console, command_line: CommandLine) -> None:
 
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.mp4"))
     request = command_line.make(Video, simulation=simulation(command_line), command=console.command)
-    result = make(console, command_line, request)
+    result = make_outputs(console, command_line, request)
     show(console, command_line, result)
     if console.verbosity > 0:
         console.note(f"simulated in {result.simulation_wall:.3f} s, drawn and encoded in {result.draw_wall:.3f} s")
