@@ -16,7 +16,7 @@ from pathlib import Path
 import mujoco
 
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
@@ -39,7 +39,7 @@ def costs(
 ) -> dict[str, list[tuple[float, float]]]:
     """Times cases alternately, after a frame that compiles shaders: seconds of wall time and of all cores per frame."""
     state = Simulation(model).stepper(model).state()
-    free = CameraMotion(parse_camera("free", model), model, size).pose(state)
+    free = BoundCameraScript(parse_camera("free", model), model, size).pose(state)
     found: dict[str, list[tuple[float, float]]] = {case: [] for case in CASES}
     with ExitStack() as stack:
         renderers = {

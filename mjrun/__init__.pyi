@@ -26,7 +26,7 @@ from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video
 from mjrun.model.info import Info as Info
 from mjrun.model.info import InfoResult as InfoResult
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
 from mjrun.model.sources import load as load
 from mjrun.options.disturbance import Push
@@ -252,7 +252,7 @@ class Bench(_Bench):
     """
     def __init__(
         self,
-        model: MjModel | Source | str | PathLike[str],
+        model: MjModel | ModelSource | str | PathLike[str],
         *,
         save: str | PathLike[str] | None = ...,
         compare: str | PathLike[str] | None = ...,
@@ -553,8 +553,8 @@ class Diff(_Diff):
     """
     def __init__(
         self,
-        a: MjModel | Source | str | PathLike[str],
-        b: MjModel | Source | str | PathLike[str],
+        a: MjModel | ModelSource | str | PathLike[str],
+        b: MjModel | ModelSource | str | PathLike[str],
         *,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,
@@ -803,7 +803,7 @@ class Evaluation(_Evaluation):
     """
     def __init__(
         self,
-        task: Source,
+        task: ModelSource,
         output: str | PathLike[str],
         *,
         jobs: int | Literal["auto"] = ...,
@@ -851,7 +851,7 @@ class Evaluation(_Evaluation):
         require: str | Sequence[str] = ...,
         fail_below: Mapping[str, float | Sequence[float]] = ...,
         command: str = ...,
-        rewritten: Callable[[Mapping[str, str]], Source] | None = ...,
+        rewritten: Callable[[Mapping[str, str]], ModelSource] | None = ...,
     ) -> None: ...
 
 class Export(_Export):
@@ -1441,7 +1441,7 @@ class Simulation(_Simulation):
     """
     def __init__(
         self,
-        model: MjModel | Source | str | PathLike[str],
+        model: MjModel | ModelSource | str | PathLike[str],
         *,
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
@@ -1854,7 +1854,7 @@ class VariedPlot(_VariedPlot):
     ) -> None: ...
 
 class Video(_Video):
-    """A video of a simulation: its options are keywords.
+    """A requested video of a simulation: its options are keywords, which are converted and checked on construction.
 
     Options:
       output: mp4, mov, mkv, webm, gif, apng, webp, a folder or pattern of PNGs (frames/,
@@ -2013,7 +2013,7 @@ class Viewer(_Viewer):
     ) -> None: ...
 
 def evaluate(
-    task: Source | str,
+    task: ModelSource | str,
     *,
     output: str | PathLike[str] = ...,
     episodes: int = ...,

@@ -38,7 +38,7 @@ STUDIO, WEBSOCKETS = "mujoco-studio", "websockets"  # a dependency of mujoco-stu
 
 
 @dataclass(frozen=True)
-class Diagnostic:
+class ComponentState:
     """The state of one component that mjrun uses.
 
     Attributes:
@@ -65,7 +65,7 @@ class DoctorReport:
       can_encode: true if videos can be encoded.
     """
 
-    findings: Sequence[Diagnostic]
+    findings: Sequence[ComponentState]
     can_draw: bool
     can_encode: bool
 
@@ -105,27 +105,27 @@ def examine(spelling: errors.Spelling = str) -> DoctorReport:
     )
 
 
-def _versions() -> list[Diagnostic]:
+def _versions() -> list[ComponentState]:
     version = mujoco.mj_versionString()
     known = known_bugs.bugs_of_version(version)
     system = f"{platform.system()} {platform.machine()}, {errors.counted(available_cores(), 'core')}"
     versions = [
-        Diagnostic("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),
-        Diagnostic("software", "numpy", OK, np.__version__),
+        ComponentState("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),
+        ComponentState("software", "numpy", OK, np.__version__),
     ]
     wrong = {error.package: _wrong_version("software", error.package, MISSING, error) for error in installed_wrong()}
     return [
-        Diagnostic("software", "mjrun", OK, __version__),
-        Diagnostic("software", "python", OK, f"{platform.python_version()} ({sys.executable})"),
-        Diagnostic("software", "system", OK, system),
+        ComponentState("software", "mjrun", OK, __version__),
+        ComponentState("software", "python", OK, f"{platform.python_version()} ({sys.executable})"),
+        ComponentState("software", "system", OK, system),
         *(each for each in versions if each.name not in wrong),
         *wrong.values(),
     ]
 
 
-def _wrong_version(group: str, name: str, status: str, error: errors.WrongVersionError) -> Diagnostic:
+def _wrong_version(group: str, name: str, status: str, error: errors.WrongVersionError) -> ComponentState:
     value = f"{error.package} {error.version}; mjrun needs {error.needed}"
-    return Diagnostic(group, name, status, value, error.remedy.replace("\n", "; "))
+    return ComponentState(group, name, status, value, error.remedy.replace("\n", "; "))
 
 
 def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
@@ -146,35 +146,35 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     }
 
 
-def _extras() -> list[Diagnostic]:
-    findings = list[Diagnostic]()
+def _extras() -> list[ComponentState]:
+    findings = list[ComponentState]()
     for extra, (libraries, uses) in extras().items():
         try:
             versions = require(", ".join(uses), extra, *libraries)
         except errors.MissingExtraError as error:
             remedy = f"for {', '.join(uses)}: {install_command(f'mjrun[{extra}]')}"
-            findings.append(Diagnostic("extras", extra, WARNING, f"{error.library} is not installed", remedy))
+            findings.append(ComponentState("extras", extra, WARNING, f"{error.library} is not installed", remedy))
         except errors.WrongVersionError as error:
             findings.append(_wrong_version("extras", extra, WARNING, error))
         else:
             value = ", ".join(f"{package} {version}" for package, version in versions.items())
-            findings.append(Diagnostic("extras", extra, OK, value))
+            findings.append(ComponentState("extras", extra, OK, value))
     return findings
 
 
-def _collections() -> list[Diagnostic]:
+def _collections() -> list[ComponentState]:
     """Yields the state of the collections of models, such as `scene:` and `menagerie:`."""
-    findings = list[Diagnostic]()
+    findings = list[ComponentState]()
     for prefix, collection in sorted(model_collections().items()):
         try:
             count = len(collection.descriptions())
         except (errors.ModelError, errors.MissingExtraError) as error:
             message, _, advice = str(error).partition("\n")
             remedy = f"not needed; {advice}" if advice else "not needed"
-            findings.append(Diagnostic("models", prefix, MISSING, message.removeprefix(f"{prefix}: "), remedy))
+            findings.append(ComponentState("models", prefix, MISSING, message.removeprefix(f"{prefix}: "), remedy))
         else:
             value = f"{errors.counted(count, collection.KIND)}: mjrun info {prefix}:"
-            findings.append(Diagnostic("models", prefix, OK, value))
+            findings.append(ComponentState("models", prefix, OK, value))
     return findings
 
 
@@ -182,7 +182,7 @@ def _collections() -> list[Diagnostic]:
 class _OpenGL:
     """The OpenGL backends: the one in use, if any, and the environment variables that request one."""
 
-    findings: Sequence[Diagnostic]
+    findings: Sequence[ComponentState]
     used: str | None
     variables: Mapping[str, str]
 
@@ -197,7 +197,7 @@ def _opengl(results: Mapping[str, backend.Backend | str]) -> _OpenGL:
     failed = (
         []
         if used
-        else [Diagnostic("opengl", "used", MISSING, error or _nothing(variables), backend.alternative(names))]
+        else [ComponentState("opengl", "used", MISSING, error or _nothing(variables), backend.alternative(names))]
     )
     return _OpenGL([*failed, *_backends(results, used, default=backend.GL not in variables)], used, variables)
 
@@ -217,102 +217,106 @@ def _nothing(variables: Mapping[str, str]) -> str:
     return f"nothing draws with {settings or 'OpenGL'}"
 
 
-def _backends(results: Mapping[str, backend.Backend | str], used: str | None, default: bool) -> list[Diagnostic]:
-    findings = list[Diagnostic]()
+def _backends(results: Mapping[str, backend.Backend | str], used: str | None, default: bool) -> list[ComponentState]:
+    findings = list[ComponentState]()
     for name, result in results.items():
         if isinstance(result, backend.Backend):
             kind = "software" if result.software else "GPU"
             mark = "" if name != used else ", used by default" if default else f", used by {backend.GL}"
-            findings.append(Diagnostic("opengl", name, OK, f"{result.renderer} ({kind}{mark}), {result.version}"))
+            findings.append(ComponentState("opengl", name, OK, f"{result.renderer} ({kind}{mark}), {result.version}"))
         else:
             advice = (
                 f"not needed; {backend.repair_advice(name)}" if used else backend.repair_advice(name)
             )  # one is enough
-            findings.append(Diagnostic("opengl", name, MISSING, result, advice))
+            findings.append(ComponentState("opengl", name, MISSING, result, advice))
     return findings
 
 
-def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
+def _devices(devices: Sequence[Mapping[str, Any]]) -> list[ComponentState]:
     """Yields the EGL devices, each tested. MuJoCo uses the numbering of CUDA if the driver reports it."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
     trials = [backend.BackendTrialProcess("egl", draw=True, device=number) for number in numbers]
-    findings = list[Diagnostic]()
+    findings = list[ComponentState]()
     for device, number, trial in zip(devices, numbers, trials, strict=True):
         result, cuda = trial.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
         where = f"MUJOCO_EGL_DEVICE_ID={number}{cuda}" + (f", {device['file']}" if device["file"] else "")
         name = f"device {device['index']}"
         if isinstance(result, backend.Backend):
-            findings.append(Diagnostic("egl devices", name, OK, f"{result.renderer} ({where})"))
+            findings.append(ComponentState("egl devices", name, OK, f"{result.renderer} ({where})"))
         else:
             findings.append(
-                Diagnostic("egl devices", name, MISSING, f"{result} ({where})", "not needed; choose another")
+                ComponentState("egl devices", name, MISSING, f"{result} ({where})", "not needed; choose another")
             )
     return findings
 
 
-def _filament(vulkan: backend.Backend | str, used: str | None) -> Diagnostic:
+def _filament(vulkan: backend.Backend | str, used: str | None) -> ComponentState:
     renderer = f"{errors.option('renderer')} filament"
     if isinstance(vulkan, str):
         advice = backend.install_advice(backend.VULKAN)
         if not importlib.util.find_spec("mujoco.studio"):
             advice = install_command(STUDIO)
         remedy = f"not needed except for {renderer}; {advice}"
-        return Diagnostic("vulkan", "filament", MISSING, vulkan, remedy)
+        return ComponentState("vulkan", "filament", MISSING, vulkan, remedy)
     kind = "software" if vulkan.software else "GPU"
     remedy = "" if used else f"{renderer} draws, the default renderer does not"
-    return Diagnostic("vulkan", "filament", OK, f"{vulkan.renderer} ({kind}, Vulkan {vulkan.version})", remedy)
+    return ComponentState("vulkan", "filament", OK, f"{vulkan.renderer} ({kind}, Vulkan {vulkan.version})", remedy)
 
 
-def _window(glfw: backend.Backend | str) -> Diagnostic:
+def _window(glfw: backend.Backend | str) -> ComponentState:
     """Returns whether `mjrun view` can open a window, which requires GLFW."""
     if isinstance(glfw, backend.Backend):
-        return Diagnostic("view", "window", OK, f"{glfw.renderer} draws on this display")
+        return ComponentState("view", "window", OK, f"{glfw.renderer} draws on this display")
     displays = [f"{name}={os.environ[name]}" for name in DISPLAYS if os.environ.get(name)]
     where = (
         f"{' and '.join(displays)} cannot be used: {glfw}" if displays else f"neither {' nor '.join(DISPLAYS)} is set"
     )
-    return Diagnostic("view", "window", MISSING, where, "not needed; mjrun view serves a page for a browser instead")
+    return ComponentState(
+        "view", "window", MISSING, where, "not needed; mjrun view serves a page for a browser instead"
+    )
 
 
-def _studio() -> Diagnostic:
+def _studio() -> ComponentState:
     """Returns whether `mjrun view` can serve a page."""
     if importlib.util.find_spec("mujoco.studio") and importlib.util.find_spec(WEBSOCKETS):
-        return Diagnostic("view", "browser", OK, f"MuJoCo Studio {importlib.metadata.version(STUDIO)}")
-    return Diagnostic("view", "browser", MISSING, f"{STUDIO} is not installed", install_command(STUDIO))
+        return ComponentState("view", "browser", OK, f"MuJoCo Studio {importlib.metadata.version(STUDIO)}")
+    return ComponentState("view", "browser", MISSING, f"{STUDIO} is not installed", install_command(STUDIO))
 
 
-def _untrusted() -> list[Diagnostic]:
+def _untrusted() -> list[ComponentState]:
     """Returns the mechanisms that confine untrusted models from other files and the network."""
     if not system.CAN_FORK:
         remedy = f"this system refuses {errors.option('untrusted')}; run mjrun on Linux, or in a container"
-        return [Diagnostic("untrusted", name, WARNING, "not confined", remedy) for name in ("files", "network")]
+        return [ComponentState("untrusted", name, WARNING, "not confined", remedy) for name in ("files", "network")]
     files, network = means()
     kernel = (
         f"{errors.option('untrusted')} checks paths; Linux 5.13 or later, with Landlock, confines the process itself"
     )
-    confined = Diagnostic("untrusted", "files", WARNING if files == CHECKS else OK, files, kernel * (files == CHECKS))
+    confined = ComponentState(
+        "untrusted", "files", WARNING if files == CHECKS else OK, files, kernel * (files == CHECKS)
+    )
     if network:
-        return [confined, Diagnostic("untrusted", "network", OK, network)]
+        return [confined, ComponentState("untrusted", "network", OK, network)]
     remedy = f"{errors.option('untrusted')} leaves it the network; run it in a container that has none"
-    return [confined, Diagnostic("untrusted", "network", WARNING, "not confined", remedy)]
+    return [confined, ComponentState("untrusted", "network", WARNING, "not confined", remedy)]
 
 
-def _encoder() -> list[Diagnostic]:
+def _encoder() -> list[ComponentState]:
     try:
         version = encoder_version()
     except errors.EncoderError as error:
         remedy = f"{pip('install')} --force-reinstall imageio-ffmpeg"
         what, *details = (line.strip() for line in str(error).splitlines())
-        return [Diagnostic("encoder", "ffmpeg", MISSING, ": ".join([what, *details[:1]]), remedy)]
+        return [ComponentState("encoder", "ffmpeg", MISSING, ": ".join([what, *details[:1]]), remedy)]
     codecs = working_codecs()
     working = [codec for codec, works in codecs.items() if works]
     failing = [codec for codec, works in codecs.items() if not works]
     findings = [
-        Diagnostic("encoder", "ffmpeg", OK, version),
-        Diagnostic("encoder", "codecs", OK, ", ".join(working)),
+        ComponentState("encoder", "ffmpeg", OK, version),
+        ComponentState("encoder", "codecs", OK, ", ".join(working)),
     ]
     if failing:
         findings.append(
-            Diagnostic("encoder", "not here", MISSING, ", ".join(failing), f"use another {errors.option('codec')}")
+            ComponentState("encoder", "not here", MISSING, ", ".join(failing), f"use another {errors.option('codec')}")
         )
     return findings

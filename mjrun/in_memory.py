@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
 from mjrun.model.table_column import Column
 from mjrun.options.option import options_for
@@ -89,7 +89,7 @@ def sweep(model: Simulated, **options: object) -> "StudyResult":
     return _in_folder(chosen, lambda folder: Study(simulation, folder, **chosen).run())
 
 
-def evaluate(task: Source | str, **options: object) -> "EvaluationResult":
+def evaluate(task: ModelSource | str, **options: object) -> "EvaluationResult":
     """Plays episodes of a task with a policy, as `mjrun eval` does; `result.table` has a row for each episode.
 
     Args:

@@ -63,7 +63,7 @@ class ModuleSource:
 
 
 @dataclass(frozen=True)
-class SealedCode:
+class SealedValue:
     """A pickled value with the source of the user's code in it, to be opened by another process, perhaps elsewhere.
 
     The code that runs there is the code as it was when the value was sealed, whatever the files hold by then.
@@ -73,7 +73,7 @@ class SealedCode:
     modules: tuple[ModuleSource, ...]
 
     @classmethod
-    def of(cls, value: object, code: Iterable[object]) -> "SealedCode":
+    def of(cls, value: object, code: Iterable[object]) -> "SealedValue":
         """Seals a picklable value.
 
         Args:

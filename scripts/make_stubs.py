@@ -18,8 +18,8 @@ from typing import Any, ForwardRef, Union, get_args, get_origin
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
-from mjrun.options.kinds import AnyKind, CameraKind, Choice, Kind, Several
-from mjrun.options.number_kinds import Instant, Processes
+from mjrun.options.kinds import AnyKind, CameraKind, Choice, Kind, OneOrMore
+from mjrun.options.number_kinds import Instant, ProcessCount
 from mjrun.options.option import Option, Options, options_of
 from mjrun.options.policy import PolicyKind
 from mjrun.options.structured_kinds import OneOf
@@ -39,13 +39,13 @@ from mujoco import MjModel
 
 from mjrun.camera.script import CameraScript, Event
 from mjrun.simulation.input_snapshot import InputSnapshot
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
 from mjrun.options.disturbance import Push
 '''
 ARGUMENTS = {
     "model": "ModelLike | Task | _Simulation",
-    "task": "Source | str",
+    "task": "ModelSource | str",
     "data": "str | PathLike[str] | Sequence[str | PathLike[str]]",
 }
 RETURNED = {"collections.abc.Iterator[numpy.ndarray]": "Iterator[np.ndarray]"}
@@ -54,7 +54,7 @@ INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 ACCEPTED: dict[type[AnyKind], str] = {
     CameraKind: "str | int | PathLike[str] | CameraScript",
     Instant: "float | str | Fraction | Event",
-    Processes: "int | Literal['auto']",
+    ProcessCount: "int | Literal['auto']",
     PolicyKind: "str | PathLike[str] | Policy | Callable[..., object]",
 }
 
@@ -62,7 +62,7 @@ ACCEPTED: dict[type[AnyKind], str] = {
 def accepted(kind: AnyKind) -> str:
     """Returns the type of the values that a kind accepts."""
     match kind:
-        case Several():
+        case OneOrMore():
             each = accepted(kind.each)
             return f"{each} | Sequence[{each}]"
         case Choice():

@@ -254,7 +254,7 @@ def plant(folder: Path, module: str, source: str) -> Path:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("physics/simulation_loop.py", "from mjrun.camera.script_poses import CameraMotion"),
+        ("physics/simulation_loop.py", "from mjrun.camera.script_poses import BoundCameraScript"),
         ("physics/simulation_loop.py", "import mjrun.formats.video_writer"),
         ("physics/simulation_loop.py", "from mjrun import rendering"),
         ("physics/simulation_loop.py", "from ..rendering import camera"),

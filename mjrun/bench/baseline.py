@@ -95,7 +95,7 @@ def _positive(samples: Sequence[Any]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class FigureRatio:
+class FigureComparison:
     """Change of one figure.
 
     Attributes:
@@ -153,7 +153,7 @@ class BaselineComparison:
     base: str
     limit: float
     verdict: str
-    ratios: Sequence[FigureRatio]
+    ratios: Sequence[FigureComparison]
     gone: Sequence[MissingFigure]
     differences: Sequence[str]
 
@@ -294,7 +294,7 @@ def _failures(now: Document, base: Document) -> dict[FigureId, str]:
     }
 
 
-def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, with_workload: bool) -> FigureRatio:
+def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, with_workload: bool) -> FigureComparison:
     here, there, fastest, workload = now.times, base.times, min(now.times) / min(base.times), None
     if with_workload and now.workload and base.workload:
         here, there = now.quotients(now.workload), base.quotients(base.workload)
@@ -303,7 +303,7 @@ def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, wit
 
     interval = ratio_interval(here, there, CONFIDENCE)
     low, high = (None, None) if interval is None else (interval.low, interval.high)
-    return FigureRatio(
+    return FigureComparison(
         name=name,
         base=base.median,
         now=now.median,

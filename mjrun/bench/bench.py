@@ -25,7 +25,7 @@ from mjrun.formats.destinations import StagedFile
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override, overrides_of
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.bench import BenchOptions
 from mjrun.options.number_kinds import AUTO
@@ -194,7 +194,7 @@ class Bench(BenchOptions):
             return [rendering.backend(drawing) for drawing in drawings]
 
     @property
-    def _source(self) -> Source:
+    def _source(self) -> ModelSource:
         """Source of the model, with overrides."""
         source = source_of(self.model)
         return replace(source, overrides=(*source.overrides, *overrides_of(self)))

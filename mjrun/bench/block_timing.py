@@ -171,7 +171,7 @@ def blocks_of(steps: int, block: int) -> Iterator[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class Phase:
+class StepPhase:
     """A phase of a step, as timed by MuJoCo, and its parts.
 
     Attributes:
@@ -184,10 +184,10 @@ class Phase:
     name: str
     seconds: float
     share: float
-    parts: Sequence["Phase"] = ()
+    parts: Sequence["StepPhase"] = ()
 
 
-def phases(data: mujoco.MjData) -> Phase | None:
+def phases(data: mujoco.MjData) -> StepPhase | None:
     """Returns the phases of the steps that `data` has taken with timers, or None.
 
     RK4 computes derivatives four times per step, and MuJoCo does not time its advance: it is included in `other`.
@@ -203,15 +203,15 @@ def phases(data: mujoco.MjData) -> Phase | None:
     return _phase("STEP", seconds, seconds["STEP"])
 
 
-def _phase(timer: str, seconds: Mapping[str, float], step: float) -> Phase:
+def _phase(timer: str, seconds: Mapping[str, float], step: float) -> StepPhase:
     parts = [_phase(part, seconds, step) for part in PARTS.get(timer, ())]
     parts = [part for part in parts if part.seconds or part.name not in OPTIONAL]
 
     rest = seconds[timer] - sum(part.seconds for part in parts)
     if parts and rest > 0:
-        parts.append(Phase(REST, rest, rest / step))
+        parts.append(StepPhase(REST, rest, rest / step))
     name = timer.rpartition("_")[2].lower()  # collision, of POS_COLLISION
-    return Phase(name, seconds[timer], seconds[timer] / step, tuple(parts))
+    return StepPhase(name, seconds[timer], seconds[timer] / step, tuple(parts))
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class StepProfile:
     iterations: float
     arena: int | None
     arena_size: int | None
-    phases: Phase | None
+    phases: StepPhase | None
     warned: bool
 
 

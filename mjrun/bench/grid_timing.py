@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.bench.block_timing import Clock, RolloutInputs
-from mjrun.bench.reference_workload import ReferenceWorkload
+from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget, WarpOptions, WarpStepTimer
 from mjrun.dataclass import dataclass
@@ -87,7 +87,7 @@ class MeasurementSettings:
         make = partial(setup.run, point.model)
         budget = TimingBudget(share * self.budget, point.steps, self.repeats)
         if self.warp is None:
-            return StepTimer(make, budget, clock, ReferenceWorkload(clock))
+            return StepTimer(make, budget, clock, ReferenceWorkloadTimer(clock))
         return WarpStepTimer(make, budget, clock, warp=self.warp)
 
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.bench.block_timing import Clock
-from mjrun.bench.reference_workload import ReferenceWorkload
+from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.camera.pose import Pose
 from mjrun.confinement.self_confinement import confined_load
@@ -22,7 +22,7 @@ from mjrun.model.compilation import lengthen_buffers
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
 from mjrun.model.rendered_view import RenderedView
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import panel_files
 from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
@@ -178,7 +178,7 @@ class LoadTiming:
     compile: SampleStatistics | None = None
 
 
-def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
+def timed_load(source: ModelSource, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
     """Loads a model, and returns it compiled with the wall time of loading.
 
     Raises:
@@ -188,7 +188,7 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming
     return confined_load(lambda: _timed_load(source, clock))
 
 
-def _timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
+def _timed_load(source: ModelSource, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
     before = clock()
     model = source.load()
     first = clock() - before
@@ -270,7 +270,7 @@ def timed_frames(
     (stream,) = (file.stream(drawing, Overlay()) for file in panel_files(drawing, "drawing"))
     compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
     timed, segmentation = TIMED[drawing.renderer], compositor.segmentation
-    workload = ReferenceWorkload(clock, available_cores()) if backend.software else None
+    workload = ReferenceWorkloadTimer(clock, available_cores()) if backend.software else None
 
     try:
         with without_timers():
@@ -308,7 +308,7 @@ def _drawn(
     watch: Stopwatch,
     states: Sequence[np.ndarray],
     budget: float,
-    workload: ReferenceWorkload | None,
+    workload: ReferenceWorkloadTimer | None,
 ) -> tuple[list[dict[str, float]], list[np.ndarray]]:
     """Returns the wall time of each part of each frame [s], and a frame of each state that was drawn."""
     views = [panel.view for stream in compositor.streams for panel in stream.panels]
@@ -331,7 +331,7 @@ def _drawn(
     return costs, frames
 
 
-def _sample_between_frames(workload: ReferenceWorkload, costs: Sequence[Mapping[str, float]]) -> None:
+def _sample_between_frames(workload: ReferenceWorkloadTimer, costs: Sequence[Mapping[str, float]]) -> None:
     """Times the workload after each frame except the first; the second frame determines its length."""
     if len(costs) == 2:
         workload.fit(sum(costs[-1].values()))

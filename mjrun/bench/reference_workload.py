@@ -56,7 +56,7 @@ class ReferenceWorkloadInfo:
     steps: int = STEPS
 
 
-class ReferenceWorkload:
+class ReferenceWorkloadTimer:
     """A timer of the fixed workload, on one thread or several.
 
     Args:

@@ -13,11 +13,11 @@ from pathlib import Path
 import mujoco
 
 from mjrun.bench.baseline import SCHEMA, BaselineComparison
-from mjrun.bench.block_timing import Phase
+from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
-from mjrun.bench.step_timing import WARP, C, ThreadScaling, WarpOptions
+from mjrun.bench.step_timing import WARP, C, ThreadTiming, WarpOptions
 from mjrun.dataclass import dataclass
 from mjrun.platform.cores import available_cores
 
@@ -234,8 +234,8 @@ class GridPointResult:
     realtime_factor: float | None = None
     first_step: float | None = None
     counts: StepCounts | None = None
-    phases: Phase | None = None
-    threads: Sequence[ThreadScaling] = ()
+    phases: StepPhase | None = None
+    threads: Sequence[ThreadTiming] = ()
     overflows: Sequence[str] = ()
     accuracy: IntegrationAccuracy | None = None
     failure: str | None = None

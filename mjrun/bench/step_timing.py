@@ -6,7 +6,7 @@ import numpy as np
 
 from mjrun.bench import block_timing
 from mjrun.bench.block_timing import BatchRolloutTimer, Clock, RolloutInputs, RolloutTimer, StepProfile, blocks_of
-from mjrun.bench.reference_workload import ReferenceWorkload
+from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
@@ -42,7 +42,7 @@ class TimingBudget:
 
 
 @dataclass(frozen=True)
-class ThreadScaling:
+class ThreadTiming:
     """Timing of independent copies of the simulation, one thread each.
 
     Attributes:
@@ -90,7 +90,7 @@ class StepTimer:
         make: Callable[[int], RolloutInputs],
         budget: TimingBudget,
         clock: Clock,
-        workload: ReferenceWorkload | None = None,
+        workload: ReferenceWorkloadTimer | None = None,
     ) -> None:
         self.make, self.budget, self.clock, self.workload = make, budget, clock, workload
         self.rollouts = list[np.ndarray]()
@@ -146,7 +146,7 @@ class StepTimer:
         """Wall time per step of the reference workload [s], one sample per rollout."""
         return self.workload and self.workload.step
 
-    def threads(self, counts: Sequence[int]) -> list[ThreadScaling]:
+    def threads(self, counts: Sequence[int]) -> list[ThreadTiming]:
         """Times the simulation on several threads, unless MuJoCo's warnings end a rollout."""
         return [self._threads(count) for count in counts] if self.in_batch else []
 
@@ -161,16 +161,16 @@ class StepTimer:
             self._leave_batch()
             return self._longest(most)
 
-    def _threads(self, count: int) -> ThreadScaling:
+    def _threads(self, count: int) -> ThreadTiming:
         one = self.step
         step, reference = (one, self.reference_workload) if count == 1 else self._timed_threads(count)
         speed = 1 / step.median
         timestep = self.run.model.opt.timestep
-        return ThreadScaling(count, step, reference, speed, speed * timestep, one.median / step.median)
+        return ThreadTiming(count, step, reference, speed, speed * timestep, one.median / step.median)
 
     def _timed_threads(self, count: int) -> tuple[SampleStatistics, SampleStatistics]:
         """Times `count` copies, and the reference workload on as many threads, per step."""
-        roller, workload = BatchRolloutTimer(self.run, count), ReferenceWorkload(self.clock, count)
+        roller, workload = BatchRolloutTimer(self.run, count), ReferenceWorkloadTimer(self.clock, count)
         rollout = self.step.median * self.steps * max(1, count / available_cores())
         workload.fit(rollout)
         self._rolled(roller, min(self.steps, 2 * self.block), self.block)  # wakes the threads up
@@ -367,7 +367,7 @@ class WarpStepTimer(StepTimer):
         super().__init__(make, budget, clock)
         self._warp = warp
 
-    def threads(self, counts: Sequence[int]) -> list[ThreadScaling]:
+    def threads(self, counts: Sequence[int]) -> list[ThreadTiming]:
         return []
 
     def _opened(self, most: int) -> float:

@@ -50,7 +50,7 @@ class FramedObject(Options):
     )
 
 
-class EventFallback(ExactNumber):
+class InstantOrEnd(ExactNumber):
     """A time [s], kept exactly, or the end."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class Event(Options):
         help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
-        converter=optional(EventFallback()),
+        converter=optional(InstantOrEnd()),
         default=None,
         key="else",
         kw_only=False,
@@ -135,7 +135,7 @@ class BlendKind(OneOf["Blend | str | float", Blend]):
         return plain_values(value)
 
 
-class FitKind(OneOf["FramedObject | str", FramedObject]):
+class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
     """A fit, or the name of its object."""
 
     def __init__(self) -> None:
@@ -198,7 +198,7 @@ class Shot(Options):
         help="Shake of a hand-held camera.",
     )
     fit: FramedObject | None = option(
-        converter=optional(FitKind()),
+        converter=optional(FramedObjectKind()),
         default=None,
         kw_only=False,
         help="Object to keep whole in the image by adjusting the distance.",
@@ -335,7 +335,7 @@ def _number(value: object) -> Fraction:
 def parse_camera(text: str, model: mujoco.MjModel) -> CameraScript:
     """Parses a camera argument into a script of one shot. A camera of `model` takes precedence over a rig of that name.
 
-    Objects that it names are resolved later, by a CameraMotion.
+    Objects that it names are resolved later, by a BoundCameraScript.
 
     Raises:
       UnknownNameError: the camera or setting is unknown; the message lists the valid ones.

@@ -8,10 +8,10 @@ import numpy as np
 
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.auto import BoundAutoRig, MotionSurvey
-from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, compute_positions
+from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.settings import ShakeNoise, blend_weight
-from mjrun.camera.targets import Bounds, object_bounds
+from mjrun.camera.targets import BoundingBoxes, object_bounds
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning, option
 from mjrun.model.state import restore
@@ -19,7 +19,7 @@ from mjrun.model.state import restore
 Span = tuple[float, float]
 
 
-class CameraMotion:
+class BoundCameraScript:
     """A camera script with every name resolved in a model.
 
     Args:
@@ -37,7 +37,7 @@ class CameraMotion:
     ) -> None:
         self.script, self._model, self._size = script, model, size
         self._data = mujoco.MjData(model)
-        cameras = ModelCameras(model, is_framed=is_framed)
+        cameras = MujocoCameras(model, is_framed=is_framed)
         self._shots = [self._bind(i, shot, cameras) for i, shot in enumerate(script.shots)]
         self._shakes = [ShakeNoise(shot.shake) if shot.shake else None for shot in script.shots]
         for i, shot in enumerate(script.shots):
@@ -135,7 +135,7 @@ class CameraMotion:
             angles += share * ((noise.at(view.video_time) if noise else 0.0) - angles)
         return pose.panned(*angles) if angles.any() else pose
 
-    def _bind(self, i: int, shot: Shot, cameras: ModelCameras) -> "_BoundShot":
+    def _bind(self, i: int, shot: Shot, cameras: MujocoCameras) -> "_BoundShot":
         try:
             with concerning("shots", i):
                 return _bound_shot(shot, cameras, self._where(i))
@@ -162,7 +162,7 @@ class _BoundShot:
 
     shot: Shot
     rig: BoundRig
-    bounds: Bounds | None
+    bounds: BoundingBoxes | None
 
     def survey(self, size: tuple[int, int]) -> MotionSurvey | None:
         """Returns an empty survey of the motion for a camera that shows all of it; None for other cameras."""
@@ -196,7 +196,7 @@ class _FrameView:
     poses: dict[int, Pose]
 
 
-def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
+def _bound_shot(shot: Shot, cameras: MujocoCameras, where: str) -> _BoundShot:
     with concerning(shot.rig.kind):
         rig = shot.rig.bind(cameras, where)
     if shot.fovy and not rig.frustum.orthographic:

@@ -137,7 +137,7 @@ class PlaceKind(Kind[Place, Place]):
 
 
 @options
-class RampMapping(Options):
+class RampOptions(Options):
     """A number that changes over the shot."""
 
     start: float = required(converter=Real(least=None), key="from", help="At the beginning of the shot.")
@@ -146,7 +146,7 @@ class RampMapping(Options):
 
 
 @options
-class PositiveRampMapping(RampMapping):
+class PositiveRampOptions(RampOptions):
     """A positive number that changes over the shot."""
 
     start: float = required(converter=Real(above=0), key="from", help="At the beginning of the shot.")
@@ -163,7 +163,7 @@ class RampKind(OneOf["EasedNumber | float", EasedNumber]):
     metavar = "X..Y"
 
     def __init__(self, unit: str = "") -> None:
-        mapping = OptionsMapping(PositiveRampMapping if unit else RampMapping, EasedNumber)
+        mapping = OptionsMapping(PositiveRampOptions if unit else RampOptions, EasedNumber)
         number = Real(above=0) if unit else Real(least=None)
         super().__init__("a number or {from, to, ease}", number=number, object=mapping)
         self.unit = unit

@@ -49,7 +49,7 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
 
 
 @dataclass(frozen=True)
-class Target:
+class BoundPlace:
     """A place that a camera looks at or from: an object, or a point when its kind is empty.
 
     Attributes:
@@ -73,7 +73,7 @@ class Target:
         return math.degrees(math.atan2(matrix[3], matrix[0]))
 
 
-def find_target(place: Place, model: mujoco.MjModel) -> Target:
+def find_target(place: Place, model: mujoco.MjModel) -> BoundPlace:
     """Resolves a point, an object as in `identify_object`, or `subtree:BODY`, which is its centre of mass.
 
     Raises:
@@ -84,15 +84,15 @@ def find_target(place: Place, model: mujoco.MjModel) -> Target:
         x, y, z = map(float, place)
         if not all(map(math.isfinite, (x, y, z))):
             raise BadValueError("place", f"{x:g}, {y:g}, {z:g}", "a point with finite coordinates")
-        return Target(point=(x, y, z))
+        return BoundPlace(point=(x, y, z))
     kind, colon, name = place.partition(":")
     if colon and kind == "subtree":
-        return Target("subtree", identify(model, "body", name))
-    return Target(*identify_object(place, model))
+        return BoundPlace("subtree", identify(model, "body", name))
+    return BoundPlace(*identify_object(place, model))
 
 
 @dataclass(frozen=True)
-class Bounds:
+class BoundingBoxes:
     """The boxes around the geoms of an object, around one site, or around what the bones of skins move.
 
     Attributes:
@@ -112,7 +112,7 @@ class Bounds:
         return (self.corners @ turns.transpose(0, 2, 1) + places[:, None]).reshape(-1, 3)
 
 
-def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
+def object_bounds(text: str, model: mujoco.MjModel) -> BoundingBoxes:
     """Returns the bounds of the object called `text`: of a body with everything attached, without infinite planes.
 
     Raises:
@@ -122,7 +122,7 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
     target = find_target(text, model)
     if target.kind == "site":
         half = _site_halves(model, target.id)
-        return Bounds("site", np.array([target.id]), (CORNERS * half)[None])
+        return BoundingBoxes("site", np.array([target.id]), (CORNERS * half)[None])
     ids = np.flatnonzero(_inside(model, target.id)[model.geom_bodyid])
     if target.kind == "geom":
         ids = np.array([target.id])
@@ -142,7 +142,7 @@ class MovingParts:
     """
 
     model: mujoco.MjModel
-    bounds: Sequence[Bounds]
+    bounds: Sequence[BoundingBoxes]
     shares: np.ndarray
 
     def points(self, data: mujoco.MjData) -> np.ndarray:
@@ -170,7 +170,7 @@ def moving_parts(model: mujoco.MjModel, *, with_still: bool = False) -> MovingPa
     return MovingParts(model, bounds, weights / weights.sum())
 
 
-def _geom_bounds(model: mujoco.MjModel, ids: np.ndarray) -> Bounds | None:
+def _geom_bounds(model: mujoco.MjModel, ids: np.ndarray) -> BoundingBoxes | None:
     """Returns the bounds of these geoms, without infinite planes; None if no geom is finite."""
     centers, halves = model.geom_aabb[ids, :3].copy(), model.geom_aabb[ids, 3:].copy()
     planes = model.geom_type[ids] == PLANE  # whose boxes are infinite even if the visible part is not
@@ -178,10 +178,10 @@ def _geom_bounds(model: mujoco.MjModel, ids: np.ndarray) -> Bounds | None:
     finite = ~planes | (model.geom_size[ids, :2] > 0).all(axis=1)
     if not finite.any():
         return None
-    return Bounds("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
+    return BoundingBoxes("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
 
 
-def _skin_bounds(model: mujoco.MjModel, moving: np.ndarray) -> Bounds | None:
+def _skin_bounds(model: mujoco.MjModel, moving: np.ndarray) -> BoundingBoxes | None:
     """Returns the bounds of visible skins, a box for each bone on a moving body; None without any.
 
     A vertex is a weighted mean of the places to which its bones would move it (mjv_updateSkin): it lies between the
@@ -204,7 +204,7 @@ def _skin_bounds(model: mujoco.MjModel, moving: np.ndarray) -> Bounds | None:
                 least, most = placed.min(axis=0), placed.max(axis=0)
                 bodies.append(int(model.skin_bonebodyid[bone]))
                 corners.append((least + most) / 2 + CORNERS * ((most - least) / 2 + model.skin_inflate[skin]))
-    return Bounds("body", np.array(bodies), np.array(corners)) if bodies else None
+    return BoundingBoxes("body", np.array(bodies), np.array(corners)) if bodies else None
 
 
 def _inside(model: mujoco.MjModel, root: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 from mjrun.check.catalogue import codes, matching_codes, threshold_values
 from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixOutcome, ModelCopy, ModelResult
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcesses, CheckQueue, CheckRequest, WorkerOutput
+from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcessPool, CheckQueue, CheckRequest, WorkerOutcome
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
@@ -34,7 +34,7 @@ from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.check.baseline import Baseline
-    from mjrun.check.fixing import BeforeFix, Fixing
+    from mjrun.check.fixing import BeforeFix, ModelFixer
     from mjrun.check.result_cache import ResultCache
 
 T = TypeVar("T")
@@ -187,7 +187,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             finished(new)
             return new
 
-        workers, cache = CheckProcesses(reporter.note), self._result_cache()
+        workers, cache = CheckProcessPool(reporter.note), self._result_cache()
         try:
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
@@ -227,12 +227,12 @@ class ModelCheck(PolicyOptions, CheckOptions):
         return ResultCache(computing_versions() | {name: installed_version(name) for name in libraries})
 
     def _fixing(
-        self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling, before: "BeforeFix | None"
-    ) -> "Fixing | None":
+        self, paths: Sequence[str], workers: CheckProcessPool, spelling: Spelling, before: "BeforeFix | None"
+    ) -> "ModelFixer | None":
         """Returns the fixes of models, which are checked by `workers`; None without any."""
         if not self.fix:
             return None
-        from mjrun.check.fixing import Fixing  # which imports MuJoCo
+        from mjrun.check.fixing import ModelFixer  # which imports MuJoCo
 
         def check(copies: Sequence[ModelCopy]) -> Sequence[FixOutcome]:
             tasks = [
@@ -241,12 +241,12 @@ class ModelCheck(PolicyOptions, CheckOptions):
             ]
             return self._check_all(tasks, workers, None, spelling, lambda checked: checked)
 
-        return Fixing(self.models, paths, check, before)
+        return ModelFixer(self.models, paths, check, before)
 
     def _check_all(
         self,
         tasks: Sequence[CheckRequest],
-        workers: CheckProcesses,
+        workers: CheckProcessPool,
         cache: "ResultCache | None",
         spelling: Spelling,
         finished: Callable[[FixOutcome], T],
@@ -280,7 +280,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
                 threads.shutdown(cancel_futures=True)
 
     def _check(
-        self, task: CheckRequest, workers: CheckProcesses, cache: "ResultCache | None", spelling: Spelling
+        self, task: CheckRequest, workers: CheckProcessPool, cache: "ResultCache | None", spelling: Spelling
     ) -> FixOutcome:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
@@ -311,14 +311,14 @@ class ModelCheck(PolicyOptions, CheckOptions):
         return FixOutcome(result, changes)
 
     @staticmethod
-    def _output(task: CheckRequest, workers: CheckProcesses, cache: "ResultCache | None") -> WorkerOutput:
+    def _output(task: CheckRequest, workers: CheckProcessPool, cache: "ResultCache | None") -> WorkerOutcome:
         """Returns the output of the check of one model, or an earlier one."""
         if cache is None:
             return workers.run(task)
         key, began = cache.key(task), time.time_ns()
         messages = cache.read(key)
         if messages is not None:
-            return WorkerOutput(messages, ExitStatus(0), "")
+            return WorkerOutcome(messages, ExitStatus(0), "")
         output = workers.run(task)
         cache.write(key, task, output.messages, began)
         return output
@@ -341,7 +341,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         policy = "" if self.policy is None else str(self.policy)
         return replace(limits, reader=self.task_reader, policy=policy, normalize=self.normalize, trust=self.trust)
 
-    def _failure(self, model: Path, output: WorkerOutput) -> Finding:
+    def _failure(self, model: Path, output: WorkerOutcome) -> Finding:
         """Returns a finding that explains why a process ended prematurely."""
         stages = [message["stage"] for message in output.messages if "stage" in message]
         stage = stages[-1] if stages else "starting"

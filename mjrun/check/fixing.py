@@ -73,7 +73,7 @@ class _Attempt(NamedTuple):
     problem: str = ""
 
 
-class Fixing:
+class ModelFixer:
     """The fixes of models, whose text is read at once.
 
     Args:

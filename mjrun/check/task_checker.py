@@ -20,7 +20,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, Problem, UsageError, clean, option
 from mjrun.formats.input_file import require_file
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.xml_source import read_xml
 from mjrun.options.policy import RANDOM
 from mjrun.policy.agreement import check_agreement
@@ -35,7 +35,7 @@ MOST = 500  # control periods of each episode
 
 
 @dataclass(frozen=True)
-class NotFinite:
+class NonFiniteOccurrence:
     """The first occurrence of a number that is not finite.
 
     Attributes:
@@ -72,7 +72,7 @@ class TaskEpisodeFaults:
     count: int
     acting: str
     periods: int = 0
-    not_finite: list[NotFinite] = field(default_factory=list[NotFinite])
+    not_finite: list[NonFiniteOccurrence] = field(default_factory=list[NonFiniteOccurrence])
     ended_at_start: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
     unstable: list[int] = field(default_factory=list[int])
     constant: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
@@ -132,7 +132,7 @@ class _Watch:
             if (kind, term) not in self._known:
                 self._known.add((kind, term))
                 value, seed = float(values[row, column]), int(seeds[row])
-                self._seen.not_finite.append(NotFinite(kind, name, term, value, period * self._dt, seed))
+                self._seen.not_finite.append(NonFiniteOccurrence(kind, name, term, value, period * self._dt, seed))
 
 
 def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray) -> np.ndarray:
@@ -228,7 +228,7 @@ class TaskChecker(Checker):
             self._write_mistakes(error)
         return None
 
-    def _of_model(self, error: ModelError, source: Source) -> list[Finding]:
+    def _of_model(self, error: ModelError, source: ModelSource) -> list[Finding]:
         """Returns findings that explain why the model of a task does not load."""
         if source.main_file is not None:
             return rule_table.explain(error, read_xml(source.main_file))

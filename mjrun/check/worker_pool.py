@@ -79,7 +79,7 @@ class CheckRequest:
 
 
 @dataclass(frozen=True)
-class WorkerOutput:
+class WorkerOutcome:
     """The output of a process, and its end.
 
     Attributes:
@@ -119,7 +119,7 @@ class CheckQueue:
             return taken
 
 
-class CheckProcesses:
+class CheckProcessPool:
     """A pool of processes, for use from any thread, which can end all of them at once.
 
     A process takes as long to start as dozens of small models take to be checked: another one starts only if the
@@ -140,13 +140,13 @@ class CheckProcesses:
         self._done = 0
         self._ended = False
 
-    def run(self, task: CheckRequest) -> WorkerOutput:
+    def run(self, task: CheckRequest) -> WorkerOutcome:
         """Checks one model in a process that is idle, or in a new one if that pays."""
         with self._changed:
             while not (self._ended or self._idle or self._another_pays()):
                 self._changed.wait(POLL_INTERVAL)
             if self._ended:
-                return WorkerOutput((), ExitStatus(0, "ended"), "")
+                return WorkerOutcome((), ExitStatus(0, "ended"), "")
             process = self._idle.pop() if self._idle else CheckProcess()
             self._busy.add(process)
         try:
@@ -211,8 +211,8 @@ class CheckProcess:
         self.is_reusable = True
         self._checking = self._process.pid
 
-    def run(self, task: CheckRequest, note: Callable[[str], object] = lambda text: None) -> WorkerOutput:
-        """Checks one model, and ends the process if that exceeds a limit; `note` is that of `CheckProcesses`."""
+    def run(self, task: CheckRequest, note: Callable[[str], object] = lambda text: None) -> WorkerOutcome:
+        """Checks one model, and ends the process if that exceeds a limit; `note` is that of `CheckProcessPool`."""
         self.is_reusable = False
         start = time.monotonic()
         deadline, measured = start + task.timeout, start
@@ -236,7 +236,7 @@ class CheckProcess:
                 measured = now
                 if resident_memory(self._checking) > task.memory * MIB:
                     self._process.kill("memory")
-        return WorkerOutput(messages, self._process.wait(), self._stderr())
+        return WorkerOutcome(messages, self._process.wait(), self._stderr())
 
     def kill(self) -> None:
         """Kills the process, from any thread; `run` returns."""
@@ -248,12 +248,12 @@ class CheckProcess:
         self._process.wait(END_GRACE)
         self._process.end()
 
-    def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> WorkerOutput:
+    def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> WorkerOutcome:
         """Returns the output of a task whose process has ended with `code`; the server ends too unless that is 0."""
         self.is_reusable = code == 0
         if code:
             self._process.wait()
-        return WorkerOutput(messages, ExitStatus(code), self._stderr() if code else "")
+        return WorkerOutcome(messages, ExitStatus(code), self._stderr() if code else "")
 
     def _stderr(self) -> str:
         """Returns the output of libraries in the last task."""

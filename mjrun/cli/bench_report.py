@@ -12,7 +12,7 @@ from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.bench.baseline import BaselineComparison
-    from mjrun.bench.block_timing import Phase
+    from mjrun.bench.block_timing import StepPhase
     from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
     from mjrun.bench.results import BenchResult, GridPointResult, IntegrationAccuracy
     from mjrun.bench.statistics import SampleStatistics
@@ -235,14 +235,14 @@ def _threads(row: "GridPointResult") -> Table:
     return table
 
 
-def _phase_table(step: "Phase") -> Table:
+def _phase_table(step: "StepPhase") -> Table:
     table = [["phase", "time", "share"]]
     for _, depth, phase in phases_of(step):
         table.append([f"{'  ' * depth}{phase.name}", duration(phase.seconds), f"{phase.share:.1%}"])
     return table
 
 
-def _overhead(timed: "Phase", step: "SampleStatistics") -> str:
+def _overhead(timed: "StepPhase", step: "SampleStatistics") -> str:
     longer = timed.seconds / step.median - 1
     return f"{longer:.0%} longer" if longer >= 0 else "no longer"
 
@@ -347,7 +347,7 @@ def _accuracy_columns(accuracy: "IntegrationAccuracy | None") -> dict[str, objec
     return {"horizon": accuracy.horizon, "energy_drift": accuracy.energy_drift, "distance": accuracy.distance}
 
 
-def phases_of(phase: "Phase | None", above: str = "", depth: int = 0) -> Iterator[tuple[str, int, "Phase"]]:
+def phases_of(phase: "StepPhase | None", above: str = "", depth: int = 0) -> Iterator[tuple[str, int, "StepPhase"]]:
     """Yields every phase, with its path and depth in the tree."""
     if phase is None:
         return

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from mjrun.check.catalogue import explanation, local_page, published_page, topic
 from mjrun.check.check import CheckResult, ModelResult, worst_first
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repeats
-from mjrun.cli.console import Case, Report, linked, shows_links
+from mjrun.cli.console import CiVerdict, Report, linked, shows_links
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import clean
 from mjrun.version import __version__
@@ -101,17 +101,17 @@ def full_message(finding: Finding, model: str) -> str:
     return f"{finding.object}: {finding.text}{where}"
 
 
-def cases(result: CheckResult) -> Iterator[Case]:
+def cases(result: CheckResult) -> Iterator[CiVerdict]:
     """Yields a case per finding, and one per model without findings; a finding in a file of several is shown once."""
     rules = rule_table()
     for model, shown in zip(result.models, without_repeats(result.models), strict=True):
         if not model.findings:
-            yield Case(model.model, file=model.model)
+            yield CiVerdict(model.model, file=model.model)
         for finding in model.findings:
             text = "\n".join(filter(None, (full_message(finding, model.model), finding.remedy)))
             title = f"{finding.code} {rules[finding.code].title}"
             repeats = finding not in shown.findings
-            yield Case(model.model, finding.severity, title, text, finding.file, finding.line, repeats)
+            yield CiVerdict(model.model, finding.severity, title, text, finding.file, finding.line, repeats)
 
 
 def statistics(result: CheckResult) -> Iterator[str]:

@@ -19,8 +19,8 @@ from mjrun.cli.console import Console, HelpContext, flag, shown_help
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
-from mjrun.options.command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenOptions
-from mjrun.options.kinds import AnyKind, Choice, Flag, Several
+from mjrun.options.command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OutputOpeningOptions
+from mjrun.options.kinds import AnyKind, Choice, Flag, OneOrMore
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings
@@ -32,7 +32,7 @@ C = TypeVar("C", bound=Options)
 Body = Callable[[Console, "CommandLine"], None]
 
 
-ON_FILES = (OpenOptions, ConfinementOptions)  # of commands that may read untrusted files, and make others
+ON_FILES = (OutputOpeningOptions, ConfinementOptions)  # of commands that may read untrusted files, and make others
 # Sections that several commands share; they follow the sections of a single command.
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
@@ -134,7 +134,7 @@ class ModelArgument(click.Argument):
 
 
 @dataclass(frozen=True)
-class Declaration:
+class CommandDeclaration:
     """Facts about a command in addition to its options and its help, from which lists of commands are derived.
 
     Attributes:
@@ -159,7 +159,7 @@ class SectionedCommand(click.Command):
     """A command whose help shows its options by section."""
 
     context_class = HelpContext
-    declaration = Declaration()
+    declaration = CommandDeclaration()
     body: Body
 
     def invoke(self, ctx: click.Context) -> None:
@@ -239,7 +239,7 @@ class DeclaredOption(click.Option):
         if isinstance(kind, Flag):
             super().__init__(names, is_flag=True, default=None)
             return
-        each = kind.repeated if isinstance(kind, Several) else kind
+        each = kind.repeated if isinstance(kind, OneOrMore) else kind
         chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
         metavar = None if isinstance(each, Choice) else kind.metavar
         optional: dict[str, Any] = {}
@@ -316,7 +316,7 @@ def command(
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]
         made = cls(name or body.__name__, params=params, help=body.__doc__)
-        made.declaration, made.body = Declaration(classes, **facts), body
+        made.declaration, made.body = CommandDeclaration(classes, **facts), body
         return made
 
     return decorate
@@ -377,7 +377,7 @@ def _help(declared: Option) -> str:
 
 def is_repeatable(declared: Option) -> bool:
     """Returns whether the command line accepts the option more than once."""
-    return isinstance(declared.kind, Several | Settings | NamedNumbers | ColumnDefinitions)
+    return isinstance(declared.kind, OneOrMore | Settings | NamedNumbers | ColumnDefinitions)
 
 
 def shown_default(declared: Option) -> str:
@@ -394,7 +394,7 @@ def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     """Combines the values of all repetitions."""
     if isinstance(kind, NamedNumbers):
         return dict(cast("Sequence[tuple[str, object]]", values))
-    if isinstance(kind, Several) and kind.commas:
+    if isinstance(kind, OneOrMore) and kind.commas:
         return tuple(part for words in cast("Sequence[tuple[object, ...]]", values) for part in words)
     return tuple(values)
 

@@ -13,7 +13,7 @@ import click
 
 from mjrun import shared_status
 from mjrun.child_process import limit_this_process
-from mjrun.cli.click_command import Declaration, DeclaredOption, ModelArgument, SectionedCommand
+from mjrun.cli.click_command import CommandDeclaration, DeclaredOption, ModelArgument, SectionedCommand
 from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.self_confinement import confine, with_temporary
 from mjrun.dataclass import dataclass
@@ -21,7 +21,7 @@ from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownName
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY
 from mjrun.options.command import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
-from mjrun.options.kinds import AnyKind, File, Several
+from mjrun.options.kinds import AnyKind, OneOrMore, PathKind
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.shared_status import ConfinementPromise
@@ -92,7 +92,7 @@ def description(limits: Confinement) -> str:
     return f"untrusted: files are confined by {limits.by}, {network}; {models}"
 
 
-def _limits(options: ConfinementOptions, command: Declaration) -> dict[str, float]:
+def _limits(options: ConfinementOptions, command: CommandDeclaration) -> dict[str, float]:
     limits = {**DEFAULTS, **({TIME: math.inf} if command.is_endless else {})}
     for name, values in options.limit.items():
         if name not in LIMITS:
@@ -104,7 +104,7 @@ def _limits(options: ConfinementOptions, command: Declaration) -> dict[str, floa
     return limits
 
 
-def _declaration(context: click.Context) -> Declaration:
+def _declaration(context: click.Context) -> CommandDeclaration:
     assert isinstance(context.command, SectionedCommand)
     return context.command.declaration
 
@@ -213,9 +213,9 @@ def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
 
 
 def _is_written(kind: AnyKind) -> bool:
-    while isinstance(kind, Several):
+    while isinstance(kind, OneOrMore):
         kind = kind.each
-    return isinstance(kind, File) and kind.written
+    return isinstance(kind, PathKind) and kind.written
 
 
 def _real(path: str | Path) -> str:

@@ -48,7 +48,7 @@ def document_form(arguments: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Case:
+class CiVerdict:
     """A verdict of a command, as formats for CI systems report it.
 
     Attributes:
@@ -90,7 +90,7 @@ class Report:
     text: Callable[[], str] = str
     summary: Callable[[], str] = str
     forms: Mapping[str, Callable[[], str | Mapping[str, object]]] = field(default_factory=dict[str, Any])
-    cases: Callable[[], Iterable[Case]] = tuple[Case, ...]
+    cases: Callable[[], Iterable[CiVerdict]] = tuple[CiVerdict, ...]
     remark: Callable[[], str] | None = None
     document: Callable[[Any], dict[str, object]] = asdict
 

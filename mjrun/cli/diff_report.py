@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.console import Case, Report
+from mjrun.cli.console import CiVerdict, Report
 from mjrun.cli.simulation_command import golden_summary
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalLayout
@@ -68,15 +68,15 @@ def verdict(result: "DiffResult") -> str:
     return f"{pair} differ{golden}{f': {spelled(shared, flag)}' if shared else ''}"
 
 
-def cases(result: "DiffResult") -> Iterator[Case]:
+def cases(result: "DiffResult") -> Iterator[CiVerdict]:
     """Yields a case for each difference, or one that passed."""
     if result.equal or (result.golden and result.golden.updated):
-        yield Case(verdict(result))
+        yield CiVerdict(verdict(result))
         return
     file = next((name for name in (result.b, result.a) if is_file(Path(name))), "")
     title = f"mjrun diff: {result.b} differs from {result.a}"
     for sentence in result.differences[:REPORTED]:
-        yield Case(result.b, "error", title, sentence, file)
+        yield CiVerdict(result.b, "error", title, sentence, file)
 
 
 def _agreement(result: "DiffResult") -> str:

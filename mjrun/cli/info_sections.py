@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mjrun.model.description.constraints import PathPoint, Tendon
     from mjrun.model.description.declaration import ModelObject
     from mjrun.model.description.non_default_settings import NonDefaultSetting, Value
-    from mjrun.model.info import ModelDescription, ModelSummary, Statistics
+    from mjrun.model.info import ModelDescription, ModelStatistics, ModelSummary
 
 ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are shown even if they are 0
 STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")
@@ -271,7 +271,7 @@ def _sizes(of: "ModelSummary", fields: Sequence[str]) -> str:
     return "  ".join(f"{name}={of.sizes[name]}" for name in shown)
 
 
-def statistics(of: "Statistics") -> list[tuple[str, str]]:
+def statistics(of: "ModelStatistics") -> list[tuple[str, str]]:
     return [
         ("center", f"{vector(of.center)} m"),
         ("extent", f"{number(of.extent)} m"),

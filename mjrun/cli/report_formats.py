@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
-from mjrun.cli.console import Case
+from mjrun.cli.console import CiVerdict
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.errors import clean, counted
 
@@ -16,7 +16,7 @@ MOST = 200  # rows; GitHub accepts summaries of up to 1 MiB, and comments of 64 
 SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~@&])")
 
 
-def github(cases: Iterable[Case]) -> str:
+def github(cases: Iterable[CiVerdict]) -> str:
     """Formats a GitHub Actions annotation for each case that did not pass: `::warning file=…,line=…,title=…::message`.
 
     https://docs.github.com/actions/reference/workflow-commands-for-github-actions
@@ -24,7 +24,7 @@ def github(cases: Iterable[Case]) -> str:
     return "\n".join(_annotation(case) for case in cases if case.level and not case.repeats)
 
 
-def _annotation(case: Case) -> str:
+def _annotation(case: CiVerdict) -> str:
     place = f"file={_escaped_property(case.file)}," + (f"line={case.line}," if case.line else "") if case.file else ""
     # In one line, with escapes so that no other command can begin.
     message = "\n".join(clean(part) for part in case.text.split("\n"))
@@ -36,7 +36,7 @@ def _escaped_property(text: str) -> str:
     return clean(text).replace("%", "%25").replace(":", "%3A").replace(",", "%2C")
 
 
-def junit(cases: Iterable[Case]) -> str:
+def junit(cases: Iterable[CiVerdict]) -> str:
     """Formats JUnit XML with a test case for each case; errors and warnings are failures, and notes are output."""
     cases = [*cases]
     failures = sum(case.level in FAILURES for case in cases)
@@ -46,7 +46,7 @@ def junit(cases: Iterable[Case]) -> str:
     return "\n".join([*lines, "</testsuites>"])
 
 
-def _test_case(case: Case) -> str:
+def _test_case(case: CiVerdict) -> str:
     title = case.title or "passes"
     attributes = f"classname={_quoted(case.name)} name={_quoted(title)}"
     if case.file:
@@ -76,7 +76,7 @@ def _valid(value: str) -> str:
     return clean(value).replace("\ufffe", "?").replace("\uffff", "?")
 
 
-def markdown(cases: Iterable[Case]) -> str:
+def markdown(cases: Iterable[CiVerdict]) -> str:
     """Formats the numbers of cases, and a Markdown table of those that did not pass, worst first."""
     cases = [*cases]
     shown = (case for case in cases if case.level and not case.repeats)
@@ -92,7 +92,7 @@ def markdown(cases: Iterable[Case]) -> str:
     return "\n".join(lines)
 
 
-def _row(case: Case) -> str:
+def _row(case: CiVerdict) -> str:
     place = case.file + (f":{case.line}" if case.line else "") if case.file else case.name
     message, _, remedy = case.text.partition("\n")
     parts = [f"**{escaped(case.title)}**", escaped(message)]
@@ -114,4 +114,4 @@ def escaped(value: str) -> str:
     return "<br>".join(SPECIAL.sub(r"\\\1", clean(line)) for line in value.split("\n"))
 
 
-FORMATS: dict[str, Callable[[Iterable[Case]], str]] = {"github": github, "junit": junit, "markdown": markdown}
+FORMATS: dict[str, Callable[[Iterable[CiVerdict]], str]] = {"github": github, "junit": junit, "markdown": markdown}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.console import Case, Console, Report, flag
+from mjrun.cli.console import CiVerdict, Console, Report, flag
 from mjrun.cli.table_cells import byte_size
 from mjrun.errors import MjrunError, UsageError, clean, counted, option, quoted
 from mjrun.options.model import ServoOptions
@@ -25,7 +25,7 @@ from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
-    from mjrun.model.source import Source
+    from mjrun.model.source import ModelSource
     from mjrun.model.table_column import Column
     from mjrun.outputs.export import ExportResult
     from mjrun.outputs.image import ImageResult
@@ -88,7 +88,7 @@ def try_backend_early(command_line: CommandLine) -> None:
             start_early(cast("str | None", command_line.value("gl")))
 
 
-def source(command_line: CommandLine) -> "Source":
+def source(command_line: CommandLine) -> "ModelSource":
     """Returns the source in the place of the model, which may be the task of a document, with its overrides."""
     from mjrun.model.override import overrides_of
 
@@ -112,7 +112,7 @@ def simulation(command_line: CommandLine) -> "Simulation":
     return command_line.with_converted("controller", load_controller).make(Simulation, model=model)
 
 
-def _source(command_line: CommandLine) -> "Source":
+def _source(command_line: CommandLine) -> "ModelSource":
     from mjrun.model.sources import names_task, parse_source
 
     text = command_line.argument("model")
@@ -233,7 +233,7 @@ def unchanged(earlier: "EarlierReport") -> Report:
         "",
         earlier,
         summary=lambda: earlier.sentence,
-        cases=lambda: [Case(**case) for case in earlier.cases],
+        cases=lambda: [CiVerdict(**case) for case in earlier.cases],
         document=lambda _: {**earlier.document},
     )
 
@@ -305,7 +305,7 @@ def reported_failures(
 
 def show_columns(
     console: Console,
-    source: "Source",
+    source: "ModelSource",
     probes: Sequence[str] = (),
     policy: object = None,
     *,

@@ -228,7 +228,7 @@ OF_TCP = (
 )
 
 
-class Program(ctypes.Structure):
+class BpfProgram(ctypes.Structure):
     """A program of classic BPF, in the form that the kernel expects."""
 
     _fields_ = (("length", ctypes.c_ushort), ("filter", ctypes.c_char_p))
@@ -268,9 +268,9 @@ def restrict(*, serves: bool = False) -> int | None:
     return None
 
 
-def _assembled(steps: Iterable[_Step]) -> Program:
+def _assembled(steps: Iterable[_Step]) -> BpfProgram:
     code = b"".join(struct.pack("HBBI", *step) for step in steps)
-    return Program(len(code) // 8, code)
+    return BpfProgram(len(code) // 8, code)
 
 
 def program(machine: str, *, serves: bool = False, asks: bool = True) -> list[_Step]:

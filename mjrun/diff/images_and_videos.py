@@ -135,14 +135,14 @@ Frames = VideoReader | ImageFrames  # of one size, decoded again with each itera
 
 
 @dataclass(frozen=True)
-class WorstFrames:
+class WorstFramePair:
     """The pair of frames with the largest mean square difference; the first pair if nothing differs."""
 
     a: np.ndarray
     b: np.ndarray
 
 
-def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
+def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
     """Compares two images. Images with the same palette are compared by its indices, as numbers.
 
     Raises:
@@ -154,7 +154,7 @@ def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
     return compare(one, other, tolerance)
 
 
-def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
+def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
     """Compares two videos, or folders of images.
 
     Raises:
@@ -164,9 +164,9 @@ def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
     return compare(_frames(a), _frames(b), tolerance)
 
 
-def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
+def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
     """Returns the differences of two videos or images, and the worst pair of frames; None if sizes or kinds differ."""
-    summary = PictureSummary(a, b)
+    summary = FrameDifferences(a, b)
     for one, other in zip_longest(a, b):
         if one is not None and other is not None and summary.are_comparable(one, other):
             summary.add(one, other, compare_frames(one, other, tolerance))
@@ -174,7 +174,7 @@ def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifferen
     return summary.result(), summary.worst_frames
 
 
-class PictureSummary:
+class FrameDifferences:
     """The accumulated differences of pairs of frames.
 
     Attributes:
@@ -182,7 +182,7 @@ class PictureSummary:
     """
 
     def __init__(self, a: Frames, b: Frames) -> None:
-        self.worst_frames: WorstFrames | None = None
+        self.worst_frames: WorstFramePair | None = None
         self._a, self._b = a, b
         self._fps = a.fps or b.fps
         self._kinds: dict[str, None] = {}
@@ -210,7 +210,7 @@ class PictureSummary:
         """Adds the next pair of frames."""
         difference = self._difference(comparison, is_colour(a))
         if comparison.mean_square > self._worst_square:
-            self._worst_square, self.worst_frames = comparison.mean_square, WorstFrames(a, b)
+            self._worst_square, self.worst_frames = comparison.mean_square, WorstFramePair(a, b)
             self._worst = difference if comparison.mean_square else None
         if comparison.changed:
             self._first = self._first or difference

@@ -114,7 +114,7 @@ class ModelObjects:
 
 
 @dataclass(frozen=True)
-class Match:
+class KindMatching:
     """The matching of the objects of one kind: `a[k]` of one model is `b[k]` of the other, in the order of the first.
 
     Attributes:
@@ -167,12 +167,12 @@ class ObjectMatching:
         numbers[-1] = -1
         return numbers
 
-    def _match(self, kind: str, pairs: Mapping[int, int]) -> Match:
+    def _match(self, kind: str, pairs: Mapping[int, int]) -> KindMatching:
         a = np.array(sorted(pairs), int)
         b = np.array([pairs[i] for i in a.tolist()], int)
         only_a = [i for i in range(len(self.a.names[kind])) if i not in pairs]
         matched = set(b.tolist())
-        return Match(a, b, only_a, [i for i in range(len(self.b.names[kind])) if i not in matched])
+        return KindMatching(a, b, only_a, [i for i in range(len(self.b.names[kind])) if i not in matched])
 
     def _match_bodies(self) -> dict[int, int]:
         """Matches the bodies of both models: by name, and the others below matched parents."""

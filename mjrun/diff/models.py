@@ -45,7 +45,7 @@ from mjrun.model.fields import (
 )
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import PLURALS, QUATERNION, VECTOR
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.units import field_unit
 from mjrun.model.xml_source import Element, read_xml
 from mjrun.suffixes import XML
@@ -220,7 +220,7 @@ def _sha256(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
-def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -> ModelComparison:
+def compare_models(a: ModelSource, b: ModelSource, tolerances: Tolerances | None = None) -> ModelComparison:
     """Compares the compilation of two models, object by object.
 
     Objects are matched by name, unnamed ones by their position among those of their parent body. Addresses, ids and
@@ -344,7 +344,7 @@ AttributeValue = str | tuple[float, ...]
 Pair = tuple[Element, Element]
 
 
-def xml_changes(a: Source, b: Source) -> list[XmlChange]:
+def xml_changes(a: ModelSource, b: ModelSource) -> list[XmlChange]:
     """Returns the differences between the XML of two models, in the order of the first; none unless both are XML files.
 
     Models that both attach are compared by their file names.
@@ -359,7 +359,7 @@ def xml_changes(a: Source, b: Source) -> list[XmlChange]:
     return [change for pair in pairs for change in _changes(*pair)]
 
 
-def _xml_file(source: Source) -> Path | None:
+def _xml_file(source: ModelSource) -> Path | None:
     file = source.main_file
     return file if file and file.suffix in XML else None
 

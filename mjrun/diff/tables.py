@@ -44,7 +44,7 @@ class RowSource(Protocol):
 
 
 @dataclass(frozen=True)
-class Pairs:
+class RowPairs:
     """Rows that belong together.
 
     Attributes:
@@ -61,7 +61,7 @@ class Pairs:
 
 
 @dataclass(frozen=True)
-class SkippedRows:
+class IdenticalRows:
     """A run of rows skipped unparsed because their bytes are identical."""
 
     count: int
@@ -165,7 +165,7 @@ class RowStream:
 
 def pairs_in_order(
     a: RowStream, b: RowStream, tolerance: Tolerance | None, skip: Skip
-) -> Iterator[Pairs | SkippedRows]:
+) -> Iterator[RowPairs | IdenticalRows]:
     """Yields the rows whose keys agree, several with one key in their order; unmatched rows are counted.
 
     Args:
@@ -184,14 +184,14 @@ def pairs_in_order(
             yield from _merged(a, b, tolerance)
 
 
-def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[SkippedRows]:
+def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[IdenticalRows]:
     """Skips equal rows if no loaded rows of either wait."""
     if len(a) or len(b):
         return
     if count := skip():
         a.pass_over(count)
         b.pass_over(count)
-        yield SkippedRows(count)
+        yield IdenticalRows(count)
 
 
 def _fill(a: RowStream, b: RowStream) -> bool:
@@ -209,16 +209,16 @@ def _pass_over(a: RowStream, b: RowStream) -> None:
         stream.drop(len(stream))
 
 
-def _first_pairs(a: RowStream, b: RowStream, count: int) -> Pairs:
+def _first_pairs(a: RowStream, b: RowStream, count: int) -> RowPairs:
     numbers = np.arange(count)
     keys = a.keys[:count] if len(a.keys) else None
-    pairs = Pairs(a.values[:count], b.values[:count], a.row + numbers, b.row + numbers, keys)
+    pairs = RowPairs(a.values[:count], b.values[:count], a.row + numbers, b.row + numbers, keys)
     a.drop(count)
     b.drop(count)
     return pairs
 
 
-def _merged(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
+def _merged(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[RowPairs]:
     """Yields the pairs among the loaded rows, up to where a row may match one that is not loaded yet."""
     in_a, in_b = _matches(a.keys, b.keys, tolerance)
     end_a, end_b = _ends(a, b, in_a, in_b, tolerance)
@@ -229,7 +229,7 @@ def _merged(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]
     settled = (in_a < end_a) & (in_b < end_b)
     in_a, in_b = in_a[settled], in_b[settled]
     if len(in_a):
-        yield Pairs(a.values[in_a], b.values[in_b], a.row + in_a, b.row + in_b, a.keys[in_a])
+        yield RowPairs(a.values[in_a], b.values[in_b], a.row + in_a, b.row + in_b, a.keys[in_a])
     for stream, end, matched in ((a, end_a, in_a), (b, end_b, in_b)):
         stream.note_unmatched(np.setdiff1d(np.arange(end), matched, assume_unique=True))
         stream.drop(end)
@@ -313,12 +313,12 @@ class KeyedRows:
             self.unmatched = UnmatchedRows(len(indices), first, None, self.texts[first])
 
 
-def pairs_by_columns(a: KeyedRows, b: KeyedRows) -> Iterator[Pairs]:
+def pairs_by_columns(a: KeyedRows, b: KeyedRows) -> Iterator[RowPairs]:
     """Yields the rows with the same key."""
     rows_a, rows_b = a.matches(b)
     if len(rows_a):
         keys = np.array(a.texts, object)[rows_a]
-        yield Pairs(a.values[rows_a], b.values[rows_b], rows_a, rows_b, keys)
+        yield RowPairs(a.values[rows_a], b.values[rows_b], rows_a, rows_b, keys)
 
 
 def _text(cell: float | int | str) -> str:
@@ -357,7 +357,7 @@ class ColumnDifferences:
         self._rows += rows
         self._last[:] = 0
 
-    def add(self, pairs: Pairs) -> None:
+    def add(self, pairs: RowPairs) -> None:
         """Adds rows that belong together."""
         self.add_equal(len(pairs.a))
         if pairs.a.dtype == pairs.b.dtype == np.float64:
@@ -373,7 +373,7 @@ class ColumnDifferences:
             elif not np.array_equal(a.view(np.int64), b.view(np.int64)):
                 self._add_numbers(pairs, np.array([column]), a[None], b[None])
 
-    def _add_numbers(self, pairs: Pairs, columns: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
+    def _add_numbers(self, pairs: RowPairs, columns: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
         """Adds the numbers of some columns, float64 `(columns, n)`."""
         with np.errstate(invalid="ignore", over="ignore"):
             difference = b - a
@@ -383,13 +383,13 @@ class ColumnDifferences:
         agree = [self._tolerances[column].agree(a[i], b[i]) for i, column in enumerate(map(int, columns))]
         self._add_differences(pairs, columns, np.array(agree), difference)
 
-    def _add_cells(self, pairs: Pairs, column: int, a: np.ndarray, b: np.ndarray) -> None:
+    def _add_cells(self, pairs: RowPairs, column: int, a: np.ndarray, b: np.ndarray) -> None:
         """Adds the cells of a column that contains texts or large integers."""
         agree, difference = compare_cells(a, b, self._tolerances[column])
         self._text[column] |= any(isinstance(cell, str) for cell in (*a, *b))
         self._add_differences(pairs, np.array([column]), agree[None], difference[None])
 
-    def _add_differences(self, pairs: Pairs, columns: np.ndarray, agree: np.ndarray, difference: np.ndarray) -> None:
+    def _add_differences(self, pairs: RowPairs, columns: np.ndarray, agree: np.ndarray, difference: np.ndarray) -> None:
         size = np.abs(difference)
         with np.errstate(over="ignore"):
             self._squares[columns] += np.einsum("ij,ij->i", size, size)
@@ -400,7 +400,7 @@ class ColumnDifferences:
             if len(beyond):
                 self._add_beyond(pairs, column, beyond, size[index])
 
-    def _add_beyond(self, pairs: Pairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
+    def _add_beyond(self, pairs: RowPairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
         """Adds the rows of one column that are beyond its tolerance."""
         self._differing[column] += len(beyond)
         self._first[column] = self._first[column] or _cell(pairs, column, int(beyond[0]))
@@ -462,7 +462,7 @@ def compare_rows(
     comparison = ColumnDifferences(columns, [tolerances.of(name) for name in columns])
     rows = 0
     for pairs in all_pairs:
-        if isinstance(pairs, SkippedRows):
+        if isinstance(pairs, IdenticalRows):
             rows += pairs.count
             comparison.add_equal(pairs.count)
         else:
@@ -498,7 +498,7 @@ def _unit_differences(a: RowSource, b: RowSource) -> list[UnitDifference]:
     return [UnitDifference(name, a.units[name], b.units[name]) for name in both if a.units[name] != b.units[name]]
 
 
-def _cell(pairs: Pairs, column: int, index: int) -> CellDifference:
+def _cell(pairs: RowPairs, column: int, index: int) -> CellDifference:
     key = None if pairs.keys is None else pairs.keys[index]
     return CellDifference(
         row=int(pairs.rows_a[index]),

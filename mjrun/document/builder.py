@@ -29,7 +29,7 @@ Values = dict[str, object]  # Python arguments, by attribute
 T = TypeVar("T")
 
 
-class DocumentBuilder:
+class DocumentValueBuilder:
     """A builder of values from the options of a document, which collects their faults.
 
     Args:
@@ -117,7 +117,7 @@ class LocatedRequest(Generic[Made]):
         self.made, self.located = made, located
 
 
-class SimulationDocument(Generic[Made]):
+class SimulationDocumentReader(Generic[Made]):
     """A kind of document.
 
     Args:
@@ -179,7 +179,7 @@ class SimulationDocument(Generic[Made]):
         Raises:
           DocumentError: the document is faulty; all faults are listed.
         """
-        builder = DocumentBuilder(tree, folders, self.declared_at)
+        builder = DocumentValueBuilder(tree, folders, self.declared_at)
         simulation: Simulation = builder.simulation(document, code)
         chosen = {**defaults, **values_of(self._declared, document), **values}
         return builder.made(lambda: self._make(simulation, **chosen))

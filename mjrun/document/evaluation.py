@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import DocumentBuilder, LocatedRequest, Values, located_errors, values_of
+from mjrun.document.builder import DocumentValueBuilder, LocatedRequest, Values, located_errors, values_of
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
@@ -27,7 +27,7 @@ from mjrun.document.tree import Mapped, Place
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.kinds import Text
@@ -96,7 +96,7 @@ def read_evaluation(
     """
     folders = DocumentContext(Path(path).parent)
     document, tree = read(path, EVALUATION, folders, assignments, variables=True)
-    builder = DocumentBuilder(tree, folders, _declared_at)
+    builder = DocumentValueBuilder(tree, folders, _declared_at)
     changed = Settings()(cast("Mapping[str, object]", document.get("changes", {})))
     changes = [f"{key}={text}" for key, text in changed]
     chosen = {"output": f"{Path(path).stem}_eval", **values_of(EvaluationOptions, document)}
@@ -111,7 +111,7 @@ def read_evaluation(
     return EvaluationRequest(made, lambda: located_errors(tree, _declared_at), changes)
 
 
-def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[Source, Rewritten | None]:
+def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[ModelSource, Rewritten | None]:
     """Returns the task that `text` names, with changed values, and a function that makes it with further changes.
 
     Raises:
@@ -126,7 +126,7 @@ def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[Source, Rewri
     return parse_source(text), None
 
 
-def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO_CHANGES) -> Source:
+def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO_CHANGES) -> ModelSource:
     return read_task(path, [*assignments, *(f"{name}={text}" for name, text in changes.items())])
 
 

@@ -14,7 +14,7 @@ output: fitted.xml
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mjrun.document.builder import LocatedRequest, SimulationDocument
+from mjrun.document.builder import LocatedRequest, SimulationDocumentReader
 from mjrun.fitting.fit import Fit
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options
@@ -26,7 +26,7 @@ class _FitOptions(FitOptions, SimulationOptions):
     """A model, measurements, and the parameters to estimate."""
 
 
-FIT = SimulationDocument("Fit", FitOptions, _FitOptions, Fit)
+FIT = SimulationDocumentReader("Fit", FitOptions, _FitOptions, Fit)
 
 
 def read_fit(

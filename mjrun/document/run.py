@@ -26,7 +26,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import cast
 
-from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
+from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_of
 from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
@@ -43,12 +43,12 @@ from mjrun.document.tree import (
 from mjrun.errors import FaultyRequestsError, UsageError
 from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions
-from mjrun.options.kinds import File, ReadingContext
+from mjrun.options.kinds import PathKind, ReadingContext
 from mjrun.options.option import Options, document_key, options
 from mjrun.options.output import KeyframeOptions, OutputOptions
 from mjrun.options.plot import PlotOptions
 from mjrun.options.report import PageOptions
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 from mjrun.options.schema_validation import Schema
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping
@@ -77,7 +77,7 @@ class _TopLevel(SimulationOptions, PageOptions):
 def _entry(output: type[OutputOptions]) -> OneOf[object, object]:
     """Returns the form of an output: a mapping of its options, or its file alone."""
     mapping = OptionsMapping[Values](output, dict, name=output.__name__.removesuffix("Options"))
-    return OneOf("a file, or a mapping with an output", string=File(written=True), object=mapping)
+    return OneOf("a file, or a mapping with an output", string=PathKind(written=True), object=mapping)
 
 
 class _Run(OptionsMapping[Values]):
@@ -154,7 +154,7 @@ class RunRequest:
 
 
 def read_run(
-    path: Path | str, assignments: Sequence[str] = (), options: RunOptions | None = None, command: str = ""
+    path: Path | str, assignments: Sequence[str] = (), options: RunCommandOptions | None = None, command: str = ""
 ) -> RunRequest:
     """Reads the run document at `path`.
 
@@ -170,7 +170,7 @@ def read_run(
       DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
     """
-    options = options or RunOptions()
+    options = options or RunCommandOptions()
     folders = DocumentContext(Path(path).parent, OutputFolder(Path(options.output)))
     document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
@@ -178,10 +178,10 @@ def read_run(
     return RunRequest(tree, builder.requests(document), page, folders.documents)
 
 
-class _Builder(DocumentBuilder):
+class _Builder(DocumentValueBuilder):
     """A builder of requests from the contents of a document."""
 
-    def __init__(self, tree: MappingNode, folders: DocumentContext, options: RunOptions, command: str) -> None:
+    def __init__(self, tree: MappingNode, folders: DocumentContext, options: RunCommandOptions, command: str) -> None:
         super().__init__(tree, folders, _declared_at)
         self._options, self._command = options, command
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")

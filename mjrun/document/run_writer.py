@@ -8,7 +8,7 @@ from mjrun.document.paths import refusal
 from mjrun.document.tree import Mapped, Plain, exact, meaning, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
-from mjrun.options.kinds import AnyKind, File
+from mjrun.options.kinds import AnyKind, PathKind
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
 from mjrun.options.schema_validation import InvalidValueError
@@ -87,7 +87,7 @@ def _refused(each: Option, value: object) -> bool:
     """Raises UsageError for code, and for outputs that no document may write."""
     if isinstance(each.kind, PolicyKind) and not (isinstance(value, str) and not is_code(value)):
         raise UsageError(f"{option(each.name)}: a document cannot contain code; give it on the command line")
-    if isinstance(each.kind, File) and each.kind.written and (reason := refusal(str(value))):
+    if isinstance(each.kind, PathKind) and each.kind.written and (reason := refusal(str(value))):
         raise UsageError(f"{reason}; give a path relative to a folder", path=(each.name,))
     return False
 

@@ -20,7 +20,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar, cast
 
-from mjrun.document.builder import LocatedRequest, SimulationDocument, Values
+from mjrun.document.builder import LocatedRequest, SimulationDocumentReader, Values
 from mjrun.document.paths import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import DocumentPlace, Fault, Mapped, MappingNode, Node, document_error, misfit_faults, node_of
@@ -34,7 +34,7 @@ from mjrun.options.schema_validation import InvalidValueError, MisfitError, Misf
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.options.sweep import MANIFEST, PLANS
-from mjrun.study.job_plan import SCHEMA, StudyPlan
+from mjrun.study.job_plan import SCHEMA, JobPlan
 from mjrun.study.study import Study
 from mjrun.suffixes import is_url
 
@@ -48,7 +48,7 @@ class _StudyOptions(Study, SimulationOptions):
     """A simulation, its variations and its metrics."""
 
 
-STUDY = SimulationDocument("Study", Study, _StudyOptions, Study)
+STUDY = SimulationDocumentReader("Study", Study, _StudyOptions, Study)
 
 
 def read_study(
@@ -159,7 +159,7 @@ class _PlannedStudy(Options):
 LINE = OptionsMapping(_PlannedStudy, _PlannedStudy)
 
 
-def write_plan(path: str, plan: StudyPlan) -> None:
+def write_plan(path: str, plan: JobPlan) -> None:
     """Writes a plan, a line of JSON, together with the manifest of the study: both or neither.
 
     Raises:
@@ -174,7 +174,7 @@ def write_plan(path: str, plan: StudyPlan) -> None:
         publish_together([output, manifest])
 
 
-def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan | None:
+def read_plan(path: str, given: Mapping[str, object] | None = None) -> JobPlan | None:
     """Reads a plan; returns None if it has no points.
 
     Args:
@@ -197,7 +197,7 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
     if "output" not in values:
         values["output"] = _study_folder(folder, plan.folder)
     study = _study(path, cast("Mapping[str, object]", plan.study), folder, values)
-    return StudyPlan(study, plan.identity, [(first, stop) for first, stop in plan.ranges])
+    return JobPlan(study, plan.identity, [(first, stop) for first, stop in plan.ranges])
 
 
 def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:

@@ -26,13 +26,13 @@ from typing import TypeVar, cast
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
-from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
+from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_of
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read, unchecked_document
 from mjrun.document.tree import MappingNode, Place, document_error, number, option_fault
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import names_task, parse_source
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.options.kinds import Text
@@ -99,7 +99,7 @@ TASK = OptionsMapping[Values](
 
 
 @dataclass(frozen=True)
-class DocumentPlaces:
+class TaskDocumentPlaces:
     """The places of a task's parts in its document.
 
     Attributes:
@@ -147,7 +147,7 @@ def is_task(path: Path | str) -> bool:
     return root is not None and "observations" in root.entries
 
 
-class _Builder(DocumentBuilder):
+class _Builder(DocumentValueBuilder):
     """A builder of a task from the contents of a document."""
 
     def task(self, document: Values, path: Path, name: str) -> Task:
@@ -167,9 +167,9 @@ class _Builder(DocumentBuilder):
             "reset": self._reset(document),
         }
         task = cast("Callable[..., Task]", Task)
-        return self.made(lambda: task(**values, path=path, name=name, places=DocumentPlaces(self.tree)))
+        return self.made(lambda: task(**values, path=path, name=name, places=TaskDocumentPlaces(self.tree)))
 
-    def _model(self, document: Values) -> Source:
+    def _model(self, document: Values) -> ModelSource:
         written = str(document["model"])
         if names_task(written):
             raise UsageError(f"{quoted(written)} is a document; a task requires a model", ("model",))

@@ -10,7 +10,7 @@ from typing import cast
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, Problem, UsageError, clean, listing, quoted, spelled, suggestion
-from mjrun.options.kinds import Several
+from mjrun.options.kinds import OneOrMore
 from mjrun.options.option import Options, document_options
 from mjrun.options.schema_validation import TYPES, Misfit
 from mjrun.timeline import rational
@@ -275,7 +275,9 @@ def _entry_path(tree: MappingNode, place: Place, path: Place, declared: type[Opt
         return path
     kind, entries = each.kind, find(tree, (*place, each.key))
     match path:
-        case (_, int() as index, *rest) if isinstance(entries, ListNode) and isinstance(kind, Several) and kind.commas:
+        case (_, int() as index, *rest) if (
+            isinstance(entries, ListNode) and isinstance(kind, OneOrMore) and kind.commas
+        ):
             counts = [len(cast("tuple[object, ...]", kind.parse(str(plain(entry))))) for entry in entries.items]
             owners = [i for i, count in enumerate(counts) for _ in range(count)]
             return (each.key, owners[index], *rest)

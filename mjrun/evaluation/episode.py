@@ -18,7 +18,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import InvalidActionError, MjrunError, SimulationError, flag
 from mjrun.experiment.results_table import column_units, metric_columns, metric_units, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
 from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
@@ -27,7 +27,7 @@ from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.probe.metric import MetricEvaluation
+from mjrun.probe.metric import MetricEvaluator
 from mjrun.simulation.episode import UNLIMITED, require_undisturbed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
@@ -93,13 +93,13 @@ class GroupSpec:
       disturbances: noise instead of that of the task, and additional pushes.
     """
 
-    task: Source
+    task: ModelSource
     chosen: PolicyChoice
     metrics: tuple[tuple[str, str], ...] = ()
     disturbances: Disturbances = NO_DISTURBANCES
 
     @property
-    def source(self) -> Source:
+    def source(self) -> ModelSource:
         """The task, read from copies of its files if there are any."""
         snapshot = self.chosen.snapshot
         return self.task.stored_at(snapshot.place) if snapshot else self.task
@@ -492,7 +492,7 @@ class _MeasuringPlayer(EpisodePlayer):
         model = simulation.load()
         timeline = Timeline.of_steps(rational(model.opt.timestep), simulation.episode.longest)
         sampler = ProbeSampler(model, self._columns, timeline, simulation.episode.columns)
-        evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
+        evaluation = MetricEvaluator(self._metrics, [column.name for column in sampler.columns])
         try:
             with collected_warnings():  # which plain episodes do not report either
                 episode = self._stepped(simulation, model, sampler, evaluation)
@@ -508,7 +508,7 @@ class _MeasuringPlayer(EpisodePlayer):
         return replace(episode, metrics=evaluation.values())
 
     def _stepped(
-        self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluation
+        self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluator
     ) -> EpisodeRecord:
         """Plays an episode and feeds its rows to `evaluation`; returns its record without the metrics."""
         stepper = simulation.stepper(model)

@@ -42,7 +42,7 @@ from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_results
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.sweep import PARTS, ExecutionOptions
@@ -193,7 +193,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
       rewritten: function that creates the task with other values of its document, if something there varies.
     """
 
-    task: Source = field(kw_only=False)
+    task: ModelSource = field(kw_only=False)
     command: str = ""
     rewritten: Rewritten | None = None
 

@@ -23,10 +23,10 @@ from mjrun.evaluation.prepared import EpisodeGroup, PreparedEvaluation
 from mjrun.evaluation.summaries import LENGTH, RETURN, REWARD
 from mjrun.experiment.design import Design
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.options.option import is_given
 from mjrun.options.sweep import PARTS, ExecutionOptions
-from mjrun.python_code import SealedCode
+from mjrun.python_code import SealedValue
 from mjrun.reporter import Reporter
 from mjrun.study.chunk_files import point_keys, study_identity
 from mjrun.study.prepared_points import PreparedPoints
@@ -65,7 +65,7 @@ class EvaluationSpec:
         """Returns the simulator of the episodes."""
         return EpisodeSimulator(self)
 
-    def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
+    def models(self, points: Iterable[Sequence[str]]) -> list[ModelSource]:
         """Returns the task, whose environment all episodes share."""
         return [self.groups[0].task]
 
@@ -160,7 +160,7 @@ class PreparedEpisodes(PreparedPoints):
         values = EpisodeParameters(
             [(*([group.name] if several else []), *prepared.points.points[group.point]) for group in groups], seeds
         )
-        sealed = SealedCode(pickle.dumps(spec), prepared.modules)
+        sealed = SealedValue(pickle.dumps(spec), prepared.modules)
         shipped = ShippedStudy(sealed, len(spec.numbers), prepared.snapshot)
         super().__init__(spec, Design(names, values), shipped, folder, spec.numbers)
 
@@ -192,7 +192,7 @@ class PreparedEpisodes(PreparedPoints):
     @cached_property
     def _all_keys(self) -> list[str]:
         """The key of each episode, which does not depend on the number of episodes or other policies."""
-        keys, models = list[str](), dict[Source, mujoco.MjModel]()
+        keys, models = list[str](), dict[ModelSource, mujoco.MjModel]()
         for group in self._episodes.groups:
             task = replace(group.task, overrides=self._task.overrides)  # the others are in the identity
             source = task.model if isinstance(task, Task) else task

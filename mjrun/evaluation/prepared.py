@@ -14,7 +14,7 @@ from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.experiment.samplers import SAMPLES
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.options.disturbance import DisturbanceOptions, Disturbances
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
@@ -30,7 +30,7 @@ DISTURBANCES = {each.name: each.kind for each in options_of(DisturbanceOptions)}
 TIMES = ("control_dt", "duration")  # parameters of a task without a document
 
 # Creates the task with changed values of its document, by their paths, such as `observations[0].noise`.
-Rewritten = Callable[[Mapping[str, str]], Source]
+Rewritten = Callable[[Mapping[str, str]], ModelSource]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class PreparedEvaluation:
       FileError: a policy cannot be read.
     """
 
-    def __init__(self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None) -> None:
+    def __init__(self, options: EvaluationOptions, task: ModelSource, rewritten: Rewritten | None) -> None:
         require_all(EXTRAS)
         self.task = task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
         snapshot = InputSnapshot.empty().with_files(task.files)
@@ -110,7 +110,7 @@ class PreparedEvaluation:
         return snapshot
 
     def _grouped(
-        self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None, snapshot: InputSnapshot
+        self, options: EvaluationOptions, task: ModelSource, rewritten: Rewritten | None, snapshot: InputSnapshot
     ) -> list[EpisodeGroup]:
         values = [self.points.values(point) for point in range(len(self.points.points))]
         tasks = [task_at(task, each, rewritten) for each in values]
@@ -147,7 +147,7 @@ class PreparedEvaluation:
         return PassCriteria(options, columns, self.player.endings, can_succeed=self.player.can_succeed)
 
 
-def _files(tasks: Sequence[Source], policies: Sequence[PolicyChoice]) -> Iterator[Path]:
+def _files(tasks: Sequence[ModelSource], policies: Sequence[PolicyChoice]) -> Iterator[Path]:
     """Yields the files that tasks and policies are read from."""
     models = dict.fromkeys(task.model if isinstance(task, Task) else task for task in tasks)
     for model in models:
@@ -179,7 +179,7 @@ def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, Pol
     return [(f"{own.name} (1)", own), (f"{other.name} (2)", other)]
 
 
-def points_of(options: EvaluationOptions, task: Source) -> Design:
+def points_of(options: EvaluationOptions, task: ModelSource) -> Design:
     """Returns the points that `options` describe; one without values if nothing varies.
 
     Raises:
@@ -199,7 +199,7 @@ def points_of(options: EvaluationOptions, task: Source) -> Design:
     return design(options, task.load(), options.seed)
 
 
-def task_at(task: Source, values: Mapping[str, str], rewritten: Rewritten | None) -> Source:
+def task_at(task: ModelSource, values: Mapping[str, str], rewritten: Rewritten | None) -> ModelSource:
     """Returns the task of the point at which parameters have `values`.
 
     Args:
@@ -245,7 +245,7 @@ def disturbances_at(disturbances: Disturbances, values: Mapping[str, str]) -> Di
     return replace(disturbances, **varied)
 
 
-def _with_times(task: Source, changes: Mapping[str, str]) -> Source:
+def _with_times(task: ModelSource, changes: Mapping[str, str]) -> ModelSource:
     for name in changes:
         if not isinstance(task, Task) or name not in TIMES:
             valid = [

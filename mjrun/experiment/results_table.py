@@ -26,7 +26,7 @@ from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME, available_columns
 from mjrun.probe.verdict import Verdict
-from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.probe.vocabularies import ModelVocabulary
 
 FILES = ("results.parquet", "results.csv")
 BLOCK = 2**12  # rows written at once
@@ -158,7 +158,7 @@ class Requirements:
     def __init__(
         self, texts: Sequence[str], numbers: Sequence[str], flags: Sequence[str], rewrite: Callable[[str], str] = str
     ) -> None:
-        names = TableNames(numbers, flags)
+        names = ColumnVocabulary(numbers, flags)
         self._columns = names.names
         self._assertions = list[Assertion]()
         for index, text in enumerate(texts):
@@ -176,7 +176,7 @@ class Requirements:
         return verdicts
 
 
-class TableNames(Vocabulary):
+class ColumnVocabulary(Vocabulary):
     """Columns of a table as the vocabulary of expressions; the sum of a flag column counts rows.
 
     Args:
@@ -235,7 +235,7 @@ def parse_metrics(
     """
     if not metrics:
         return []
-    available = AvailableProbes(model, episode.names if episode else ())
+    available = ModelVocabulary(model, episode.names if episode else ())
     parsed: list[Metric] = []
     for written, text in metrics:
         with concerning("metric", written):

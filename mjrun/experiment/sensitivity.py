@@ -22,7 +22,7 @@ FILES = (SENSITIVITY, "sensitivity.csv")
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SensitivityIndex:
     """An index with its confidence interval.
 
     Attributes:
@@ -49,10 +49,10 @@ class MetricSensitivity:
     metric: str
     parameter: str
     samples: int
-    indices: Mapping[str, Estimate]
+    indices: Mapping[str, SensitivityIndex]
 
 
-def sobol_indices(values: np.ndarray, confidence: float) -> list[dict[str, Estimate]]:
+def sobol_indices(values: np.ndarray, confidence: float) -> list[dict[str, SensitivityIndex]]:
     """Returns the Sobol' indices of each parameter.
 
     Args:
@@ -72,7 +72,9 @@ def sobol_indices(values: np.ndarray, confidence: float) -> list[dict[str, Estim
     ]
 
 
-def elementary_effects(values: np.ndarray, fractions: np.ndarray, confidence: float) -> list[dict[str, Estimate]]:
+def elementary_effects(
+    values: np.ndarray, fractions: np.ndarray, confidence: float
+) -> list[dict[str, SensitivityIndex]]:
     """Returns the mean magnitude and the standard deviation of the elementary effects of each parameter.
 
     Args:
@@ -83,8 +85,8 @@ def elementary_effects(values: np.ndarray, fractions: np.ndarray, confidence: fl
     effects = np.einsum("ts,tsp->tp", np.diff(values, axis=1), signs) / STEP
     return [
         {
-            "mu_star": Estimate(float(np.abs(each).mean()), mean_interval(np.abs(each), confidence)),
-            "sigma": Estimate(float(each.std(ddof=1)), NO_INTERVAL),
+            "mu_star": SensitivityIndex(float(np.abs(each).mean()), mean_interval(np.abs(each), confidence)),
+            "sigma": SensitivityIndex(float(each.std(ddof=1)), NO_INTERVAL),
         }
         for each in effects.T
     ]
@@ -101,10 +103,10 @@ def _first_and_total(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (b * (mixed - a)).mean(axis=0) / variance, 0.5 * ((a - mixed) ** 2).mean(axis=0) / variance
 
 
-def _bootstrapped(value: float, drawn: np.ndarray, confidence: float) -> Estimate:
+def _bootstrapped(value: float, drawn: np.ndarray, confidence: float) -> SensitivityIndex:
     if not np.isfinite(value):
-        return Estimate(None, NO_INTERVAL)
-    return Estimate(float(value), percentile_interval(drawn[np.isfinite(drawn)], confidence))
+        return SensitivityIndex(None, NO_INTERVAL)
+    return SensitivityIndex(float(value), percentile_interval(drawn[np.isfinite(drawn)], confidence))
 
 
 def sensitivities(

@@ -13,10 +13,10 @@ from mjrun.errors import UnidentifiableError, UsageError, clean, listing, option
 from mjrun.fitting.fit import Fit
 from mjrun.fitting.free_parameter import free_parameters, require_effect
 from mjrun.fitting.information import all_information, sensitivity
-from mjrun.fitting.measurements import CONTROLS, Floats, Segment, commands
+from mjrun.fitting.measurements import CONTROLS, Floats, LogSegment, commands
 from mjrun.fitting.outputs import TIME
 from mjrun.fitting.prediction import Chunk, ChunkRollout, Predictor
-from mjrun.fitting.shooting_fit import Shooting
+from mjrun.fitting.shooting_fit import ShootingFit
 from mjrun.fitting.shooting_problem import Solution
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.formats.table_writer import TableWriter
@@ -157,7 +157,7 @@ class MotionLimits:
 
 
 @dataclass(frozen=True)
-class ExpectedParameter:
+class ExpectedParameterInterval:
     """A parameter with its expected confidence interval.
 
     Attributes:
@@ -212,7 +212,7 @@ class ExcitationResult:
       schema: schema of this document.
     """
 
-    parameters: Sequence[ExpectedParameter]
+    parameters: Sequence[ExpectedParameterInterval]
     motion: Sequence[MotionExtent]
     confidence: float
     noise: float
@@ -277,7 +277,7 @@ class _Excitation:
         self._coordinates = np.array([each.first_coordinate for each in self._parameters])
         self._judge = Predictor(simulation, [column.name for column in self._limits.columns], self._parameters)
         predictor = Predictor(simulation, signals, self._parameters)
-        self._shooting = Shooting(predictor, self._parameters, StateGuesses(model, signals, self._start))
+        self._shooting = ShootingFit(predictor, self._parameters, StateGuesses(model, signals, self._start))
         self._signals = signals
 
     def best(self) -> ExcitationResult:
@@ -317,8 +317,8 @@ class _Excitation:
         return listing([f"{p.path}={p.value(c):.4g}" for p, c in pairs])
 
     def _within_limits_at(
-        self, corners: Sequence[Floats], inputs: Sequence[tuple[Segment, Floats]]
-    ) -> tuple[Segment, Floats]:
+        self, corners: Sequence[Floats], inputs: Sequence[tuple[LogSegment, Floats]]
+    ) -> tuple[LogSegment, Floats]:
         """Returns the best of the sorted inputs that stays within limits at the corners, weakened if necessary."""
         reason = ""
         for trial in range(TRIES):
@@ -336,13 +336,13 @@ class _Excitation:
             f"give narrower bounds with {option('free')}"
         )
 
-    def _violation_at(self, corners: Sequence[Floats], segment: Segment) -> str | None:
+    def _violation_at(self, corners: Sequence[Floats], segment: LogSegment) -> str | None:
         for corner in corners:
             if why := self._limits.violation(self._motions([segment], corner)[0]):
                 return f"{why}, with {self._values(corner)}"
         return None
 
-    def _contacts(self, segment: Segment, corners: Sequence[Floats]) -> list[str]:
+    def _contacts(self, segment: LogSegment, corners: Sequence[Floats]) -> list[str]:
         """Describes the contacts that begin in the model, and at the corners."""
         touching: dict[tuple[str, str], str] = {}
         steps = round(segment.times[-1] / self._judge.timestep)
@@ -365,7 +365,7 @@ class _Excitation:
                         known.add(pair)
         return list(touching.values())
 
-    def _within_limits(self) -> list[tuple[Segment, Floats]]:
+    def _within_limits(self) -> list[tuple[LogSegment, Floats]]:
         """Returns inputs that move the model within its limits, with the motion, `(steps, columns)`."""
         generator = np.random.default_rng(self._fit.simulation.seed)
         timestep = float(self._model.opt.timestep)
@@ -373,7 +373,7 @@ class _Excitation:
         times = np.arange(0.0, self._duration(timestep) + period / 2, period)
         zero, reach = np.zeros(self._model.nu), self._reach
         left = [chirps(times, zero, reach, generator) for _ in range(CANDIDATES)]
-        candidates: list[tuple[Segment, Floats]] = []
+        candidates: list[tuple[LogSegment, Floats]] = []
         reason = ""
         for trial in range(TRIES):
             inputs = [self._segment(times, self._middle + WEAKER**trial * each) for each in left]
@@ -394,10 +394,10 @@ class _Excitation:
             return simulation.steps * timestep
         return DURATION if simulation.duration is None else float(simulation.duration)
 
-    def _segment(self, times: Floats, controls: Floats) -> Segment:
-        return Segment("", times, np.zeros((len(times), len(self._signals))), controls)
+    def _segment(self, times: Floats, controls: Floats) -> LogSegment:
+        return LogSegment("", times, np.zeros((len(times), len(self._signals))), controls)
 
-    def _motions(self, inputs: Sequence[Segment], coordinates: Floats | None = None) -> list[Floats]:
+    def _motions(self, inputs: Sequence[LogSegment], coordinates: Floats | None = None) -> list[Floats]:
         """Simulates the limited columns at every step, with the parameters of the model or others."""
         coordinates = self._coordinates if coordinates is None else coordinates
         values = tuple(p.value(c) for p, c in zip(self._parameters, coordinates, strict=True))
@@ -405,7 +405,7 @@ class _Excitation:
         chunks = [Chunk(each, slice(None), 0, steps) for each in inputs]
         return self._judge.predict([ChunkRollout(chunk, values, self._start) for chunk in chunks])
 
-    def _look(self, segment: Segment) -> Solution:
+    def _look(self, segment: LogSegment) -> Solution:
         parts = self._shooting.cut([segment])
         noise = np.full(len(self._signals), self._fit.excite_noise)
         return self._shooting.look(parts, self._coordinates, self._start[None], noise)
@@ -418,7 +418,7 @@ class _Excitation:
             self._reporter.warn(message)
 
     def _published(
-        self, segment: Segment, motion: Floats, look: Solution, candidates: int, corners: Sequence[Floats]
+        self, segment: LogSegment, motion: Floats, look: Solution, candidates: int, corners: Sequence[Floats]
     ) -> ExcitationResult:
         fit, limits = self._fit, self._limits
         if contacts := self._contacts(segment, corners):
@@ -446,7 +446,7 @@ class _Excitation:
             time.perf_counter() - self._begin,
         )
 
-    def _expected(self, look: Solution, effects: Sequence[float]) -> list[ExpectedParameter]:
+    def _expected(self, look: Solution, effects: Sequence[float]) -> list[ExpectedParameterInterval]:
         """Returns the intervals of a fit with white noise, by the Cramér-Rao bound."""
         from scipy import special
 
@@ -454,7 +454,9 @@ class _Excitation:
         reach = float(special.ndtri((1 + self._fit.confidence) / 2)) * spread
         low, high = np.clip(self._coordinates - reach, 0, 1), np.clip(self._coordinates + reach, 0, 1)
         rows = zip(self._parameters, self._coordinates, low, high, effects, strict=True)
-        return [ExpectedParameter(p.path, p.value(c), p.value(a), p.value(b), effect) for p, c, a, b, effect in rows]
+        return [
+            ExpectedParameterInterval(p.path, p.value(c), p.value(a), p.value(b), effect) for p, c, a, b, effect in rows
+        ]
 
 
 def _touching(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[str, str]]:

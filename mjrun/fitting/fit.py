@@ -25,7 +25,7 @@ from mjrun.fitting.measurements import CONTROLS, first_noise, read_measurements,
 from mjrun.fitting.outputs import HORIZON, FitOutputs, Solutions
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
-from mjrun.fitting.shooting_fit import SHORTEST, SearchResult, Shooting
+from mjrun.fitting.shooting_fit import SHORTEST, SearchResult, ShootingFit
 from mjrun.fitting.shooting_problem import LOSSES, Floats, Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
@@ -251,7 +251,7 @@ class _Run:
         for place, deviation in set_noise(fit.noise, self._measurements.signals).items():
             self._noise[place] = deviation
         starting = StateGuesses(model, self._measurements.signals, state.save(model, data), self._noise)
-        self._shooting = Shooting(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
+        self._shooting = ShootingFit(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
         self._outputs = FitOutputs(fit, simulation, self._predictor, self._parameters)
         self._latest: Solution | None = None
 

@@ -17,7 +17,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.fitting.measurements import Floats
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import ELEMENTS, Override, elements_at, indices_at, source_values
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 
 INERTIA = "inertia:"  # begins the name of a parameter: `inertia:payload.mass`
 QUANTITIES = {"mass": 1, "center": 3, "shape": 6}  # number of parameters of each
@@ -274,7 +274,9 @@ def _overrides(path: str, value: float) -> list[Override]:
     return [Override(f"{path[:-2]}{field}", repr(float(sign * value))) for field, sign in gains]
 
 
-def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: Sequence[str]) -> list[FreeParameter]:
+def free_parameters(
+    texts: Sequence[tuple[str, str]], source: ModelSource, delayed: Sequence[str]
+) -> list[FreeParameter]:
     """Parses free parameters, given as paths and bounds.
 
     Args:
@@ -344,7 +346,7 @@ class _Bodies:
         return replace(parameter, low=-reach, high=reach, start=0.0, is_log=False, prior=prior)
 
 
-def require_effect(parameter: FreeParameter, source: Source) -> None:
+def require_effect(parameter: FreeParameter, source: ModelSource) -> None:
     """Compiles the model at both bounds of a parameter.
 
     Raises:
@@ -358,7 +360,7 @@ def require_effect(parameter: FreeParameter, source: Source) -> None:
             raise UsageError(f"{option('free')} {clean(parameter.path)} does not affect the physics of this model")
 
 
-def _compiled(parameter: FreeParameter, bound: float, source: Source) -> mujoco.MjModel:
+def _compiled(parameter: FreeParameter, bound: float, source: ModelSource) -> mujoco.MjModel:
     try:
         return replace(source, overrides=(*source.overrides, *overrides([parameter], [bound]))).load()
     except UsageError:

@@ -296,7 +296,7 @@ class GaussNewton:
 
 
 @dataclass(frozen=True, eq=False)
-class StandardErrors:
+class CovarianceFactors:
     """Standard errors of the unknowns: matrices that turn independent normal numbers into deviations.
 
     Attributes:
@@ -330,12 +330,12 @@ class EnsembleSearch:
       scatter: standard errors of the start; None for those of finite differences, which suit short stretches only.
     """
 
-    def __init__(self, problem: ShootingProblem, seed: int, scatter: StandardErrors | None = None) -> None:
+    def __init__(self, problem: ShootingProblem, seed: int, scatter: CovarianceFactors | None = None) -> None:
         self._problem, self._scatter = problem, scatter
         self._generator = np.random.default_rng(seed)
         self._rounds: list[tuple[list[Unknowns], list[list[Floats]]]] = []
 
-    def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, StandardErrors]]:
+    def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, CovarianceFactors]]:
         """Searches from the start of the problem; returns a solution and standard errors.
 
         Args:
@@ -362,13 +362,13 @@ class EnsembleSearch:
         pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
         return replace(problem.solution(best, residuals, list(pairs)), variances=variances), scatter
 
-    def _first_scatter(self, point: Unknowns) -> Simulating[StandardErrors]:
+    def _first_scatter(self, point: Unknowns) -> Simulating[CovarianceFactors]:
         (residuals,) = yield from self._problem.residuals([point])
         slopes = Jacobians(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
         weights = [np.ones_like(each) for each in residuals]
         return _scatter(_normal_equations(self._problem, point, residuals, slopes, weights))
 
-    def _simulate(self, middle: Unknowns, scatter: StandardErrors) -> Simulating[None]:
+    def _simulate(self, middle: Unknowns, scatter: CovarianceFactors) -> Simulating[None]:
         """Adds points around the centre, in opposite directions that are orthogonal in standard errors."""
         size = self._problem.free + self._problem.size
         turned, _ = np.linalg.qr(self._generator.normal(size=(size, size)))
@@ -403,7 +403,7 @@ class EnsembleSearch:
         return at_middle, Jacobians(of_coordinates, of_states), variances
 
     def _nearest(
-        self, middle: Unknowns, scatter: StandardErrors, batches: int
+        self, middle: Unknowns, scatter: CovarianceFactors, batches: int
     ) -> Simulating[tuple[Unknowns, list[Floats]]]:
         """Searches states near a point for the simulation nearest to the log, with constant coordinates."""
         size, best = self._problem.size, middle
@@ -425,9 +425,9 @@ def _moved(point: Unknowns, turn: Floats, moves: Floats) -> Unknowns:
     return Unknowns(coordinates, point.deviations + moves)
 
 
-def _scatter(normal: _NormalEquations) -> StandardErrors:
+def _scatter(normal: _NormalEquations) -> CovarianceFactors:
     states = np.stack([_inverse_root(each) for each in normal.of_states])
-    return StandardErrors(_inverse_root(normal.matrix), states, -normal.state_slopes)
+    return CovarianceFactors(_inverse_root(normal.matrix), states, -normal.state_slopes)
 
 
 def _inverse_root(matrix: Floats) -> Floats:

@@ -80,7 +80,7 @@ def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> 
 
 
 @dataclass(frozen=True)
-class Unidentifiable:
+class UnidentifiableParameters:
     """Parameters that the data do not determine: a single one, or several that compensate for each other."""
 
     paths: tuple[str, ...]
@@ -106,7 +106,7 @@ class Sensitivity:
 
     effects: tuple[float, ...]
     condition: float
-    unidentifiable: tuple[Unidentifiable, ...]
+    unidentifiable: tuple[UnidentifiableParameters, ...]
 
 
 def sensitivity(solutions: Sequence[Solution], parameters: Sequence[FreeParameter]) -> Sensitivity:
@@ -120,7 +120,7 @@ def _of(matrix: Floats, parameters: Sequence[FreeParameter]) -> Sensitivity:
     effects = np.sqrt(np.diag(matrix))
     paths = [each.path for each in parameters]
     silent = [i for i, effect in enumerate(effects) if effect < LEAST]
-    problems = [Unidentifiable((paths[i],)) for i in silent]
+    problems = [UnidentifiableParameters((paths[i],)) for i in silent]
 
     audible = [i for i in range(len(paths)) if i not in silent]
     condition = np.inf if silent else 1.0
@@ -133,7 +133,7 @@ def _of(matrix: Floats, parameters: Sequence[FreeParameter]) -> Sensitivity:
                 # Effects cancel in this direction: every parameter that has one there is part of the combination.
                 shown = effects[audible] * np.abs(vector)
                 mixed = [paths[audible[i]] for i in np.flatnonzero(shown > max(LEAST, SHARE * shown.max()))]
-                problems.append(Unidentifiable(tuple(mixed)))
+                problems.append(UnidentifiableParameters(tuple(mixed)))
     return Sensitivity(tuple(map(float, effects)), float(condition), tuple(problems))
 
 

@@ -15,7 +15,7 @@ from mjrun.model.names import control_names
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select
-from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.simulation.column_map import TIME, ColumnMap, column_map, time_hint
 from mjrun.simulation.mapped_table import column_names, evaluated
 
@@ -166,7 +166,7 @@ def resolution(values: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class LogSegment:
     """A stretch of a log without gaps.
 
     Attributes:
@@ -181,9 +181,9 @@ class Segment:
     values: np.ndarray
     controls: np.ndarray
 
-    def part(self, rows: slice) -> "Segment":
+    def part(self, rows: slice) -> "LogSegment":
         """Returns consecutive rows as a separate segment."""
-        return Segment(self.source, self.times[rows], self.values[rows], self.controls[rows])
+        return LogSegment(self.source, self.times[rows], self.values[rows], self.controls[rows])
 
     def steps(self, timestep: float) -> np.ndarray:
         """Returns the times of the rows in timesteps after the first, `(n,)`."""
@@ -202,7 +202,7 @@ class Measurements:
     """
 
     signals: Sequence[str]
-    segments: Sequence[Segment]
+    segments: Sequence[LogSegment]
     remarks: Sequence[str] = ()
     rotations: Sequence[Sequence[int]] = ()
 
@@ -219,8 +219,8 @@ class Measurements:
 
     def split(self, share: float) -> tuple["Measurements", "Measurements"]:
         """Separates the last `share` of every file's time, which is held out, from the first part."""
-        first: list[Segment] = []
-        last: list[Segment] = []
+        first: list[LogSegment] = []
+        last: list[LogSegment] = []
         for source in dict.fromkeys(segment.source for segment in self.segments):
             own = [segment for segment in self.segments if segment.source == source]
             begin, end = float(own[0].times[0]), float(own[-1].times[-1])
@@ -251,11 +251,11 @@ def read_measurements(
     """
     tables = [_Table(path, model, texts, linear) for path in paths]
     signals = list(dict.fromkeys(name for table in tables for name in table.signals))
-    segments: list[Segment] = []
+    segments: list[LogSegment] = []
     remarks: list[str] = []
     for table in tables:
         segments += table.segments(signals, constant, remarks)
-    available = AvailableProbes(model).names
+    available = ModelVocabulary(model).names
     varies = [_varies([segment.values[:, i] for segment in segments]) for i in range(len(signals))]
     for group in rotations(signals, available):
         for i in group:
@@ -291,7 +291,7 @@ class _Table:
         self._expressions = {TIME: mapped.time, **ordered}
         self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
         if not self.signals:
-            valid = listing([*AvailableProbes(model).names][1:4])
+            valid = listing([*ModelVocabulary(model).names][1:4])
             raise UsageError(
                 f"{clean(path)} measures nothing of this model\nits columns are {listing(names)}\n"
                 f"the model has columns such as {valid}; {option('map')} translates names: qpos/knee=knee_deg*pi/180"
@@ -300,7 +300,7 @@ class _Table:
             if not isinstance(probe, FieldProbe):
                 raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records them")
 
-    def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[Segment]:
+    def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[LogSegment]:
         """Reads its stretches without gaps, with a column for each of `signals`."""
         columns = evaluated(self._path, self._expressions)
         times = columns[TIME]
@@ -312,7 +312,7 @@ class _Table:
             raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[int(column)])} is infinite")
         if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
             remarks.append(f"{clean(self._path)}: {counted(holes, 'sample')} missing and skipped")
-        normalize(values, rotations(signals, AvailableProbes(self._model).names), clean(self._path))
+        normalize(values, rotations(signals, ModelVocabulary(self._model).names), clean(self._path))
         controls = self._controls(columns, constant, remarks)
         if unknown := int(np.isnan(controls).any(axis=1).sum()):  # at the beginning
             remarks.append(f"{clean(self._path)}: skipped the {counted(unknown, 'row')} before the first command")
@@ -335,7 +335,7 @@ class _Table:
             short = len(parts) - len(long)
             left_out = f"; skipped {short} with fewer than {FEWEST} rows" if short else ""
             remarks.append(f"{clean(self._path)}: gaps in time split it into {len(parts)} segments{left_out}")
-        return [Segment(self._path, times[part], values[part], controls[part]) for part in long]
+        return [LogSegment(self._path, times[part], values[part], controls[part]) for part in long]
 
     def _controls(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
         """Returns controls `(count, nu)`: commands hold until the next one; before the first one they are NaN."""
@@ -363,7 +363,7 @@ class _Table:
 
     def _mapped(self, names: Sequence[str], texts: Sequence[str]) -> ColumnMap:
         """Returns the expressions for its times, signals and commands."""
-        available = AvailableProbes(self._model)
+        available = ModelVocabulary(self._model)
         measured = [name for name in names if _is_measured(name, available)]
         others = [name for name in available.names if name != TIME and not name.startswith(CONTROLS)]
         columns: dict[str, list[str]] = {}
@@ -372,12 +372,12 @@ class _Table:
         return column_map(columns, names, texts, self._path, by_name={TIME, *self._commands, *measured})
 
 
-def _is_measured(name: str, available: AvailableProbes) -> bool:
+def _is_measured(name: str, available: ModelVocabulary) -> bool:
     return not name.startswith(CONTROLS) and available.column(name) == name and name != TIME
 
 
 def commands(
-    segment: Segment, first: int, count: int, timestep: float, linear: bool, delays: Mapping[int, float]
+    segment: LogSegment, first: int, count: int, timestep: float, linear: bool, delays: Mapping[int, float]
 ) -> np.ndarray:
     """Returns the controls `(count, nu)` of the steps from `first` on, counted from the beginning of `segment`.
 

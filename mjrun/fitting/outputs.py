@@ -30,10 +30,10 @@ from mjrun.formats.output_writer import OutputWriter, publish_together, written_
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.formats.temporary_output import scratch_folder, temporary_file
-from mjrun.model.attribute_edits import Change, changes, with_changes
+from mjrun.model.attribute_edits import AttributeChange, changes, with_changes
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources.file import FileSource
 from mjrun.model.table_column import Column
 from mjrun.options.fit import FitOptions
@@ -331,7 +331,7 @@ class FittedModelFile:
     """
 
     path: Path
-    source: Source
+    source: ModelSource
 
     def check(self, overrides: Sequence[Override]) -> None:
         """Checks with any values that the text of the model can hold the overrides.
@@ -350,7 +350,7 @@ class FittedModelFile:
                 "the values there, or fit the included file"
             )
 
-    def write(self, stack: ExitStack, overrides: Sequence[Override]) -> tuple[OutputWriter, list[Change]]:
+    def write(self, stack: ExitStack, overrides: Sequence[Override]) -> tuple[OutputWriter, list[AttributeChange]]:
         """Writes the text, to be published by the caller; `stack` removes it otherwise.
 
         Raises:

@@ -10,14 +10,14 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, counted, listing
 from mjrun.fitting.free_parameter import FreeParameter, overrides
-from mjrun.fitting.measurements import CONTROLS, Segment, align, commands, rotations
+from mjrun.fitting.measurements import CONTROLS, LogSegment, align, commands, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import VariantLoader
 from mjrun.physics.c_engine import AUTORESET, CEngine
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
-from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.simulation.simulation import Simulation
 
 CONSTRAINTS = "nefc"  # MuJoCo's number of constraint rows, which contacts and limits change
@@ -35,7 +35,7 @@ class Chunk:
       positions: times of the rows, in timesteps after this start, `(n,)`.
     """
 
-    segment: Segment
+    segment: LogSegment
     rows: slice
     first_step: int
     positions: np.ndarray
@@ -51,7 +51,7 @@ class Chunk:
         return max(math.ceil(self.positions[-1]), 1)
 
 
-def chunks(segments: Sequence[Segment], rows: int, timestep: float, lead: int = 0) -> list[Chunk]:
+def chunks(segments: Sequence[LogSegment], rows: int, timestep: float, lead: int = 0) -> list[Chunk]:
     """Cuts segments into chunks of about `rows` rows; the last row of one is the first of the next.
 
     Args:
@@ -83,7 +83,7 @@ class ChunkRollout:
     start: np.ndarray
 
 
-class Failures:
+class SimulationFailures:
     """Simulations that failed.
 
     Attributes:
@@ -137,7 +137,7 @@ class Predictor:
 
     def __init__(self, simulation: Simulation, signals: Sequence[str], parameters: Sequence[FreeParameter]) -> None:
         self._source, self._parameters = simulation.source, parameters
-        self.failures, self.rollouts, self.has_impacts = Failures(), 0, False
+        self.failures, self.rollouts, self.has_impacts = SimulationFailures(), 0, False
         self._linear = simulation.ctrl_interpolation == "linear"
         self._variants = VariantLoader(_without_resets)
         self._engine = CEngine()
@@ -156,7 +156,7 @@ class Predictor:
             controls.index(name.removeprefix(CONTROLS)): i for i, name in delays if name.startswith(CONTROLS)
         }
         self._late_signals = {self._signals.index(name): i for i, name in delays if not name.startswith(CONTROLS)}
-        self.rotations = rotations(self._signals, AvailableProbes(self.model).names)
+        self.rotations = rotations(self._signals, ModelVocabulary(self.model).names)
         longest = max([parameters[i].high for i in self._late_signals.values()], default=0.0)
         self.lead = math.ceil(longest / self.timestep)
 

@@ -19,11 +19,11 @@ from mjrun.fitting.gauss_newton import (
     EXPLAINED,
     ROUGH_TOLERANCE,
     TOLERANCE,
+    CovarianceFactors,
     EnsembleSearch,
     GaussNewton,
-    StandardErrors,
 )
-from mjrun.fitting.measurements import LEAST_NOISE, Segment, shared
+from mjrun.fitting.measurements import LEAST_NOISE, LogSegment, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.shooting_problem import (
     Advanced,
@@ -64,7 +64,7 @@ class SearchResult:
     ways: list[str] = field(default_factory=list[str])
 
 
-class Shooting:
+class ShootingFit:
     """A fit of parameters to segments.
 
     Args:
@@ -84,7 +84,7 @@ class Shooting:
         self._loss, self._seed = loss, seed
         self._states = ChunkInitialStates(predictor.model)
 
-    def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
+    def cut(self, segments: Sequence[LogSegment], rows: int = WHOLE) -> list[Chunk]:
         """Cuts segments into chunks of about `rows` rows."""
         return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
 
@@ -150,7 +150,7 @@ class Shooting:
         return solution
 
     def search(
-        self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
+        self, segments: Sequence[LogSegment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
     ) -> SearchResult:
         """Searches for the best parameters for whole segments.
 
@@ -222,7 +222,7 @@ class Shooting:
     def _continue(
         self,
         search: SearchResult,
-        segments: Sequence[Segment],
+        segments: Sequence[LogSegment],
         starts: Sequence[Floats],
         noise: Floats,
         advanced: Advanced | None,
@@ -260,7 +260,7 @@ class Shooting:
                 if is_end(together(self._predictor, tasks)):
                     return
 
-    def stages(self, segments: Sequence[Segment]) -> list[tuple[int, list[Chunk]]]:
+    def stages(self, segments: Sequence[LogSegment]) -> list[tuple[int, list[Chunk]]]:
         """Returns stretches of increasing length, shorter than whole segments: the number of rows, and the chunks."""
         rows, cuts = SHORTEST, list[tuple[int, list[Chunk]]]()
         while len(parts := self.cut(segments, rows)) > len(segments):
@@ -305,13 +305,13 @@ class Shooting:
     ) -> Simulating[Solution]:
         """Solves openings of chunks of increasing length by ensembles, each from the end of the one before."""
         states, rows = self.guessed(parts, coordinates), SHORTEST
-        scatter: StandardErrors | None = None
+        scatter: CovarianceFactors | None = None
         while True:
             openings = [_opening(part, rows) for part in parts]
             is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
             problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
             search = EnsembleSearch(problem, self._seed + seed, scatter)
-            end: tuple[Solution, StandardErrors] = yield from search.minimize(is_last=is_last)
+            end: tuple[Solution, CovarianceFactors] = yield from search.minimize(is_last=is_last)
             solution, scatter = end
             if is_last:
                 return solution

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.prediction import Chunk, ChunkRollout, Predictor
 from mjrun.model import state
 from mjrun.model.names import BALL, FREE
@@ -168,7 +168,7 @@ def simulated_starts(
 def _simulated(
     predictor: Predictor,
     starting: StateGuesses,
-    segment: Segment,
+    segment: LogSegment,
     values: tuple[float, ...] | None,
     wanted: Sequence[int],
 ) -> dict[int, np.ndarray]:
@@ -196,7 +196,7 @@ def _simulated(
     return states
 
 
-def _rows_by_step(segment: Segment, timestep: float) -> dict[int, Chunk]:
+def _rows_by_step(segment: LogSegment, timestep: float) -> dict[int, Chunk]:
     """Returns a few rows from each row on, by the step before it."""
     steps = segment.steps(timestep)
     rows: dict[int, Chunk] = {}

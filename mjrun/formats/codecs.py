@@ -136,7 +136,7 @@ SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg
 
 
 @dataclass(frozen=True)
-class Encoding:
+class VideoEncoding:
     """A valid combination of a container, a codec and its quality.
 
     Attributes:
@@ -229,7 +229,7 @@ def encoding(
     crf: int | None = None,
     preset: str | None = None,
     content: str = "video",
-) -> Encoding:
+) -> VideoEncoding:
     """Returns the encoding that the suffix of an output and the options mean; `output` None is a pipe.
 
     Args:
@@ -260,7 +260,7 @@ def encoding(
     if preset is not None and preset not in known.presets:
         raise UnknownNameError("preset", preset, known.presets, where=f"codec {chosen}")
     default_crf = known.crf[2] if known.crf else None
-    return Encoding(name, chosen, default_crf if crf is None else crf, preset or known.preset or None)
+    return VideoEncoding(name, chosen, default_crf if crf is None else crf, preset or known.preset or None)
 
 
 def is_folder(output: str) -> bool:

@@ -183,7 +183,7 @@ def exchange(one: Path, other: Path) -> bool:
 class Destination:
     """A place where an output is written, and from which it moves to its final place.
 
-    It is a StagedFile, a StagedFolder or StagedFrames of images, or StandardOutput.
+    It is a StagedFile, a StagedFrameFolder or StagedFrames of images, or StandardOutput.
 
     Attributes:
       path: path to write to.
@@ -296,7 +296,7 @@ class StagedFile(_Staged):
         super().cleanup()
 
 
-class StagedFolder(_Staged):
+class StagedFrameFolder(_Staged):
     """A folder of numbered frames, which replaces one that holds nothing else.
 
     If a killed process has left the older folder under another name, it is first restored. Frames are not synced: a

@@ -32,7 +32,7 @@ DEMUXERS = {
 
 
 @dataclass(frozen=True)
-class FfmpegRun:
+class FfmpegResult:
     """The outcome of a run of ffmpeg: its exit status, its standard output and its log."""
 
     status: ExitStatus
@@ -70,7 +70,7 @@ def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
     return ["-protocol_whitelist", "file", "-format_whitelist", demuxers, *forced], f"file:{path}"
 
 
-def run(*arguments: str) -> FfmpegRun:
+def run(*arguments: str) -> FfmpegResult:
     """Runs the bundled ffmpeg without feeding it.
 
     Raises:
@@ -78,7 +78,7 @@ def run(*arguments: str) -> FfmpegRun:
     """
     with ChildProcess(command(*arguments), stdout="capture", stderr="capture", stdout_limit=math.inf) as child:
         status = child.wait(idle=IDLE)
-        return FfmpegRun(status, child.stdout, child.stderr.decode(errors="replace"))
+        return FfmpegResult(status, child.stdout, child.stderr.decode(errors="replace"))
 
 
 def encoder_version() -> str:

@@ -124,7 +124,7 @@ class LocalFolder:
         return StagedFile(self._path / name)
 
 
-class StoredFolder:
+class RemoteFolder:
     """A folder of an object store, or of anything else that fsspec reaches.
 
     Args:
@@ -152,8 +152,8 @@ class StoredFolder:
     def path(self, name: str = "") -> str:
         return f"{self._url}/{name}" if name else self._url
 
-    def __truediv__(self, name: str) -> "StoredFolder":
-        return StoredFolder(self.path(name), self._delays)
+    def __truediv__(self, name: str) -> "RemoteFolder":
+        return RemoteFolder(self.path(name), self._delays)
 
     def create(self, *, is_cleaned: bool = True) -> None:
         # Some file systems need it, object stores do not; buckets are not made.
@@ -255,7 +255,7 @@ class StoredFolder:
 class UploadedFile(Destination):
     """A file that is written on this machine, and uploaded when it is complete."""
 
-    def __init__(self, folder: StoredFolder, name: str) -> None:
+    def __init__(self, folder: RemoteFolder, name: str) -> None:
         self._folder, self._name, self.shown = folder, name, folder.path(name)
         self._scratch = scratch_folder()
         self.path = str(self._scratch.__enter__() / "file")
@@ -271,7 +271,7 @@ class UploadedFile(Destination):
         self._scratch.__exit__(None, None, None)
 
 
-Folder = LocalFolder | StoredFolder
+Folder = LocalFolder | RemoteFolder
 
 
 def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> Folder:
@@ -288,7 +288,7 @@ def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> 
     if isinstance(path, str) and (match := URL.fullmatch(path)):
         if match[1].lower() == "file":
             return LocalFolder(Path(path.partition("://")[2]))
-        return StoredFolder(path.rstrip("/"), delays)
+        return RemoteFolder(path.rstrip("/"), delays)
     return LocalFolder(Path(path))
 
 

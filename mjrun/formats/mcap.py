@@ -31,7 +31,7 @@ from mjrun.errors import clean
 from mjrun.formats.calibration_writer import centered_matrix
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.model.table_column import Column
-from mjrun.scene_graph.soft_shapes import Segments, TriangleSurface
+from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
 from mjrun.version import __version__
 
 FIXED64, LENGTH = 1, 2  # wire types of a double, and of a text or a message
@@ -381,7 +381,7 @@ def arrows(time: int, frame: str, name: str, starts: np.ndarray, vectors: np.nda
     return message.SerializeToString()
 
 
-def shapes(time: int, frame: str, name: str, parts: Sequence[TriangleSurface | Segments]) -> bytes:
+def shapes(time: int, frame: str, name: str, parts: Sequence[TriangleSurface | LineSegments]) -> bytes:
     """Serializes surfaces and segments that replace those of the same `name` from before."""
     message = SceneUpdate()
     entity = message.entities.add(frame_id=frame, id=name)

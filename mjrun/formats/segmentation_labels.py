@@ -104,7 +104,7 @@ def ascii_json(value: object) -> str:
 
 
 @dataclass(frozen=True)
-class Region:
+class SegmentMask:
     """The visible pixels of one segment.
 
     Attributes:
@@ -120,7 +120,7 @@ class Region:
     area: int
 
 
-def regions(ids: np.ndarray) -> Iterator[Region]:
+def regions(ids: np.ndarray) -> Iterator[SegmentMask]:
     """Yields the visible segments in `ids` `(h, w)`, by ascending id; −1 is the background."""
     height = len(ids)
     flat = ids.ravel(order="F")
@@ -182,11 +182,11 @@ class CocoDocument:
         return json_document({"info": INFO, "licenses": []}, lists)
 
 
-def _region(index: int, starts: np.ndarray, ends: np.ndarray, height: int, size: int) -> Region:
+def _region(index: int, starts: np.ndarray, ends: np.ndarray, height: int, size: int) -> SegmentMask:
     counts = np.diff(np.stack([starts, ends], axis=1).ravel(), prepend=0, append=size)
     (left, top), (right, bottom) = np.divmod(starts, height), np.divmod(ends - 1, height)
     x, width = left.min(), right.max() - left.min() + 1
     # A run into the next column includes the bottom of one and the top of the other.
     y, end = (0, height) if (left != right).any() else (top.min(), bottom.max() + 1)
     bbox = (int(x), int(y), int(width), int(end - y))
-    return Region(index, counts[: -1 if counts[-1] == 0 else None].tolist(), bbox, int((ends - starts).sum()))
+    return SegmentMask(index, counts[: -1 if counts[-1] == 0 else None].tolist(), bbox, int((ends - starts).sum()))

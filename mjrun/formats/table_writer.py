@@ -77,7 +77,7 @@ class RowGroups:
         self._group = self._group[:0, :0].copy()
 
 
-class GroupWriter(RowWriter):
+class RowGroupWriter(RowWriter):
     """Base of the writers that write one group after another.
 
     Attributes:

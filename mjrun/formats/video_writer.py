@@ -14,8 +14,15 @@ from mjrun.child_process import ChildProcess, ExitStatus
 from mjrun.confinement.confinement import confinement
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
-from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
-from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput, no_space
+from mjrun.formats.codecs import CONTAINERS, GRAY16, VideoEncoding, container_name, encoding, is_folder
+from mjrun.formats.destinations import (
+    Destination,
+    StagedFile,
+    StagedFrameFolder,
+    StagedFrames,
+    StandardOutput,
+    no_space,
+)
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.timeline import rational
 
@@ -92,7 +99,7 @@ class VideoWriter(OutputWriter):
     def __init__(
         self,
         output: str | None,
-        encoding: Encoding,
+        encoding: VideoEncoding,
         size: tuple[int, int],
         fps: Fraction,
         count: int | None = None,
@@ -269,13 +276,13 @@ def _checked(frames: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
         yield np.repeat(frame[..., None], 3, axis=2) if frame.dtype == np.uint8 and frame.ndim == 2 else frame
 
 
-def _destination(output: str | None, encoding: Encoding) -> Destination:
+def _destination(output: str | None, encoding: VideoEncoding) -> Destination:
     if output is None:
         return StandardOutput()
     if encoding.format != "png":
         return StagedFile(Path(output))
     if is_folder(output):
-        return StagedFolder(Path(output))
+        return StagedFrameFolder(Path(output))
     if len(re.findall(r"%\d*d", Path(output).name)) != 1:
         raise UsageError(
             f"{clean(output)}: PNG frames need a number in their name, as in frame_%04d.png, or a folder, as in frames/"

@@ -38,7 +38,7 @@ SHORTCUTS = {
 
 
 @dataclass(frozen=True)
-class Change:
+class AttributeChange:
     """A new value of an attribute.
 
     Attributes:
@@ -61,7 +61,7 @@ class Change:
         return f"{clean(place)}: {self.attribute}{where} = {self.value}"
 
 
-def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
+def changes(path: Path, overrides: Sequence[Override]) -> list[AttributeChange]:
     """Returns the attribute changes that make the overrides in the file at `path` and the files that it includes.
 
     Raises:
@@ -70,20 +70,20 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
     text, changed = read_xml(path), confined_load(lambda: mujoco.MjSpec.from_file(str(path)))
     for override in overrides:
         apply(changed, override)
-    made: dict[tuple[int, str], Change] = {}
+    made: dict[tuple[int, str], AttributeChange] = {}
     for override in overrides:
         for each in _of_override(text, changed, override):
             made[id(each.element), each.attribute] = each
     return list(made.values())
 
 
-def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
+def with_changes(xml: bytes, made: Sequence[AttributeChange]) -> bytes:
     """Returns the text of one file with its attributes changed."""
     editor = ElementEditor({each.element.file: xml for each in made})
     return edited(xml, [editor.with_value(each.element, each.attribute, each.value) for each in made])
 
 
-def _of_override(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> Iterator[Change]:
+def _of_override(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> Iterator[AttributeChange]:
     kind, slash, _ = override.target.partition("/")
     if not (slash and kind in ELEMENTS):
         yield _of_section(text, changed, override)
@@ -105,12 +105,12 @@ def _of_element(
     chosen: "dict[int, object]",
     field: str,
     override: Override,
-) -> Change:
+) -> AttributeChange:
     owner = chosen[id(element)]
     holder, attribute = _holder(element, field, override)
     values = np.ravel(np.array(list(np.ravel(getattr(owner, field))), float))
     if attribute in holder.attributes:
-        return Change(holder, attribute, _text(values, holder.attributes[attribute], override))
+        return AttributeChange(holder, attribute, _text(values, holder.attributes[attribute], override))
     default = default_holder(element, attribute)
     if default is not None:
         others = [each for each in written if each.tag == element.tag and attribute not in each.attributes]
@@ -121,9 +121,9 @@ def _of_element(
             for each in sharing
         )
         if same:
-            return Change(default, attribute, new, is_default=True)
-        return Change(holder, attribute, new)
-    return Change(holder, attribute, _text(values, "", override))
+            return AttributeChange(default, attribute, new, is_default=True)
+        return AttributeChange(holder, attribute, new)
+    return AttributeChange(holder, attribute, _text(values, "", override))
 
 
 def _holder(element: Element, field: str, override: Override) -> tuple[Element, str]:
@@ -156,14 +156,16 @@ def _text(values: np.ndarray, old: str, override: Override) -> str:
     return " ".join(repr(float(value)) for value in values[:count])
 
 
-def _of_section(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> Change:
+def _of_section(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> AttributeChange:
     root, *fields = override.target.split(".")
     element = next((e for e in text.elements() if e.tag == SECTIONS.get(root) and e.parent is text.root), None)
     if element is None or len(fields) != 1:
         raise _refusal(override, f"the file has no <{SECTIONS.get(root, root)}>")
     values = np.ravel(np.array(getattr(ROOTS[root](changed), fields[0]), float))
     old = element.attributes.get(fields[0], "")
-    return Change(element, fields[0], " ".join(repr(float(v)) for v in values[: max(len(old.split()), values.size)]))
+    return AttributeChange(
+        element, fields[0], " ".join(repr(float(v)) for v in values[: max(len(old.split()), values.size)])
+    )
 
 
 def _written(text: XmlSource, kind: str) -> list[Element]:

@@ -16,10 +16,10 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.model import known_bugs
-from mjrun.model.description.actuators_sensors import Actuator, Plugin, Sensor
+from mjrun.model.description.actuators_sensors import Actuator, PluginInstance, Sensor
 from mjrun.model.description.assets import Asset, assets
 from mjrun.model.description.bodies import Body, Camera, Geom, Joint, Light, Site
-from mjrun.model.description.constraints import ContactPair, Equality, Exclude, Flex, Tendon
+from mjrun.model.description.constraints import ContactExclusion, ContactPair, EqualityConstraint, Flex, Tendon
 from mjrun.model.description.declaration import ModelObject, computed, objects, of_field
 from mjrun.model.description.non_default_settings import NonDefaultSetting, option_differences, visual_differences
 from mjrun.model.fields import floats
@@ -116,7 +116,7 @@ def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
 
 
 @dataclass(frozen=True)
-class Statistics:
+class ModelStatistics:
     """The statistics of a model, by which MuJoCo scales images and solver.
 
     Attributes:
@@ -133,10 +133,10 @@ class Statistics:
     meaninertia: float
 
 
-def statistics(model: mujoco.MjModel) -> Statistics:
+def statistics(model: mujoco.MjModel) -> ModelStatistics:
     """Returns the model's statistics, computed by MuJoCo or set in the model."""
     stat = model.stat
-    return Statistics(
+    return ModelStatistics(
         floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
     )
 
@@ -250,11 +250,11 @@ class ModelDescription:
     lights = _section(Light)
     keyframes = _section(KeyframeDescription)
     tendons = _section(Tendon)
-    equalities = _section(Equality)
+    equalities = _section(EqualityConstraint)
     pairs = _section(ContactPair)
-    excludes = _section(Exclude)
+    excludes = _section(ContactExclusion)
     flexes = _section(Flex)
-    plugins = _section(Plugin)
+    plugins = _section(PluginInstance)
 
     @cached_property
     def options(self) -> tuple[NonDefaultSetting, ...]:
@@ -265,7 +265,7 @@ class ModelDescription:
         return visual_differences(self.model)
 
     @cached_property
-    def statistics(self) -> Statistics:
+    def statistics(self) -> ModelStatistics:
         return statistics(self.model)
 
     @cached_property

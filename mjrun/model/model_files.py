@@ -373,7 +373,7 @@ def _png_size(path: str) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class AbsolutePathModel:
+class AbsolutePathMjcf:
     """The text of a model in which every file is named by its place on this machine.
 
     Attributes:
@@ -387,7 +387,7 @@ class AbsolutePathModel:
     missing: Sequence[str] = field(default=())
 
 
-def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> AbsolutePathModel:
+def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> AbsolutePathMjcf:
     """Looks up the files that a model names.
 
     Each is searched in the `given` folders, then at its own path, relative to `folder`, and then in installed packages.
@@ -404,7 +404,7 @@ def placed(text: bytes, folder: Path, given: Sequence[Path] = ()) -> AbsolutePat
         return str(path.absolute()) if (path := places.get(name)) else name
 
     files = [path for path in places.values() if path]
-    return AbsolutePathModel(with_file_names(text, here), files, [name for name, path in places.items() if not path])
+    return AbsolutePathMjcf(with_file_names(text, here), files, [name for name, path in places.items() if not path])
 
 
 def packages_in(path: str) -> list[str]:

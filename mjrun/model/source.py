@@ -16,7 +16,7 @@ from mjrun.model.override import Override
 
 
 @dataclass(frozen=True)
-class Source(ABC):
+class ModelSource(ABC):
     """A model source and the overrides to load it with: a picklable value, which compiles the model each time.
 
     Attributes:
@@ -54,7 +54,7 @@ class Source(ABC):
         """Returns the same source with more overrides, after its own."""
         return replace(self, overrides=(*self.overrides, *overrides))
 
-    def stored_at(self, place: Callable[[Path], Path]) -> "Source":
+    def stored_at(self, place: Callable[[Path], Path]) -> "ModelSource":
         """Returns the same model with its files read at `place(path)`; errors and results still name the originals."""
         return self
 
@@ -100,7 +100,7 @@ class CollectionEntry:
 
 
 @dataclass(frozen=True)
-class CollectionModelSource(Source):
+class CollectionModelSource(ModelSource):
     """A model in a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` defines each collection."""
 
     PREFIX: ClassVar[str]

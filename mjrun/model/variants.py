@@ -31,7 +31,7 @@ from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
 from mjrun.model.override import Override
 from mjrun.model.recompilation import BodyCompiler, DerivedNumbers, Recompiler, may_be_recompiled
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 
 PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source
 REMEMBERED = 8  # compilations
@@ -107,13 +107,15 @@ class VariantLoader:
 
     def __init__(self, prepare: Callable[[mujoco.MjModel], None] | None = None) -> None:
         self._prepare = prepare
-        self._compilations = OrderedDict[Source, SharedCompilation]()
-        self._compiled_once = dict[Source, Source]()  # the last source that was compiled, by that without overrides
-        self._copied_over = dict[Source, Source]()  # likewise the last one whose copied fields vary
+        self._compilations = OrderedDict[ModelSource, SharedCompilation]()
+        self._compiled_once = dict[
+            ModelSource, ModelSource
+        ]()  # the last source that was compiled, by that without overrides
+        self._copied_over = dict[ModelSource, ModelSource]()  # likewise the last one whose copied fields vary
         self._last: _CopiedPaths | None = None
-        self._same: tuple[Source, SharedCompilation] | None = None  # the last one that is loaded unchanged
+        self._same: tuple[ModelSource, SharedCompilation] | None = None  # the last one that is loaded unchanged
 
-    def load(self, source: Source) -> ModelVariant:
+    def load(self, source: ModelSource) -> ModelVariant:
         """Returns the model of `source`; it must not be changed, because others may share it.
 
         Raises:
@@ -131,7 +133,7 @@ class VariantLoader:
         self._same = source, compilation
         return ModelVariant(compilation)
 
-    def add(self, source: Source, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
+    def add(self, source: ModelSource, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
         """Adds what `source.compile` has returned, so that it is not compiled again; `prepare` is not called."""
         self._compilations[source] = SharedCompilation(spec, model)
 
@@ -141,7 +143,7 @@ class VariantLoader:
         if variant.has_copy and home.spec and self._bytes + home.size <= BYTES:
             home.unused.append(variant)
 
-    def _copied(self, source: Source) -> ModelVariant | None:
+    def _copied(self, source: ModelSource) -> ModelVariant | None:
         """Returns a model that differs from a compilation, which is cached, in copied fields, or None."""
         to_copy, rest = _parted(source.overrides, may_be_copied)
         if not to_copy:
@@ -155,7 +157,7 @@ class VariantLoader:
         self._last = None if rest else _CopiedPaths(source, compilation)
         return compilation.with_values(to_copy)
 
-    def _recompiled(self, source: Source) -> ModelVariant | None:
+    def _recompiled(self, source: ModelSource) -> ModelVariant | None:
         """Returns a model that is recompiled with numbers that vary; None if it must be compiled from the source."""
         options, rest = _parted(source.overrides, _is_copied_option)
         if not rest or not all(map(may_be_recompiled, rest)):
@@ -182,7 +184,7 @@ class VariantLoader:
     def _bytes(self) -> int:
         return sum(compilation.bytes for compilation in self._compilations.values())
 
-    def _compilation(self, source: Source) -> "SharedCompilation":
+    def _compilation(self, source: ModelSource) -> "SharedCompilation":
         compilation = self._compilations.pop(source, None) or self._compile(source)
         self._compilations[source] = compilation
         while len(self._compilations) > 1 and (len(self._compilations) > REMEMBERED or self._bytes > BYTES):
@@ -190,7 +192,7 @@ class VariantLoader:
             oldest.forget_source()  # its model may still be in use
         return compilation
 
-    def _compile(self, source: Source) -> "SharedCompilation":
+    def _compile(self, source: ModelSource) -> "SharedCompilation":
         spec, model = source.compile()
         if self._prepare:
             model = copy.copy(model) if spec is None else model  # it may belong to the user
@@ -206,18 +208,18 @@ class _CopiedPaths:
       compilation: the compilation of the source without overrides.
     """
 
-    def __init__(self, source: Source, compilation: "SharedCompilation") -> None:
+    def __init__(self, source: ModelSource, compilation: "SharedCompilation") -> None:
         self._compilation = compilation
         self._paths = [override.path for override in source.overrides]
         self._others = [value for name, value in vars(source).items() if name != "overrides"]
 
-    def fits(self, source: Source) -> bool:
+    def fits(self, source: ModelSource) -> bool:
         """Returns whether `source` is one of these sources, with the very same values of all other attributes."""
         others = [value for name, value in vars(source).items() if name != "overrides"]
         is_same = len(others) == len(self._others) and all(map(is_, others, self._others))
         return is_same and [override.path for override in source.overrides] == self._paths
 
-    def variant(self, source: Source) -> ModelVariant | None:
+    def variant(self, source: ModelSource) -> ModelVariant | None:
         """Returns the model of `source`; None if it must be compiled."""
         return self._compilation.with_values(source.overrides) if all(map(may_be_copied, source.overrides)) else None
 

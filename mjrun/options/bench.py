@@ -3,9 +3,9 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, NameOrIndex, Several, Text, optional
+from mjrun.options.kinds import Choice, Flag, NameOrIndex, OneOrMore, PathKind, Text, optional
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import ExactNumber, Integer, Percent, Processes, Real, Size
+from mjrun.options.number_kinds import ExactNumber, Integer, Percent, ProcessCount, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.rendering import QUALITIES, RENDERERS, VIEWS, BackendOptions
 from mjrun.options.setting_kinds import ScanValues
@@ -28,7 +28,7 @@ class StepTimingOptions(Options):
         help="Number of times to repeat each rollout.",
     )
     threads: tuple[int | str, ...] = option(
-        converter=Several(Processes("N", of="threads"), commas=True),
+        converter=OneOrMore(ProcessCount("N", of="threads"), commas=True),
         default=(),
         usual="1,auto; 1 with --scan",
         help="Numbers of simulations to run side by side, each measured in turn: 1,2,auto.",
@@ -139,19 +139,22 @@ class FrameTimingOptions(BackendOptions):
 
     render: bool = option(converter=Flag(), default=False, help="Also time rendering and encoding.")
     size: tuple[tuple[int, int], ...] = option(
-        converter=Several(Size()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
+        converter=OneOrMore(Size()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
     )
     camera: str | None = option(
         converter=optional(Text("SPEC")), default=None, usual="free", help="Camera, as for mjrun video."
     )
     view: tuple[str, ...] = option(
-        converter=Several(Choice(VIEWS)), default=(), usual="rgb", help="Kind of image: colour, depth or segmentation."
+        converter=OneOrMore(Choice(VIEWS)),
+        default=(),
+        usual="rgb",
+        help="Kind of image: colour, depth or segmentation.",
     )
     quality: tuple[str, ...] = option(
-        converter=Several(Choice(QUALITIES)), default=(), usual="model", help="Rendering quality, as for mjrun video."
+        converter=OneOrMore(Choice(QUALITIES)), default=(), usual="model", help="Rendering quality, as for mjrun video."
     )
     renderer: tuple[str, ...] = option(
-        converter=Several(Choice(RENDERERS)), default=(), usual="classic", help="Renderer, as for mjrun video."
+        converter=OneOrMore(Choice(RENDERERS)), default=(), usual="classic", help="Renderer, as for mjrun video."
     )
 
 
@@ -162,9 +165,9 @@ class BaselineOptions(Options):
     section: ClassVar[str] = "Report"
 
     save: str | None = option(
-        converter=optional(File(written=True)), default=None, help="Save the result as a baseline."
+        converter=optional(PathKind(written=True)), default=None, help="Save the result as a baseline."
     )
-    compare: str | None = option(converter=optional(File()), default=None, help="Compare with a saved baseline.")
+    compare: str | None = option(converter=optional(PathKind()), default=None, help="Compare with a saved baseline.")
     fail_above: float | None = option(
         converter=optional(Percent()),
         default=None,
@@ -192,13 +195,13 @@ class BenchReportOptions(Options):
     )
     markdown: bool = option(converter=Flag(), default=False, help="Print Markdown instead.")
     summary: str | None = option(
-        converter=optional(File("[FILE]", written=True)),
+        converter=optional(PathKind("[FILE]", written=True)),
         default=None,
         flag_value=SUMMARY,
         help="Also append the report as Markdown to a file; without a name, to the file in $GITHUB_STEP_SUMMARY.",
     )
     html: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Self-contained page (.html) with the report and how it was measured.",
     )

@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Several, Text, optional
-from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
+from mjrun.options.kinds import Choice, Flag, OneOrMore, PathKind, Text, optional
+from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, ProcessCount
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.setting_kinds import Settings
 
@@ -20,12 +20,12 @@ class CheckOptions(Options):
     section: ClassVar[str] = "Check"
 
     select: tuple[str, ...] = option(
-        converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
+        converter=OneOrMore(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
         help="Report only findings with these codes: MJ301, or MJ3 for all codes that begin with it.",
     )
     ignore: tuple[str, ...] = option(
-        converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
+        converter=OneOrMore(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
         help="Do not report findings with these codes. Errors that prevent a model from loading are always reported.",
     )
@@ -50,7 +50,7 @@ class CheckOptions(Options):
         help="Exit with code 1 if a finding has at least this severity.",
     )
     baseline: str | None = option(
-        converter=optional(File()),
+        converter=optional(PathKind()),
         default=None,
         usual="none",
         help="Report only findings that are not in this file of known findings; their lines and numbers may change.",
@@ -95,7 +95,7 @@ class CheckOptions(Options):
     timeout: Fraction = option(converter=ExactNumber("SECONDS"), default=60, help="Maximum wall time per model [s].")
     memory: int = option(converter=Integer(1, metavar="MIB"), default=4096, help="Maximum memory per model [MiB].")
     jobs: int | str = option(
-        converter=Processes(), default=AUTO, usual="auto, one per core", help="Number of models to check at once."
+        converter=ProcessCount(), default=AUTO, usual="auto, one per core", help="Number of models to check at once."
     )
     cache: bool = option(
         converter=Flag(negatable=True),
@@ -112,7 +112,7 @@ class CheckReportOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     config: str | None = option(
-        converter=optional(File()),
+        converter=optional(PathKind()),
         default=None,
         usual="the nearest mjrun.toml or pyproject.toml with such a section",
         help="TOML file with defaults of these options, in its section [check] or [tool.mjrun.check].",
@@ -135,12 +135,12 @@ class CheckReportOptions(Options):
         "thousands of models. A scan that was interrupted continues.",
     )
     table: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Table with a row per finding, worst models first: .csv, .parquet or another format.",
     )
     html: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Self-contained page (.html) with all findings, fixes, and pictures of the bodies and contacts at fault.",
     )

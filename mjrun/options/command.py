@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, optional
+from mjrun.options.kinds import Flag, PathKind, optional
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
 from mjrun.options.setting_kinds import NamedNumbers
 
@@ -11,7 +11,7 @@ TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
 
 
 @options
-class OpenOptions(Options):
+class OutputOpeningOptions(Options):
     """Use of the files that a command has made."""
 
     section: ClassVar[str] = "Output"
@@ -73,7 +73,7 @@ class ConfinementOptions(Options):
         "file size.",
     )
     root: str | None = option(
-        converter=optional(File("DIR")),
+        converter=optional(PathKind("DIR")),
         default=None,
         usual="the model's folder",
         help="Folder from which files may be read; requires --untrusted.",

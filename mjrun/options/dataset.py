@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Kind, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, Flag, Kind, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Size
 from mjrun.options.option import option, options, required
 from mjrun.options.rendering import GEOMS, STAGE, RendererOptions
@@ -49,44 +49,44 @@ class NamedShares(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple[str
 
 
 @options
-class LabelOptions(RendererOptions):
+class LabelledImageOptions(RendererOptions):
     """Content of the images and of their labels."""
 
     section: ClassVar[str] = "Images"
 
     size: tuple[int, int] = option(converter=Size(), default=(640, 480), help="Width and height of an image [pixels].")
     camera: tuple[object, ...] = option(
-        converter=Several(CameraKind()),
+        converter=OneOrMore(CameraKind()),
         default="auto",
         help="Cameras, as for mjrun video. The settings of a rig can vary: --vary 'camera.azimuth=uniform(0,360)', "
         "camera.distance, camera.lookat, camera.fovy, …",
     )
     times: tuple[Fraction, ...] = option(
-        converter=Several(ExactNumber("SECONDS", zero=True), commas=True),
+        converter=OneOrMore(ExactNumber("SECONDS", zero=True), commas=True),
         default=(Fraction(0),),
         help="Simulated times of the images of each point [s].",
     )
     objects: tuple[str, ...] = option(
-        converter=Several(Text("BODY[=CATEGORY]"), commas=True),
+        converter=OneOrMore(Text("BODY[=CATEGORY]"), commas=True),
         default=(),
         usual="all bodies and flexes in the world, each a category",
         help="Bodies, each with everything attached to it, and flexes to label, by name or wildcard, and their "
         "category: 'mug*=mug,robot'.",
     )
     keypoints: tuple[str, ...] = option(
-        converter=Several(Text("SITE"), commas=True),
+        converter=OneOrMore(Text("SITE"), commas=True),
         default=(),
         help="Sites to label as keypoints of the object that they belong to, by name or wildcard.",
     )
     accept: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Include only images for which this condition holds: visible/mug > 0.3 and pixels/mug > 200. "
         "The values are pixels/OBJECT, visible/OBJECT and truncated/OBJECT (shares of its silhouette), and objects, "
         "the number of objects in view.",
     )
     stage: tuple[str, ...] = option(
-        converter=Several(Choice(STAGE), commas=True),
+        converter=OneOrMore(Choice(STAGE), commas=True),
         default="auto",
         help="Surroundings to add: a floor that nothing collides with, light, sky, or none; auto adds the light and "
         "the sky that a model lacks.",
@@ -100,7 +100,7 @@ class LabelOptions(RendererOptions):
 
 
 @options
-class DatasetOptions(LabelOptions, VariationOptions):
+class DatasetOptions(LabelledImageOptions, VariationOptions):
     """A dataset.
 
     Args:
@@ -111,14 +111,14 @@ class DatasetOptions(LabelOptions, VariationOptions):
 
     simulation: object = field(kw_only=False)
     output: str = required(
-        converter=File("DIR", written=True),
+        converter=PathKind("DIR", written=True),
         kw_only=False,
         short="-o",
         usual="MODEL_dataset",
         help="Folder for the dataset; running again with the same folder continues it.",
     )
     format: tuple[str, ...] = option(
-        converter=Several(Choice(tuple(FORMATS)), commas=True),
+        converter=OneOrMore(Choice(tuple(FORMATS)), commas=True),
         default="folder",
         help="Formats: " + "; ".join(f"{name} writes {what}" for name, what in FORMATS.items()) + ".",
     )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Several, Text, optional
+from mjrun.options.kinds import Flag, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import Numbers, Percent, Real
 from mjrun.options.option import Options, option, options
 from mjrun.options.report import PageOptions
@@ -14,7 +14,7 @@ ALIGNMENTS = ("time", "row")
 NO_TOLERANCES: dict[str, Numbers] = {}
 
 
-class ColumnTolerances(NamedNumbers):
+class ColumnTolerancesKind(NamedNumbers):
     """Tolerances by column name with wildcards, absolute as in `qvel/*=1e-6`, or also relative as in
     `qvel/*=1e-6,1e-3`.
     """
@@ -55,7 +55,7 @@ class ToleranceOptions(Options):
     )
     rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="Relative tolerance.")
     tol: Mapping[str, Numbers] = option(
-        converter=ColumnTolerances(),
+        converter=ColumnTolerancesKind(),
         default=NO_TOLERANCES,
         help="Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. If several "
         "match, the last one applies. The tolerance of the column time determines which times count as equal.",
@@ -69,7 +69,7 @@ class TableDiffOptions(ToleranceOptions):
     section: ClassVar[str] = "Tables and recordings"
 
     columns: tuple[str, ...] = option(
-        converter=Several(Text("COLUMNS")),
+        converter=OneOrMore(Text("COLUMNS")),
         default=(),
         usual="all",
         help="Compare only these columns, by name or wildcard, such as 'qpos/*'.",
@@ -89,7 +89,7 @@ class TableDiffOptions(ToleranceOptions):
         "differences.",
     )
     model: str | None = option(
-        converter=optional(File("MODEL")),
+        converter=optional(PathKind("MODEL")),
         default=None,
         help="Model of the two recordings, so that the report can name joints.",
     )
@@ -121,7 +121,7 @@ class PictureDiffOptions(Options):
         help="Largest share of changed pixels at which frames count as equal, such as 0.1%.",
     )
     output: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         short="-o",
         help="Image (.png) of the most different frame: A, B and their difference side by side.",

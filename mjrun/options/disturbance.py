@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.dataclass import dataclass
-from mjrun.options.kinds import ReadingContext, Several, Text, optional
+from mjrun.options.kinds import OneOrMore, ReadingContext, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Point, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, Path, check
@@ -75,7 +75,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
             return _from_mapping(values)
 
         forms = "text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}"
-        super().__init__(forms, string=PushText(), object=OptionsMapping(PushMapping, push))
+        super().__init__(forms, string=PushTextKind(), object=OptionsMapping(PushMapping, push))
 
     def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
         match value:
@@ -98,7 +98,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
         return str(value)
 
 
-class PushText(Text):
+class PushTextKind(Text):
     """A push as text."""
 
     def read(self, value: object, reader: ReadingContext) -> object:
@@ -137,7 +137,7 @@ def _exact(value: Fraction) -> str:
     return f"{near!r}".removesuffix(".0") if rational(near) == value else str(value)
 
 
-PUSHES = Several(PushKind())
+PUSHES = OneOrMore(PushKind())
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, NameOrIndex, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, NameOrIndex, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.rendering import SceneOptions
@@ -69,7 +69,7 @@ class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
 
     simulation: object = field(kw_only=False)
     output: str = required(
-        converter=File("DIR", written=True),
+        converter=PathKind("DIR", written=True),
         kw_only=False,
         short="-o",
         help="Folder for the dataset; running again with the same folder continues it.",
@@ -88,13 +88,13 @@ class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
         "divided by a whole number.",
     )
     probe: tuple[str, ...] = option(
-        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        converter=OneOrMore(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=(),
         usual="what the policy observes, otherwise qpos and qvel",
         help="Values to observe, as in a trace: qpos, sensor/imu, xpos[hand], …",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(CameraKind()),
+        converter=OneOrMore(CameraKind()),
         default=(),
         usual="none: a dataset without images",
         help="Camera of the images, as in a video; each use adds a camera.",

@@ -6,12 +6,12 @@ from dataclasses import field
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import File, Flag, Kind, Several, Text, optional
+from mjrun.options.kinds import Flag, Kind, OneOrMore, PathKind, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import Integer, Numbers
 from mjrun.options.option import FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.report import PageOptions, TrackerOptions
+from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
@@ -24,7 +24,7 @@ NO_THRESHOLDS: dict[str, Numbers] = {}
 FAILURES = "failures"
 
 
-class LowestValues(NamedNumbers):
+class LowestValuesKind(NamedNumbers):
     """Lowest accepted values by name: `success=90%`, `return=200`."""
 
     metavar = "NAME=VALUE"
@@ -51,7 +51,7 @@ class LowestValues(NamedNumbers):
         return name, (number,)
 
 
-class VideoCount(Kind[int | str, int | str]):
+class VideoCountKind(Kind[int | str, int | str]):
     """A number of episodes, or `failures`."""
 
     metavar = f"N|{FAILURES}"
@@ -79,7 +79,7 @@ class EpisodeVideoOptions(SelectedVideoOptions):
     section: ClassVar[str] = "Videos"
 
     videos: int | str = option(
-        converter=VideoCount(),
+        converter=VideoCountKind(),
         default=0,
         help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best; or "
         "failures, all episodes that end in a failure.",
@@ -90,7 +90,7 @@ class EpisodeVideoOptions(SelectedVideoOptions):
 class EvaluationOptions(
     EpisodeVideoOptions,
     PageOptions,
-    TrackerOptions,
+    ExperimentTrackerOptions,
     VariationOptions,
     DisturbanceOptions,
     ConfidenceOptions,
@@ -107,7 +107,7 @@ class EvaluationOptions(
 
     task: object = field(kw_only=False)
     output: str = required(
-        converter=File("DIR", written=True),
+        converter=PathKind("DIR", written=True),
         kw_only=False,
         short="-o",
         usual="TASK_eval",
@@ -138,13 +138,13 @@ class EvaluationOptions(
         "effort=mean(abs(ctrl/motor)), 'pace [km/h]=3.6*mean(speed/torso)'.",
     )
     require: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds for the table of episodes: share(success) > 0.9, "
         "quantile(return, 0.05) > 100.",
     )
     fail_below: Mapping[str, Numbers] = option(
-        converter=LowestValues(),
+        converter=LowestValuesKind(),
         default=NO_THRESHOLDS,
         help="Exit with code 1 if a value is below its threshold: the success rate, success=90%; the mean return, "
         "return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the lower end of a confidence "

@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Several, Text, optional
-from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
+from mjrun.options.kinds import CameraKind, Choice, Flag, OneOrMore, PathKind, Text, optional
+from mjrun.options.number_kinds import AUTO, ExactNumber, ProcessCount, Size
 from mjrun.options.option import option, options, required
 from mjrun.options.output import EXPORT_FOLDERS, EXPORTS, OutputOptions
 from mjrun.options.rendering import RIG_EXAMPLES, SceneOptions
@@ -20,7 +20,7 @@ class ExportOptions(SceneOptions, OutputOptions):
     section: ClassVar[str] = "Export"
 
     output: str = required(
-        converter=File(written=True, streamed=True),
+        converter=PathKind(written=True, streamed=True),
         kw_only=False,
         short="-o",
         usual="MODEL.glb",
@@ -48,25 +48,25 @@ class ExportOptions(SceneOptions, OutputOptions):
         converter=Flag(), default=False, help="If the simulation becomes unstable, keep the frames from before."
     )
     plot: tuple[str, ...] = option(
-        converter=Several(Text("PROBE,…")),
+        converter=OneOrMore(Text("PROBE,…")),
         default=(),
         help="Curves of measured values beside the scene, in formats that show curves: energy, qpos[left_*]. Each use "
         "adds a plot.",
     )
     mark_event: tuple[str, ...] = option(
-        converter=Several(Text("[LABEL=]CONDITION")),
+        converter=OneOrMore(Text("[LABEL=]CONDITION")),
         default=(),
         help="Mark the instants at which a condition becomes true, in formats with a time line: "
         "landed=contact(foot, floor) > 0.",
     )
     assert_: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds at every step, and mark where it fails, in formats with a "
         "time line: max(abs(energy/drift)) < 1e-3.",
     )
     probe: tuple[str, ...] = option(
-        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        converter=OneOrMore(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=(),
         usual="those of a trace; in episodes, what the policy observes",
         help="Values to export with the scene, in formats that hold measured values, or to observe in episodes: qpos, "
@@ -79,7 +79,7 @@ class ExportOptions(SceneOptions, OutputOptions):
         help="Rows of measured values per simulated second [Hz], at most one per step.",
     )
     jobs: int | str = option(
-        converter=Processes(),
+        converter=ProcessCount(),
         default=AUTO,
         help="Number of processes that render images, in formats that hold them, or that play episodes.",
     )
@@ -90,7 +90,7 @@ class ExportOptions(SceneOptions, OutputOptions):
         help="Encoding of the images of cameras, in MCAP: a video in H.264, or separate images.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(CameraKind()),
+        converter=OneOrMore(CameraKind()),
         default=(),
         usual="free in glb",
         help=f"Camera to add to those of the model: one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Several, optional
+from mjrun.options.kinds import CameraKind, Choice, Flag, OneOrMore, PathKind, optional
 from mjrun.options.number_kinds import Integer, Real, Size
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
@@ -19,7 +19,7 @@ class FitOptions(Options):
     section: ClassVar[str] = "Fit"
 
     data: tuple[str, ...] = option(
-        converter=Several(File()),
+        converter=OneOrMore(PathKind()),
         default=(),
         places=FrontEnd.DOCUMENT | FrontEnd.PYTHON,
         help="Tables of measurements, with columns such as time, qpos/knee and ctrl/motor.",
@@ -34,35 +34,35 @@ class FitOptions(Options):
         "~normal(MEAN, STD) to add a prior.",
     )
     output: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         short="-o",
         help="Fitted model (.xml): the original text with only the fitted attributes changed.",
     )
     comparison: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Table of the measurements and of the predictions of the model before (/nominal) and after the fit "
         "(/fitted), for mjrun plot.",
     )
     ranges: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Distributions of the fitted parameters (.yaml), for the key vary in documents of mjrun sweep.",
     )
     html: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Self-contained page (.html) about the fit: parameters with confidence intervals, errors, "
         "correlations, and plots of the measurements with the model before and after the fit.",
     )
     video: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help=f"Video of the fitted model with the measured motion as a ghost: {VIDEOS}.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(CameraKind()), default="auto", help="Camera of the video: a camera of the model, or a rig."
+        converter=OneOrMore(CameraKind()), default="auto", help="Camera of the video: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the video [pixels].")
     noise: tuple[tuple[str, str], ...] = option(
@@ -78,7 +78,7 @@ class FitOptions(Options):
         " is an improvement.",
     )
     holdout_data: tuple[str, ...] = option(
-        converter=Several(File()),
+        converter=OneOrMore(PathKind()),
         default=(),
         help="Table that is not used for the fit but only predicted, instead of the last part of each table.",
     )
@@ -111,7 +111,7 @@ class FitOptions(Options):
         "default nothing is written.",
     )
     excite: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Instead of fitting, write a table of controls that excite the parameters: chirps of 0.1 to 10 Hz "
         "within the ranges of controls, joints and forces. --ctrl-from applies the table; --duration sets its"

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Text, optional
+from mjrun.options.kinds import Flag, PathKind, Text, optional
 from mjrun.options.number_kinds import Instant, Integer
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
@@ -17,7 +17,7 @@ class ImageOptions(ViewOptions, OutputOptions):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
 
     output: str = required(
-        converter=File(written=True, streamed=True),
+        converter=PathKind(written=True, streamed=True),
         kw_only=False,
         short="-o",
         usual="MODEL.png",
@@ -42,7 +42,7 @@ class ImageOptions(ViewOptions, OutputOptions):
         converter=Flag(negatable=True), default=True, help="List the objects of a coloured segmentation beside it."
     )
     pointcloud: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m]; --view seg adds "
         "labels.",

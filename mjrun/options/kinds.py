@@ -201,7 +201,7 @@ class NameOrIndex(Kind[str | int, str]):
         return str(value)
 
 
-class File(Kind[str | PathLike[str], str]):
+class PathKind(Kind[str | PathLike[str], str]):
     """A path.
 
     Attributes:
@@ -261,7 +261,7 @@ class CameraKind(Kind[object, object]):
                 return value
 
 
-class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
+class OneOrMore(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
     """One or several values of a kind; repeatable on the command line.
 
     Attributes:

@@ -4,7 +4,7 @@ import math
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Several, Text, optional
+from mjrun.options.kinds import Choice, Flag, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Real, to_float
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema_validation import InvalidValueError, Schema
@@ -17,7 +17,7 @@ AUTO = "auto"  # gains of servos that are derived from the model
 GAINS = ("kp", "kd")
 
 
-class ServoGains(Text):
+class ServoGainsKind(Text):
     """Gains of servos: `auto`, or `kp=50,kd=2`; in documents and Python also True, for `auto`."""
 
     metavar = "[kp=KP,kd=KD]"
@@ -82,7 +82,7 @@ class ServoOptions(ModelOptions):
     section: ClassVar[str] = "Model"
 
     position_control: str | None = option(
-        converter=optional(ServoGains()),
+        converter=optional(ServoGainsKind()),
         default=None,
         flag_value=AUTO,
         help="Replace motors on joints by servos, whose controls are joint positions [rad, m], from the initial ones "
@@ -90,7 +90,7 @@ class ServoOptions(ModelOptions):
         "weights and force limits.",
     )
     assets: tuple[str, ...] = option(
-        converter=Several(File("DIR")),
+        converter=OneOrMore(PathKind("DIR")),
         default=(),
         help="Folder with the meshes and textures that the model of a demonstration names by paths of another machine, "
         "which are looked up by their ends: DIR/robots/panda/link0.stl, or DIR/panda/link0.stl.",

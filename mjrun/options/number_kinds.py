@@ -285,7 +285,7 @@ class Range(Kind[Sequence[float], tuple[float, float]]):
         return [*value]
 
 
-class Processes(Kind[int | str, int | str]):
+class ProcessCount(Kind[int | str, int | str]):
     """A number of processes or threads, or `auto`."""
 
     metavar = "N|auto"

@@ -4,7 +4,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Text, optional
+from mjrun.options.kinds import Flag, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 
@@ -35,7 +35,7 @@ class OutputOptions(Options):
     simulation: object = field(kw_only=False)
     output: str = field(kw_only=False)
     manifest: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="JSON file that records how the output was made: versions, command, model, options, wall times and "
         "hashes.",
@@ -57,7 +57,7 @@ class RerunOptions(Options):
         "options, the code and the versions are those of the last run that made them.",
     )
     depfile: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Also write a rule for make or ninja that lists all files that the outputs depend on: the model with its "
         "includes, meshes and textures, documents, tables, policies and code.",
@@ -72,12 +72,12 @@ class SimulationCommandOptions(RerunOptions):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     recording: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Also write the state of every step (.npz), for replay.",
     )
     save_key: str | None = option(
-        converter=optional(File("FILE.xml[:NAME]", written=True)),
+        converter=optional(PathKind("FILE.xml[:NAME]", written=True)),
         default=None,
         help="Also write the model's XML with the final state, or the state in the image, as a keyframe. FILE may "
         "be the model itself; the default NAME is end.",
@@ -100,7 +100,7 @@ class KeyframeOptions(OutputOptions):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
 
     output: str = required(
-        converter=File(written=True),
+        converter=PathKind(written=True),
         kw_only=False,
         help="An .xml file, which may be the model itself. Apart from the keyframe, every byte of the XML is "
         "unchanged.",

@@ -5,7 +5,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Several, Text, optional
+from mjrun.options.kinds import Choice, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import FigureSize, Integer, Range, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
@@ -22,7 +22,7 @@ class FigureOptions(Options):
     section: ClassVar[str] = "Figure"
 
     y: tuple[str, ...] = option(
-        converter=Several(Text("[TITLE: ]CURVE,…")),
+        converter=OneOrMore(Text("[TITLE: ]CURVE,…")),
         default=(),
         usual="a panel for each group of columns and each of its units",
         help="A panel and its curves: columns, qpos/knee; wildcards, qpos/*; or expressions over columns, "
@@ -36,7 +36,7 @@ class FigureOptions(Options):
         help="Column or expression on the x axis.",
     )
     log: tuple[str, ...] = option(
-        converter=Several(Text("[PANEL:]x|y|both"), commas=True, expected="x, y or both"),
+        converter=OneOrMore(Text("[PANEL:]x|y|both"), commas=True, expected="x, y or both"),
         default=(),
         help="Logarithmic axes: y in all panels, or 2:y in the second panel only.",
     )
@@ -47,19 +47,19 @@ class FigureOptions(Options):
         help="Range of the x axis, of which the curves then show all details.",
     )
     ylim: tuple[str, ...] = option(
-        converter=Several(Text("[PANEL:]LOW..HIGH")),
+        converter=OneOrMore(Text("[PANEL:]LOW..HIGH")),
         default=(),
         usual="all values",
         help="Range of the y axis in all panels, -1..1, or in the second panel only, 2:-1..1.",
     )
     mark: tuple[str, ...] = option(
-        converter=Several(Text("[PANEL:|x:][LABEL=]VALUE")),
+        converter=OneOrMore(Text("[PANEL:|x:][LABEL=]VALUE")),
         default=(),
         help="Draw a horizontal line in all panels, m·g=87.356, or in the second panel only, 2:m·g=87.356; or a "
         "vertical line, x:impact=0.52.",
     )
     mark_event: tuple[str, ...] = option(
-        converter=Several(Text("[LABEL=]CONDITION")),
+        converter=OneOrMore(Text("[LABEL=]CONDITION")),
         default=(),
         help="Draw a vertical line wherever a condition over columns becomes true: landed=contact/ncon > 0.",
     )
@@ -71,7 +71,7 @@ class FigureOptions(Options):
         converter=optional(Text("TEXT")), default=None, usual="the column of the x axis", help="Label of the x axis."
     )
     ylabel: tuple[str, ...] = option(
-        converter=Several(Text("[PANEL:]TEXT")),
+        converter=OneOrMore(Text("[PANEL:]TEXT")),
         default=(),
         help="Label of the y axis of all panels, force [N], or of the second panel only, 2:force [N]; each panel has a "
         "title already.",
@@ -114,7 +114,7 @@ class TablePlotOptions(PageOptions, FigureOptions):
 
     tables: Sequence[str | Path] | str | Path = field(kw_only=False)
     output: str | None = option(
-        converter=optional(File(written=True, streamed=True)),
+        converter=optional(PathKind(written=True, streamed=True)),
         default=None,
         usual="no image, with html",
         kw_only=False,
@@ -128,18 +128,18 @@ class TablePlotOptions(PageOptions, FigureOptions):
         help="File format.",
     )
     assert_: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds for each table: max(abs(energy/drift)) < 1e-3.",
     )
     label: tuple[str, ...] = option(
-        converter=Several(Text("NAME")),
+        converter=OneOrMore(Text("NAME")),
         default=(),
         usual="the parts of the tables' names that differ",
         help="Name of a table in the legend, one for each table in order.",
     )
     include: tuple[str, ...] = option(
-        converter=Several(File()),
+        converter=OneOrMore(PathKind()),
         default=(),
         help="Also show this file on the page: an image, a video or a manifest (.json). Other files are linked.",
     )
@@ -152,10 +152,10 @@ class PlotOptions(FigureOptions, SamplingOptions):
     section: ClassVar[str] = "Plot"
 
     output: str = required(
-        converter=File(written=True, streamed=True), kw_only=False, help=f"The image to write: {PLOTS}."
+        converter=PathKind(written=True, streamed=True), kw_only=False, help=f"The image to write: {PLOTS}."
     )
     probe: tuple[str, ...] = option(
-        converter=Several(Text("PROBE,…")),
+        converter=OneOrMore(Text("PROBE,…")),
         default=(),
         usual="the columns of y, or those of a trace",
         help="Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use adds a panel "

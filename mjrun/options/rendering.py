@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, GhostKind, MujocoName, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, Flag, GhostKind, MujocoName, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
@@ -78,13 +78,13 @@ class SceneOptions(RendererOptions):
 
     size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
     camera: tuple[object, ...] = option(
-        converter=Several(CameraKind()),
+        converter=OneOrMore(CameraKind()),
         default="auto",
         help=f"Camera of the model, by name or index; or one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "
         f"{' '.join(RIG_EXAMPLES.values())}; or a camera script, camera.yaml, with a sequence of shots.",
     )
     stage: tuple[str, ...] = option(
-        converter=Several(Choice((*STAGE, "camera")), commas=True),
+        converter=OneOrMore(Choice((*STAGE, "camera")), commas=True),
         default="auto",
         help="Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera that frames "
         "the model closely, or none; auto adds what a model without a floor and a sky lacks.",
@@ -96,12 +96,12 @@ class SceneOptions(RendererOptions):
         help="Geoms to show of bodies that have some for looks and others for collisions.",
     )
     show: tuple[str, ...] = option(
-        converter=Several(MujocoName("FLAG", of="visual flag"), commas=True),
+        converter=OneOrMore(MujocoName("FLAG", of="visual flag"), commas=True),
         default=(),
         help="Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent, joint, …",
     )
     hide: tuple[str, ...] = option(
-        converter=Several(MujocoName("FLAG", of="visual flag"), commas=True),
+        converter=OneOrMore(MujocoName("FLAG", of="visual flag"), commas=True),
         default=(),
         help="Visual flags to switch off: shadow, skybox, texture, …",
     )
@@ -137,7 +137,7 @@ class SceneOptions(RendererOptions):
         help="Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …",
     )
     trail: tuple[str, ...] = option(
-        converter=Several(Text("OBJECT,…")),
+        converter=OneOrMore(Text("OBJECT,…")),
         default=(),
         help="Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed is higher.",
     )
@@ -148,7 +148,7 @@ class SceneOptions(RendererOptions):
         help="Duration of the motion that a trail shows [s].",
     )
     ghost: tuple[str, ...] = option(
-        converter=Several(GhostKind()),
+        converter=OneOrMore(GhostKind()),
         default=(),
         help="Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows the pose of "
         "a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, "
@@ -163,7 +163,7 @@ class ImageContentOptions(Options):
     section: ClassVar[str] = "View"
 
     view: tuple[str, ...] = option(
-        converter=Several(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."
+        converter=OneOrMore(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."
     )
     layout: str = option(converter=Choice(LAYOUTS), default="row", help="Arrangement of several views in one frame.")
     separate: bool = option(
@@ -201,7 +201,7 @@ class ImageContentOptions(Options):
         help="Position of the text.",
     )
     calibration: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="File for the calibration of each frame: K, world from camera, near and far [m] and time [s], in "
         "OpenCV axes.",

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, optional
+from mjrun.options.kinds import Flag, PathKind, optional
 from mjrun.options.number_kinds import Real
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
 
@@ -35,14 +35,14 @@ REPORT_FORMATS = tuple(each.name for each in options_of(ReportFormatOptions))
 
 
 @options
-class TrackerOptions(Options):
+class ExperimentTrackerOptions(Options):
     """Results as runs of an experiment tracker."""
 
     section: ClassVar[str] = "Output"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     export_to: str | None = option(
-        converter=optional(File("DIR", written=True)),
+        converter=optional(PathKind("DIR", written=True)),
         default=None,
         help="Also write the results as runs of MLflow, one for each point with its parameters and metrics, to this "
         "folder (mlruns), which is replaced as a whole.",
@@ -56,7 +56,7 @@ class PageOptions(Options):
     section: ClassVar[str] = "Page"
 
     html: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Page about the result (.html): plots, images, videos, descriptions of columns, assertions and manifests.",
     )

@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, optional
-from mjrun.options.number_kinds import Processes, Real
+from mjrun.options.kinds import Choice, Flag, PathKind, optional
+from mjrun.options.number_kinds import ProcessCount, Real
 from mjrun.options.option import FrontEnd, option, options
 from mjrun.options.output import RerunOptions
 from mjrun.options.rendering import QUALITIES, BackendOptions
@@ -11,14 +11,14 @@ from mjrun.options.simulation import CodeOptions
 
 
 @options
-class RunOptions(BackendOptions, CodeOptions, RerunOptions):
+class RunCommandOptions(BackendOptions, CodeOptions, RerunOptions):
     """Options of a run that only the command line sets."""
 
     section: ClassVar[str] = "Run"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     output: str = option(
-        converter=File("DIR", written=True),
+        converter=PathKind("DIR", written=True),
         default=".",
         short="-o",
         help="Folder for all outputs; created if missing.",
@@ -36,13 +36,13 @@ class RunOptions(BackendOptions, CodeOptions, RerunOptions):
         help="Rendering quality of all videos and images.",
     )
     jobs: int | str | None = option(
-        converter=optional(Processes()),
+        converter=optional(ProcessCount()),
         default=None,
         usual="from the document",
         help="Number of processes that render each video.",
     )
     html: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         usual="from the document",
         help="Self-contained page (.html) about all outputs.",

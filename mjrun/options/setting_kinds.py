@@ -41,20 +41,20 @@ class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numb
         return {name: numbers[0] if len(numbers) == 1 else [*numbers] for name, numbers in value.items()}
 
 
-class Angle(float):
+class AngleWithUnit(float):
     """An angle [rad] or its rate, for which a unit was given."""
 
 
-class Length(float):
+class LengthWithUnit(float):
     """A length [m] or its rate, for which a unit was given."""
 
 
-UNITS: Mapping[str, tuple[type[Angle | Length], float]] = {
-    "deg": (Angle, math.pi / 180),
-    "rad": (Angle, 1.0),
-    "mm": (Length, 0.001),
-    "cm": (Length, 0.01),
-    "m": (Length, 1.0),
+UNITS: Mapping[str, tuple[type[AngleWithUnit | LengthWithUnit], float]] = {
+    "deg": (AngleWithUnit, math.pi / 180),
+    "rad": (AngleWithUnit, 1.0),
+    "mm": (LengthWithUnit, 0.001),
+    "cm": (LengthWithUnit, 0.01),
+    "m": (LengthWithUnit, 1.0),
 }
 QUANTITY = rf"\s*([-+.\deE]+)\s*({'|'.join(UNITS)})(/s)?\s*"  # compiled when it is used
 
@@ -104,7 +104,7 @@ class JointNumbers(NamedNumbers):
     def _number(self, value: float | str) -> float:
         """Converts a number, or a text that may have a unit, to SI units."""
         if not isinstance(value, str):
-            return value if isinstance(value, Angle | Length) else float(value)
+            return value if isinstance(value, AngleWithUnit | LengthWithUnit) else float(value)
         match = re.fullmatch(QUANTITY, value)
         if match is None and math.isfinite(number := to_float(value)):
             return number

@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Flag, NameOrIndex, PythonFunction, Text, optional
+from mjrun.options.kinds import Choice, Flag, NameOrIndex, PathKind, PythonFunction, Text, optional
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
@@ -90,7 +90,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         help="Constant controls by actuator name or wildcard, in the actuator's units: motor=20, left_*=0.5.",
     )
     ctrl_from: str | None = option(
-        converter=optional(File()),
+        converter=optional(PathKind()),
         default=None,
         help="Table of controls over time, with a column time [s] and one for each actuator, which is named "
         "ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.",
@@ -101,7 +101,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         help="Interpolation between the rows of the table of controls.",
     )
     replay: str | None = option(
-        converter=optional(File()),
+        converter=optional(PathKind()),
         default=None,
         help="Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5 such as "
         "demo.hdf5:demo_3, or a table of joint positions over time, with columns such as qpos/hip: motion capture, a "

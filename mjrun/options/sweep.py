@@ -8,11 +8,11 @@ from itertools import combinations
 from typing import ClassVar
 
 from mjrun.errors import option as mention
-from mjrun.options.kinds import Choice, File, Flag, Kind, Several, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Real
+from mjrun.options.kinds import Choice, Flag, Kind, OneOrMore, PathKind, Text, optional
+from mjrun.options.number_kinds import ExactNumber, Integer, ProcessCount, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
-from mjrun.options.report import PageOptions, TrackerOptions
+from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
@@ -47,40 +47,40 @@ KEPT = ("trace", "recording", "video")
 
 
 @options
-class KeepOptions(SelectedVideoOptions):
+class KeptFileOptions(SelectedVideoOptions):
     """Files of selected points, which are simulated again, with identical results, once all metrics are known."""
 
     section: ClassVar[str] = "Files of points"
 
     keep: tuple[str, ...] = option(
-        converter=Several(Choice(KEPT), commas=True, expected="trace, recording or video"),
+        converter=OneOrMore(Choice(KEPT), commas=True, expected="trace, recording or video"),
         default=(),
         help="Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet, "
         "recording.npz, video.mp4.",
     )
     keep_where: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Keep the files of points for which this condition on parameters, metrics and statuses holds: "
         "unstable, drift > 1.",
     )
     keep_lowest: tuple[str, ...] = option(
-        converter=Several(Text("N:METRIC")),
+        converter=OneOrMore(Text("N:METRIC")),
         default=(),
         help="Keep the files of the N points with the lowest values of a metric: 4:drift.",
     )
     keep_highest: tuple[str, ...] = option(
-        converter=Several(Text("N:METRIC")),
+        converter=OneOrMore(Text("N:METRIC")),
         default=(),
         help="Keep the files of the N points with the highest values of a metric: 4:drift.",
     )
     contact_sheet: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help=f"Video that shows the videos of all kept points side by side with their values: {VIDEOS}.",
     )
     probe: tuple[str, ...] = option(
-        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        converter=OneOrMore(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=PROBES,
         usual=",".join(PROBES),
         help="Values to measure in kept traces, in addition to the columns that the metrics read.",
@@ -117,7 +117,7 @@ class VariationOptions(Options):
         "simulation, such as controller=a.py:act,b.py:act.",
     )
     points: str | None = option(
-        converter=optional(File()),
+        converter=optional(PathKind()),
         default=None,
         help="Table of points: one column per parameter, one row per point.",
     )
@@ -155,7 +155,7 @@ class VariationOptions(Options):
         "'rk4'. Elsewhere the model keeps its own value, the cell is empty, and equal points are one.",
     )
     where: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Include only points for which this condition holds: mass < 10, integrator != 'rk4'.",
     )
@@ -173,7 +173,7 @@ class ConfidenceOptions(Options):
 
 
 @options
-class StudyOptions(KeepOptions, PageOptions, TrackerOptions, VariationOptions, ConfidenceOptions):
+class StudyOptions(KeptFileOptions, PageOptions, ExperimentTrackerOptions, VariationOptions, ConfidenceOptions):
     """A study.
 
     Args:
@@ -182,7 +182,7 @@ class StudyOptions(KeepOptions, PageOptions, TrackerOptions, VariationOptions, C
 
     simulation: object = field(kw_only=False)
     output: str = required(
-        converter=File("DIR", written=True, stored=True),
+        converter=PathKind("DIR", written=True, stored=True),
         kw_only=False,
         short="-o",
         usual="MODEL_study, or from the document",
@@ -198,7 +198,7 @@ class StudyOptions(KeepOptions, PageOptions, TrackerOptions, VariationOptions, C
     )
     every: int = option(converter=Integer(1), default=1, help="Evaluate metrics at every N-th step.")
     require: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.",
     )
@@ -216,7 +216,7 @@ SLURM_SETTINGS = {
 SLURM_JOBS = 1000  # in flight, unless --jobs sets their number: an array of Slurm has at most 1001 by default
 
 
-class SlurmSetting(Kind[str, str]):
+class SlurmSettingKind(Kind[str, str]):
     """A setting of Slurm jobs: `partition=gpu`, `time=90min`, `mem=16G`, `gpus=a100:1`."""
 
     metavar = "NAME=VALUE"
@@ -241,7 +241,7 @@ class ExecutionOptions(Options):
     section: ClassVar[str] = "Execution"
 
     jobs: int | str = option(
-        converter=Processes("N", of="processes"),
+        converter=ProcessCount("N", of="processes"),
         default="auto",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help=f"Number of processes on this machine; on Slurm, largest number of jobs that run or wait, "
@@ -256,7 +256,7 @@ class ExecutionOptions(Options):
         "concurrent.futures.Executor.",
     )
     slurm: tuple[str, ...] = option(
-        converter=Several(SlurmSetting(), commas=True, expected="NAME=VALUE, as in partition=long"),
+        converter=OneOrMore(SlurmSettingKind(), commas=True, expected="NAME=VALUE, as in partition=long"),
         default=(),
         usual="time=5min, and what the cluster sets",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -334,7 +334,7 @@ class StudyCommandOptions(Options):
         help="Print a study document equivalent to this command and exit.",
     )
     plan: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )

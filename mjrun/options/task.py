@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar, cast
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, File, Kind, NameOrIndex, ReadingContext, Several, Text, optional
+from mjrun.options.kinds import Choice, Kind, NameOrIndex, OneOrMore, PathKind, ReadingContext, Text, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
@@ -31,7 +31,7 @@ OBSERVED = ("probe", "joints", "action", "command", "phase", "value")
 COMMANDED = ("constant", "table", "schedule", "random")
 
 
-class RandomValue(Kind["str | float | Mapping[str, object]", str]):
+class RandomValueKind(Kind["str | float | Mapping[str, object]", str]):
     """A distribution, such as `uniform(-0.1, 0.1)`, or a number."""
 
     metavar = "DISTRIBUTION"
@@ -47,7 +47,7 @@ class RandomValue(Kind["str | float | Mapping[str, object]", str]):
         return distribution_text(value)
 
 
-class Limits(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]]):
+class LimitsKind(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]]):
     """The lowest and the highest value: one number each, or one per component."""
 
     metavar = "[LOW, HIGH]"
@@ -94,7 +94,7 @@ class VectorOrKey(Kind["float | str | Sequence[float]", "Numbers | str"]):
         return value if isinstance(value, str) else NumberVector().plain(value)
 
 
-class Schedule(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers], ...]"]):
+class ScheduleKind(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers], ...]"]):
     """Values that change at given times [s], the first at 0: `[[0, [1, 0]], [2, [0, 1]]]`."""
 
     metavar = "[[TIME, VALUES], …]"
@@ -193,12 +193,12 @@ class ObservationOptions(Options):
 
     name: str = required(converter=Text("NAME"), help="Name of the term.")
     probe: tuple[str, ...] | None = option(
-        converter=optional(Several(Text("COLUMN"), commas=True)),
+        converter=optional(OneOrMore(Text("COLUMN"), commas=True)),
         default=None,
         help="Columns of a trace, by name, group or wildcard, in the model's order: xpos/car, qvel[left_*].",
     )
     joints: tuple[str, ...] | None = option(
-        converter=optional(Several(Text("JOINT"))),
+        converter=optional(OneOrMore(Text("JOINT"))),
         default=None,
         help="Joints by name or wildcard, in this order.",
     )
@@ -225,7 +225,7 @@ class ObservationOptions(Options):
         help="Body into whose axes vectors of three components are rotated; world leaves them unchanged.",
     )
     noise: str | None = option(
-        converter=optional(RandomValue()),
+        converter=optional(RandomValueKind()),
         default=None,
         help="Noise added to each number, drawn at every observation: normal(0, 0.01).",
     )
@@ -236,7 +236,7 @@ class ObservationOptions(Options):
         converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     clip: tuple[Numbers, Numbers] | None = option(
-        converter=optional(Limits()), default=None, help="Lowest and highest value."
+        converter=optional(LimitsKind()), default=None, help="Lowest and highest value."
     )
     delay: int = option(converter=Integer(), default=0, help="Delay of the observation, in control periods.")
     history: int = option(converter=Integer(1), default=1, help="Number of latest values to observe, oldest first.")
@@ -250,12 +250,12 @@ class ActionOptions(Options):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("actuators", "joints"), "an action drives either"),)
 
     actuators: tuple[str, ...] | None = option(
-        converter=optional(Several(Text("ACTUATOR"))),
+        converter=optional(OneOrMore(Text("ACTUATOR"))),
         default=None,
         help="Actuators by name or wildcard, in this order.",
     )
     joints: tuple[str, ...] | None = option(
-        converter=optional(Several(Text("JOINT"))),
+        converter=optional(OneOrMore(Text("JOINT"))),
         default=None,
         help="Joints by name or wildcard, in this order, each with one actuator.",
     )
@@ -279,7 +279,7 @@ class ActionOptions(Options):
         help="Function applied to the action first; tanh limits it to -1 … 1.",
     )
     clip: tuple[Numbers, Numbers] | None = option(
-        converter=optional(Limits()), default=None, help="Lowest and highest value, before scale and offset."
+        converter=optional(LimitsKind()), default=None, help="Lowest and highest value, before scale and offset."
     )
     scale: Numbers = option(
         converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
@@ -304,18 +304,18 @@ class CommandOptions(Options):
 
     constant: Numbers | None = option(converter=optional(NumberVector()), default=None, help="Constant values.")
     table: str | None = option(
-        converter=optional(File()), default=None, help="Table with a column time [s] and one column per value."
+        converter=optional(PathKind()), default=None, help="Table with a column time [s] and one column per value."
     )
     interpolation: str = option(
         converter=Choice(INTERPOLATIONS), default="hold", help="Interpolation between the rows of the table."
     )
     schedule: "tuple[tuple[Fraction, Numbers], ...] | None" = option(
-        converter=optional(Schedule()),
+        converter=optional(ScheduleKind()),
         default=None,
         help="Values that change at given times [s]: [[0, [1, 0]], [2, [0, 1]]].",
     )
     random: tuple[str, ...] | None = option(
-        converter=optional(Several(RandomValue())),
+        converter=optional(OneOrMore(RandomValueKind())),
         default=None,
         help="Distribution of each value, or one for all: uniform(-1, 1).",
     )

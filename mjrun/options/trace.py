@@ -4,7 +4,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.diff import ToleranceOptions
-from mjrun.options.kinds import Choice, File, Flag, Several, Text, optional
+from mjrun.options.kinds import Choice, Flag, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
@@ -37,7 +37,7 @@ class GoldenOptions(ToleranceOptions):
     section: ClassVar[str] = "Golden table"
 
     golden: str | None = option(
-        converter=optional(File()),
+        converter=optional(PathKind()),
         default=None,
         help="Table of an earlier run with which to compare, within the tolerances; the exit code is 1 if they differ.",
     )
@@ -56,21 +56,21 @@ class TraceOptions(SamplingOptions, GoldenOptions):
     section: ClassVar[str] = "Trace"
 
     output: str = option(
-        converter=File(written=True, streamed=True),
+        converter=PathKind(written=True, streamed=True),
         default="-",
         kw_only=False,
         short="-o",
         help=f"{TABLES}, or - for standard output.",
     )
     probe: tuple[str, ...] = option(
-        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        converter=OneOrMore(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=PROBES,
         usual=",".join(PROBES),
         help="Values to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed, momentum, … or "
         "any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a column, xpos/hand/z.",
     )
     assert_: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")),
+        converter=OneOrMore(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.",
     )
@@ -84,7 +84,7 @@ class TraceOptions(SamplingOptions, GoldenOptions):
         converter=Flag(), default=False, help="If the simulation becomes unstable, keep the rows from before."
     )
     contacts: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="Second table with one row per contact and instant: the geoms, position and depth [m], force [N] and "
         "torque [N m].",
@@ -123,7 +123,7 @@ class RecordingOptions(OutputOptions):
 
     section: ClassVar[str] = "Recording"
 
-    output: str = required(converter=File(written=True), kw_only=False, help="An .npz file.")
+    output: str = required(converter=PathKind(written=True), kw_only=False, help="An .npz file.")
     keep_partial: bool = option(
         converter=Flag(), default=False, help="If the simulation becomes unstable, keep the states from before."
     )

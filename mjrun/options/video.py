@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, File, NameOrIndex, Several, Text, optional
-from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes, Size
+from mjrun.options.kinds import CameraKind, Choice, NameOrIndex, OneOrMore, PathKind, Text, optional
+from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, ProcessCount, Size
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
@@ -22,7 +22,7 @@ class VideoOptions(ViewOptions, OutputOptions):
     )
 
     output: str = required(
-        converter=File(written=True, streamed=True),
+        converter=PathKind(written=True, streamed=True),
         kw_only=False,
         short="-o",
         usual="MODEL.mp4",
@@ -38,7 +38,10 @@ class VideoOptions(ViewOptions, OutputOptions):
         converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
     )
     format: str | None = option(
-        converter=optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="File format."
+        converter=optional(Text("NAME")),
+        default=None,
+        usual="the output's suffix; mp4 in a pipe",
+        help="File format.",
     )
     codec: str | None = option(
         converter=optional(Text("NAME")),
@@ -56,7 +59,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         help="Encoder preset, a trade-off between encoding speed and compression.",
     )
     plot: tuple[str, ...] = option(
-        converter=Several(Text("PROBE,…")),
+        converter=OneOrMore(Text("PROBE,…")),
         default=(),
         help="Live plot of measured values under or beside the frame: energy, qpos[left_*]. Each use adds a plot.",
     )
@@ -64,7 +67,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         converter=Choice(PLOT_SIDES), default="under", help="Position of the plots relative to the frame."
     )
     jobs: int | str = option(
-        converter=Processes(),
+        converter=ProcessCount(),
         default=AUTO,
         help="Number of rendering processes; auto uses one per core for long videos that are rendered on the CPU.",
     )
@@ -77,7 +80,7 @@ class SelectedVideoOptions(Options):
     section: ClassVar[str] = "Videos"
 
     camera: tuple[object, ...] = option(
-        converter=Several(CameraKind()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
+        converter=OneOrMore(CameraKind()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(
         converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."

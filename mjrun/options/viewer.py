@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, optional
+from mjrun.options.kinds import Flag, PathKind, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import FrontEnd, Options, option, options
 
@@ -36,7 +36,7 @@ class ViewerOptions(Options):
         help="Port of the browser view, served on 127.0.0.1 only; implies --browser.",
     )
     recording: str | None = option(
-        converter=optional(File(written=True)),
+        converter=optional(PathKind(written=True)),
         default=None,
         help="File for the state of every step since the last reset (.npz), for replay; written however the view ends.",
     )

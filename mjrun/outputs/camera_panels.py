@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mjrun.camera.pose import Pose, lens
 from mjrun.camera.script import CameraScript
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
@@ -14,7 +14,7 @@ from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import named_files
-from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, layout_size
+from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, Overlay, layout_size
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class VideoOrImageFile:
         Args:
           legend: whether coloured segmentations list what is in view.
         """
-        style = FrameStyle(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
+        style = FrameComposition(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
         return FrameStream(self.panels, options.size, style, self.exact)
 
 
@@ -132,7 +132,7 @@ def _numbered(output: str, name: str) -> str:
     return str(path.with_name(f"{path.stem}-{name}{path.suffix}"))
 
 
-class CalibrationOutput:
+class CalibrationFile:
     """The calibration file of a video or an image. Opening it proves that it can be written.
 
     Args:
@@ -146,7 +146,11 @@ class CalibrationOutput:
     """
 
     def __init__(
-        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[VideoOrImageFile], numbers: bool
+        self,
+        options: ViewOptions,
+        motions: Sequence[BoundCameraScript],
+        files: Sequence[VideoOrImageFile],
+        numbers: bool,
     ) -> None:
         assert options.calibration is not None
         self._folder, self._size = Path(options.calibration).parent, options.size

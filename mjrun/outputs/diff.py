@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from mjrun.diff.images_and_videos import WorstFrames, is_colour
+from mjrun.diff.images_and_videos import WorstFramePair, is_colour
 from mjrun.diff.result import ColumnDifference, DiffResult, FrameDifference
 from mjrun.diff.sentences import frame_facts, percent, table_sentences
 from mjrun.diff.table_files import is_results
@@ -28,7 +28,7 @@ from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.input_file import is_folder, require_file
 from mjrun.formats.recording import ARRAYS
 from mjrun.formats.table_reader import STDIN
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
@@ -43,12 +43,12 @@ from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, lette
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 
 if TYPE_CHECKING:
-    from mjrun.diff.images_and_videos import WorstFrames
+    from mjrun.diff.images_and_videos import WorstFramePair
 
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
 
 
-Compared = tuple[DiffResult, "WorstFrames | None"]  # the result, and the two frames that differ most
+Compared = tuple[DiffResult, "WorstFramePair | None"]  # the result, and the two frames that differ most
 DRAWN = 4  # columns whose curves are shown
 LISTED = 100  # columns, and differences of models
 GAP = 8  # pixels between the images
@@ -105,7 +105,7 @@ class Diff(DiffOptions):
 def _name(compared: ModelLike) -> str | None:
     """Returns the path or source text of an input; None for a model object."""
     match compared:
-        case Source() | mujoco.MjModel():
+        case ModelSource() | mujoco.MjModel():
             return None
         case str():
             return compared
@@ -234,7 +234,7 @@ def _is_animated(path: Path) -> bool:
 
 
 def write_comparison_page(
-    result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
+    result: DiffResult, options: PageOptions, worst: WorstFramePair | None = None, command: str = ""
 ) -> None:
     """Writes the page about a comparison.
 
@@ -256,7 +256,7 @@ def write_comparison_page(
 
 
 def comparison_page(
-    result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
+    result: DiffResult, options: PageOptions, worst: WorstFramePair | None = None, command: str = ""
 ) -> Page:
     """Returns the page about a comparison."""
     columns = [column for column in result.table.columns if column.first] if result.table else []
@@ -319,7 +319,7 @@ def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> PageFigu
         return figure.for_page()
 
 
-def _pair(result: DiffResult, worst: WorstFrames) -> PictureSlider:
+def _pair(result: DiffResult, worst: WorstFramePair) -> PictureSlider:
     """Returns the two pictures that differ most, and their difference."""
     assert result.picture
     (a, b), difference, scale = shown_frames(worst)
@@ -337,7 +337,7 @@ def _address(pixels: np.ndarray) -> str:
     return f"data:image/png;base64,{base64.b64encode(content).decode()}"
 
 
-def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> None:
+def write_worst_frame(output: str, frames: WorstFramePair, names: Sequence[str], frame: FrameDifference | None) -> None:
     """Writes the comparison image.
 
     Args:
@@ -356,7 +356,7 @@ def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], fr
         writer.publish()
 
 
-def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> np.ndarray:
+def worst_frame(frames: WorstFramePair, names: Sequence[str], frame: FrameDifference | None) -> np.ndarray:
     """Returns the comparison image, `(height, width, 3)` uint8."""
     shown, difference, scale = shown_frames(frames)
     factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
@@ -366,7 +366,7 @@ def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifferenc
     return _side_by_side(panels, labels)
 
 
-def shown_frames(frames: WorstFrames) -> tuple[list[np.ndarray], np.ndarray, str]:
+def shown_frames(frames: WorstFramePair) -> tuple[list[np.ndarray], np.ndarray, str]:
     """Returns A and B and their difference as colours, `(height, width, 3)` uint8 each, and the scale of the latter."""
     return (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
 

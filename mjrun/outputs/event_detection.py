@@ -16,7 +16,7 @@ from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import Tap
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
-from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
+from mjrun.probe.vocabularies import ModelVocabulary, TraceVocabulary
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import ControlInstants
 from mjrun.timeline import Timeline
@@ -131,8 +131,8 @@ def conditions(
     return list(dict.fromkeys(texts))
 
 
-def _vocabulary(model: mujoco.MjModel, episode: EpisodeColumns | None) -> AvailableProbes:
-    return AvailableProbes(model, episode.names if episode else ())
+def _vocabulary(model: mujoco.MjModel, episode: EpisodeColumns | None) -> ModelVocabulary:
+    return ModelVocabulary(model, episode.names if episode else ())
 
 
 def time_of(

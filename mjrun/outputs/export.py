@@ -36,7 +36,7 @@ from mjrun.outputs.recorded_scene import (
     state_taps,
 )
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
-from mjrun.physics.recorded_states import RowFile
+from mjrun.physics.recorded_states import SpooledRows
 from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper, instants_of
 from mjrun.probe.contacts import CopiedContacts, RecordedContacts, copy_contacts
@@ -44,7 +44,7 @@ from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track, camera_lens
-from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_poses, record_scene
+from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneContent, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
             scene.context.reporter.warn(text)
         return schedule
 
-    def plan(self, context: output.Context) -> "output.Plan[ExportResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[ExportResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         images = self._images(context) if self.renderer_options else None
         scene = images.scene if images else plan_scene(self, context, self.cameras)
@@ -134,7 +134,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
         detector = self._detector(context)
         return ExportPlan(
-            preview=output.Preview("export", self.output, count, "frames", (), about),
+            preview=output.OutputPreview("export", self.output, count, "frames", (), about),
             until=context.timeline.steps,
             enable_flags=(table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0),
             conditions=scene.conditions,
@@ -157,7 +157,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         columns = self.file_format.columns
         return {"plot": self.plot, "probe": self.probe}.get(columns, ()) or self.file_format.probes
 
-    def _images(self, context: output.Context) -> "FramePlan":
+    def _images(self, context: output.PassContext) -> "FramePlan":
         """Plans the images that the file holds."""
         from mjrun.outputs.frame_drawing import plan_frames  # which imports the renderers
         from mjrun.outputs.video import VideoInMemory
@@ -165,13 +165,13 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         values = values_of(self, SceneOptions)
         return plan_frames(VideoInMemory(self.simulation, "images/", separate=True, **values), context)
 
-    def _detector(self, context: output.Context) -> MarkDetector | None:
+    def _detector(self, context: output.PassContext) -> MarkDetector | None:
         """Parses the events and the assertions, if any."""
         if not (self.mark_event or self.assert_):
             return None
         return MarkDetector(context.model, context.timeline, self.mark_event, self.assert_, context.episode)
 
-    def _table(self, context: output.Context) -> tuple[ProbeSampler | None, Sequence[int] | None]:
+    def _table(self, context: output.PassContext) -> tuple[ProbeSampler | None, Sequence[int] | None]:
         """Plans the measured values; their rows are at the frames unless a rate is set."""
         probes = [name for text in self.probes for name in split(text)]
         if not probes:
@@ -196,7 +196,7 @@ class MeasuredValues:
 
     columns: Sequence[Column]
     steps: Sequence[int]
-    stored: RowFile
+    stored: SpooledRows
 
     @property
     def rows(self) -> np.ndarray:
@@ -230,7 +230,7 @@ class ContactRecorder:
         self._model = model
         self._copies: list[CopiedContacts] = []
         self._counts: list[int] = []
-        self._rows = RowFile(9)
+        self._rows = SpooledRows(9)
 
     def record(self, stepper: Stepper) -> None:
         """Adds the contacts of the stepper's instant."""
@@ -283,7 +283,7 @@ class ExportResult(output.OutputResult):
     assertions: Sequence[Verdict]
 
 
-class ExportedScene:
+class SceneToExport:
     """A simulated scene that is ready to be written.
 
     Attributes:
@@ -342,11 +342,11 @@ class ExportedScene:
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
-        from mjrun.outputs.frame_drawing import FrameDrawing, frame_compositor
+        from mjrun.outputs.frame_drawing import FrameDrawer, frame_compositor
 
         assert self._images
         compositor = frame_compositor(self._images, self.frames)
-        with closing(FrameDrawing(self._images, self.frames, compositor)) as drawing:
+        with closing(FrameDrawer(self._images, self.frames, compositor)) as drawing:
             for _ in self.times:
                 yield drawing.draw()
 
@@ -372,7 +372,7 @@ class ExportedScene:
     @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
         model, decorations = self.model, self.frames.decorations
-        scene_request = SceneRequest(
+        scene_request = SceneContent(
             options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
             room=sum(each.geoms for each in decorations),
@@ -455,7 +455,7 @@ class OpenExport(output.OpenOutput[ExportResult]):
             files = panel_files(plan.images.request, plan.images.request.output)
             self._images = open_frames(plan.images, plan.schedule, files, stack, backends, request.jobs)
         self._states = self._images.states if self._images else open_states(plan.scene, stack)
-        self._rows = stack.enter_context(closing(RowFile(len(plan.table.columns) if plan.table else 0)))
+        self._rows = stack.enter_context(closing(SpooledRows(len(plan.table.columns) if plan.table else 0)))
         self._detector = plan.detector
         self._contacts: ContactRecorder | None = None
         if request.file_format.contacts:
@@ -489,7 +489,7 @@ class OpenExport(output.OpenOutput[ExportResult]):
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
         contacts = self._contacts.contacts(len(placed.states)) if self._contacts else None
         values, plan = self._measured(), self._plan.scene
-        scene = ExportedScene(self._request, plan, placed, self._images, values, marks, contacts, self._facts)
+        scene = SceneToExport(self._request, plan, placed, self._images, values, marks, contacts, self._facts)
         write = self._request.file_format.write
         assert write
         with self._writer.writing():

@@ -18,7 +18,7 @@ from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import BackendsAndWorkers, Context, OutputResult, Plan
+from mjrun.outputs.output import BackendsAndWorkers, OutputResult, PassContext, Plan
 from mjrun.outputs.recorded_scene import (
     PlacedScene,
     R_co,
@@ -43,7 +43,7 @@ from mjrun.probe.select import available_columns, split
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, lacks_gpu
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.compositor import DrawingCosts, FrameStream, Overlay, SceneCompositor
+from mjrun.rendering.compositor import FrameCosts, FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
@@ -269,7 +269,7 @@ class FramePlan:
 
 def plan_frames(
     request: VideoOrImageRequest[OutputResult],
-    context: Context,
+    context: PassContext,
     plots: Sequence[str] = (),
     side: str = "under",
     *,
@@ -500,7 +500,7 @@ class DrawingProcesses:
             self.count = jobs_for(self._asked, software, frames, cost or self._cost, cores)
             self.others = self._backends.workers(self.count) if self.count > 1 else None
 
-    def report_costs(self, backend: Backend, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
+    def report_costs(self, backend: Backend, frames: int, costs: FrameCosts, *, alone: bool) -> None:
         """Reports the cost of slow software rendering: of a frame, of all, and of a draft."""
         whole = frames * costs.frame
         if whole < LONG:
@@ -519,7 +519,7 @@ class DrawingProcesses:
         self._reporter.note(text)
 
 
-class FrameDrawing:
+class FrameDrawer:
     """The drawing of recorded frames, one after the other, by this process or by others. To be closed.
 
     Raises:
@@ -585,7 +585,7 @@ class FrameDrawing:
 
     def _report(self, costs: object, *, alone: bool) -> None:
         """Reports the cost of frames once it is known."""
-        if isinstance(costs, DrawingCosts) and not self._is_reported:
+        if isinstance(costs, FrameCosts) and not self._is_reported:
             self._is_reported = True
             self._processes.report_costs(self._backend, len(self._states), costs, alone=alone)
 

@@ -20,7 +20,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
+from mjrun.outputs.camera_panels import CalibrationFile, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_drawing import (
     VideoOrImagePlan,
@@ -84,7 +84,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         timeline = scene.context.timeline
         return image_schedule(scene.scripts, timeline, event_steps, step=_step(self, timeline, event_steps))
 
-    def plan(self, context: output.Context) -> "output.Plan[ImageResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[ImageResult]":
         """Resolves every name in the model, and the step unless events decide."""
         events: dict[OptionPath, Event] = {("time", "when"): self.time} if isinstance(self.time, Event) else {}
         frames, file = plan_frames(self, context, events=events), self.formatted_files[0]
@@ -92,7 +92,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         when = "at an event" if schedule is None else f"at {schedule.times[0]:g} s"
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
         return ImagePlan(
-            preview=output.Preview("image", self.output, 1, "image", frames.size_of(file), about),
+            preview=output.OutputPreview("image", self.output, 1, "image", frames.size_of(file), about),
             until=context.timeline.steps if schedule is None else schedule.steps[0],
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
@@ -167,10 +167,10 @@ class OpenImage(output.OpenOutput[ImageResult]):
             size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self._facts)
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
-        self._calibration: CalibrationOutput | None = None
+        self._calibration: CalibrationFile | None = None
         if request.calibration is not None:
             numbers = any(file.view == "depth" and file.format == "png" for file in files)
-            self._calibration = CalibrationOutput(request, plan.frames.scene.motions, files, numbers)
+            self._calibration = CalibrationFile(request, plan.frames.scene.motions, files, numbers)
             stack.enter_context(self._calibration.writer)
         self._pointcloud: PointCloudWriter | None = None
         if request.pointcloud is not None:

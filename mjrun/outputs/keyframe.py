@@ -57,7 +57,7 @@ class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
             raise UsageError(f"{model} has no {SUFFIX} file to add a keyframe to")
         return main
 
-    def plan(self, context: output.Context) -> "output.Plan[KeyframeResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[KeyframeResult]":
         """Reads the XML and finds the place for the key.
 
         Raises:
@@ -82,7 +82,7 @@ class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
             step = timeline.steps if self.time is None else nearest(self.time / timeline.timestep)
         numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
         about = f"{clean(self.name)}, {numbers} numbers"
-        preview = output.Preview("keyframe", self.output, 1, "key", [numbers], about)
+        preview = output.OutputPreview("keyframe", self.output, 1, "key", [numbers], about)
         return KeyframePlan(preview=preview, until=step, request=self, context=context, source=file, xml=xml)
 
 
@@ -111,7 +111,7 @@ class KeyframePlan(output.Plan[KeyframeResult]):
     """
 
     request: Keyframe
-    context: output.Context
+    context: output.PassContext
     source: Path
     xml: bytes
 

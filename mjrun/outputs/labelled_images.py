@@ -9,15 +9,15 @@ import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.script import CameraScript, parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
-from mjrun.formats.segmentation_labels import Region, regions
+from mjrun.formats.segmentation_labels import SegmentMask, regions
 from mjrun.model.flex_and_skin_bodies import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
 from mjrun.model.rendered_view import CameraCalibration, RenderedView
 from mjrun.model.stage import FLOOR, GROUND
-from mjrun.options.dataset import LabelOptions
+from mjrun.options.dataset import LabelledImageOptions
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.object_boxes import CORNERS, ObjectBox, ObjectBoxes
 from mjrun.probe.row_expression import Condition, parse_condition
@@ -51,7 +51,7 @@ class ObjectToLabel:
     keypoints: tuple[int, ...] = ()
 
 
-def labelled_objects(options: LabelOptions, model: mujoco.MjModel) -> list[ObjectToLabel]:
+def labelled_objects(options: LabelledImageOptions, model: mujoco.MjModel) -> list[ObjectToLabel]:
     """Returns the objects that `options` name; by default, all children of the world that have geoms, and flexes.
 
     Raises:
@@ -119,7 +119,7 @@ class ObjectAnnotation:
     """
 
     object: ObjectToLabel
-    region: Region | None
+    region: SegmentMask | None
     pixels: int
     silhouette: float
     truncated: float
@@ -161,14 +161,14 @@ class LabelledImage:
     is_accepted: bool
 
 
-class AcceptConditions:
+class AcceptanceConditions:
     """The conditions that an image must satisfy.
 
     Raises:
       UsageError: a condition is invalid.
     """
 
-    def __init__(self, options: LabelOptions, objects: Sequence[ObjectToLabel]) -> None:
+    def __init__(self, options: LabelledImageOptions, objects: Sequence[ObjectToLabel]) -> None:
         columns = [f"{name}/{each.name}" for name in COLUMNS for each in objects]
         self._conditions = list[Condition]()
         for index, text in enumerate(options.accept):
@@ -186,7 +186,7 @@ class AcceptConditions:
         return all(bool(np.all(condition.holds(columns))) for condition in self._conditions)
 
 
-class LabelledRenderer:
+class LabelledImageRenderer:
     """A renderer of labelled images of many similar models. To be used in one thread, and closed.
 
     Args:
@@ -196,7 +196,7 @@ class LabelledRenderer:
       NoRendererError: no backend works.
     """
 
-    def __init__(self, options: LabelOptions, *, outlines: bool = False) -> None:
+    def __init__(self, options: LabelledImageOptions, *, outlines: bool = False) -> None:
         self._options, self._outlines = options, outlines
         detection = BackendDetection(options.gl)
         self._backend = detection.result(require_gpu=options.require_gpu)
@@ -238,7 +238,7 @@ class LabelledRenderer:
         """Returns the pose of a camera in each state."""
         with concerning("camera", index):
             script = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
-            motion = CameraMotion(script, model, self._options.size)
+            motion = BoundCameraScript(script, model, self._options.size)
             spans = [(0.0, times[-1]), *[(np.inf, np.inf)] * (len(script.shots) - 1)]
             motion.aim_at_motion(states, times, spans)
             return list(motion.poses(states, times, times, spans))
@@ -255,7 +255,7 @@ class LabelledRenderer:
         objects = labelled_objects(self._options, model)
         scene = _Objects(model, objects, visible)
         renderer = self._prepared(model)
-        conditions = AcceptConditions(self._options, objects)
+        conditions = AcceptanceConditions(self._options, objects)
         for place, (state, time) in enumerate(zip(states, times, strict=True)):
             renderer.set_state(state)
             scene.set_state(state)

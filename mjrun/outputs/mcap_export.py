@@ -28,7 +28,7 @@ from mjrun.formats.mcap import McapWriter, NumericMessages, TableMessages, disti
 from mjrun.model.names import BALL, FREE, names, object_names
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
-from mjrun.outputs.export import Export, ExportedScene
+from mjrun.outputs.export import Export, SceneToExport
 from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_rows, copy_contacts
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import Node, SceneGraph
@@ -46,7 +46,7 @@ CONTACT = 2  # columns of a contact table before those of the contact: the time 
 TimedMessage = tuple[int, int, bytes]
 
 
-def write_mcap(scene: ExportedScene, file: BinaryIO) -> None:
+def write_mcap(scene: SceneToExport, file: BinaryIO) -> None:
     """Writes the messages of a simulation in the order of their times."""
     log = McapWriter(file, texts(scene.facts))
     model = scene.context.model
@@ -73,7 +73,7 @@ def texts(facts: Mapping[str, object]) -> dict[str, str]:
     return {name: fact if isinstance(fact, str) else json.dumps(fact, default=str) for name, fact in facts.items()}
 
 
-def cameras_of(scene: ExportedScene) -> list[str]:
+def cameras_of(scene: SceneToExport) -> list[str]:
     """Returns the names of the cameras whose images are exported."""
     return [node.name for node in scene.graph.nodes if node.kind == "shot"]
 
@@ -121,14 +121,14 @@ def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dic
     return models
 
 
-def instants(scene: ExportedScene, channels: "InstantTopics") -> Generator[TimedMessage]:
+def instants(scene: SceneToExport, channels: "InstantTopics") -> Generator[TimedMessage]:
     """Yields the poses, joints and contacts of each frame."""
     poses = scene.frames.poses if cameras_of(scene) else itertools.repeat(())
     for time, data, cameras in zip(frame_times(scene), scene.instants(), poses, strict=False):
         yield from channels.messages(time, data, [lens(pose, scene.request.size) for pose in cameras])
 
 
-def rows(scene: ExportedScene, log: McapWriter) -> Generator[TimedMessage]:
+def rows(scene: SceneToExport, log: McapWriter) -> Generator[TimedMessage]:
     """Yields the measured values of each row."""
     if scene.values is None:
         return
@@ -146,7 +146,7 @@ def rows(scene: ExportedScene, log: McapWriter) -> Generator[TimedMessage]:
             yield from ((time, channel, content[row]) for channel, content in contents)
 
 
-def images(scene: ExportedScene, cameras: Sequence["CameraTopics"]) -> Generator[TimedMessage]:
+def images(scene: SceneToExport, cameras: Sequence["CameraTopics"]) -> Generator[TimedMessage]:
     """Yields the image and the calibration of each camera for each frame."""
     if not cameras:
         return
@@ -166,7 +166,7 @@ def images(scene: ExportedScene, cameras: Sequence["CameraTopics"]) -> Generator
                 encoded += 1
 
 
-def frame_times(scene: ExportedScene) -> Generator[int]:
+def frame_times(scene: SceneToExport) -> Generator[int]:
     """Yields the simulated time of each frame [ns]."""
     for step in scene.frames.schedule.steps:
         yield nanoseconds(scene.context.timeline.time(step))
@@ -179,7 +179,7 @@ class InstantTopics:
       frames: the frames of all bodies, the world first, and of the cameras.
     """
 
-    def __init__(self, log: McapWriter, scene: ExportedScene, frames: Sequence[str]) -> None:
+    def __init__(self, log: McapWriter, scene: SceneToExport, frames: Sequence[str]) -> None:
         self._model = model = scene.context.model
         self._poses = log.add_channel("/tf", mcap.TRANSFORMS)
         self._transforms = mcap.TransformMessages(WORLD, frames[1:])
@@ -231,7 +231,7 @@ class InstantTopics:
 class CameraTopics:
     """The topics of a camera: its images, and its calibration unless it is orthographic."""
 
-    def __init__(self, log: McapWriter, scene: ExportedScene, name: str, frame: str) -> None:
+    def __init__(self, log: McapWriter, scene: SceneToExport, name: str, frame: str) -> None:
         self._frame = frame
         self._encoding, self._size = scene.request.images or H264, image_size(scene.request)
         if self._encoding == H264:

@@ -76,7 +76,7 @@ R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
 @dataclass(frozen=True)
-class Context:
+class PassContext:
     """The simulation that the outputs of one pass share."""
 
     simulation: Simulation
@@ -95,7 +95,7 @@ class Context:
 
 
 @dataclass(frozen=True)
-class Preview:
+class OutputPreview:
     """A description of an output before it is made.
 
     Attributes:
@@ -244,7 +244,7 @@ class Plan(ABC, Generic[R_co]):
       conditions: conditions of the events that the output waits for.
     """
 
-    preview: Preview
+    preview: OutputPreview
     until: int
     enable_flags: int = 0
     conditions: Sequence[str] = ()
@@ -315,7 +315,7 @@ class OutputRequest(OutputOptions, ABC, Generic[R_co]):
         return
 
     @abstractmethod
-    def plan(self, context: Context) -> Plan[R_co]:
+    def plan(self, context: PassContext) -> Plan[R_co]:
         """Resolves every name in the model and checks every number.
 
         Raises:

@@ -17,14 +17,14 @@ from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.output import (
     BackendsAndWorkers,
-    Context,
     FinishedOutput,
     OpenBlockOutput,
     OpenOutput,
+    OutputPreview,
     OutputRequest,
     OutputResult,
+    PassContext,
     Plan,
-    Preview,
     ReservedFiles,
 )
 from mjrun.physics.simulation_loop import Tap, run_with_taps
@@ -100,7 +100,7 @@ class PassPreview:
     timestep: float
     steps: int
     duration: float
-    outputs: Sequence[Preview]
+    outputs: Sequence[OutputPreview]
 
 
 def preview(requests: Sequence[OutputRequest[OutputResult]], reporter: Reporter | None = None) -> PassPreview:
@@ -126,7 +126,7 @@ class PassPlan(Generic[R]):
     """
 
     requests: Sequence[OutputRequest[R]]
-    context: Context
+    context: PassContext
     stepper: Stepper
     outputs: Sequence[Plan[R]]
 
@@ -168,13 +168,13 @@ def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends
     return PassPlan(requests, context, stepper, plans)
 
 
-def _context(simulation: Simulation, reporter: Reporter) -> Context:
+def _context(simulation: Simulation, reporter: Reporter) -> PassContext:
     model = simulation.load()
     if simulation.until is None:
-        return Context(simulation, model, simulation.timeline(model), reporter)
+        return PassContext(simulation, model, simulation.timeline(model), reporter)
     from mjrun.outputs.event_detection import final_timeline  # which few simulations need
 
-    return Context(simulation, model, final_timeline(simulation, model), reporter)
+    return PassContext(simulation, model, final_timeline(simulation, model), reporter)
 
 
 class _UsageErrors:

@@ -46,7 +46,7 @@ class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
         require_matplotlib()
         _ = self.figure_format
 
-    def plan(self, context: output.Context) -> "output.Plan[PlotResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[PlotResult]":
         """Resolves the probes in the model and the curves among their columns."""
         panels = self.probe_panels(context)  # first, since it names the probe that is wrong
         table = self.probe_sampler(context)
@@ -54,7 +54,7 @@ class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
         steps = row_steps(context.timeline, self.every, self.rate)
 
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
-        preview = output.Preview("plot", self.output, len(steps), "samples", figure.grid.size, about)
+        preview = output.OutputPreview("plot", self.output, len(steps), "samples", figure.grid.size, about)
         return PlotPlan(
             preview=preview,
             until=context.timeline.steps,
@@ -66,12 +66,12 @@ class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
             figure=figure,
         )
 
-    def probe_sampler(self, context: output.Context) -> ProbeSampler:
+    def probe_sampler(self, context: output.PassContext) -> ProbeSampler:
         """Returns the sampler of the columns of all panels, so that each instant is computed once."""
         probes = [part for text in self.probe for part in split(text)] or self._usual_probes(context)
         return ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
 
-    def probe_panels(self, context: output.Context) -> list[Panel] | None:
+    def probe_panels(self, context: output.PassContext) -> list[Panel] | None:
         """Returns the panels of each probe; None if there are no probes."""
         if not self.probe:
             return None
@@ -84,7 +84,7 @@ class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
                 panels += panels_by_unit([c.name for c in probed], {c.name: c.unit for c in probed})
         return panels
 
-    def _usual_probes(self, context: output.Context) -> Sequence[str]:
+    def _usual_probes(self, context: output.PassContext) -> Sequence[str]:
         """Returns the columns that the curves read, or the usual probes of a trace."""
         if not self.y:
             return PROBES
@@ -123,7 +123,7 @@ class PlotPlan(output.Plan[PlotResult]):
     """
 
     request: Plot
-    context: output.Context
+    context: output.PassContext
     table: ProbeSampler
     steps: Sequence[int]
     figure: FigurePlan

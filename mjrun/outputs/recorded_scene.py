@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.camera.pose import PoseArray
 from mjrun.camera.script import CameraScript, Event, parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option
 from mjrun.options.option import is_given, options, options_of
@@ -25,7 +25,7 @@ from mjrun.outputs import decorations
 from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
-from mjrun.outputs.output import Context, OutputRequest, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult, PassContext
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.physics.simulation_loop import Tap
 from mjrun.rendering.added_geoms import Decoration
@@ -48,7 +48,7 @@ class RenderedOutputRequest(SceneOptions, OutputRequest[R_co]):
         return [*(("camera script", file) for file in scripts), *ghost_files(self)]
 
 
-class PlannedDecoration(Protocol):
+class PlannedDecorations(Protocol):
     """Decorations of one option, with every name resolved in the model."""
 
     @property
@@ -67,7 +67,7 @@ class PlannedDecoration(Protocol):
 
 def planned_decorations(
     options: SceneOptions, model: mujoco.MjModel, simulation: Simulation | None = None
-) -> list[PlannedDecoration]:
+) -> list[PlannedDecorations]:
     """Plans the decorations in `options`, in the order in which the options are declared.
 
     Args:
@@ -96,9 +96,9 @@ class ScenePlan:
       conditions: the conditions of the events that the schedule of the frames depends on.
     """
 
-    context: Context
-    motions: Sequence[CameraMotion]
-    decorations: Sequence[PlannedDecoration]
+    context: PassContext
+    motions: Sequence[BoundCameraScript]
+    decorations: Sequence[PlannedDecorations]
     drawn_model: mujoco.MjModel
     is_bare: bool
     conditions: Sequence[str]
@@ -111,7 +111,7 @@ class ScenePlan:
 
 def plan_scene(
     request: RenderedOutputRequest[OutputResult],
-    context: Context,
+    context: PassContext,
     cameras: Sequence[object],
     *,
     events: Mapping[OptionPath, Event] | None = None,
@@ -242,7 +242,7 @@ def check_once(name: str, values: Sequence[object]) -> None:
 
 def camera_motions(
     cameras: Sequence[object], size: tuple[int, int], model: mujoco.MjModel, *, is_framed: bool = False
-) -> list[CameraMotion]:
+) -> list[BoundCameraScript]:
     """Returns the motion of each camera.
 
     Args:
@@ -252,10 +252,10 @@ def camera_motions(
     Raises:
       UsageError: a name is not in the model, or a value is invalid.
     """
-    motions: list[CameraMotion] = []
+    motions: list[BoundCameraScript] = []
     for index, camera in enumerate(cameras):
         with concerning("camera", index):
             described = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
             described.check()
-            motions.append(CameraMotion(described, model, size, is_framed=is_framed))
+            motions.append(BoundCameraScript(described, model, size, is_framed=is_framed))
     return motions

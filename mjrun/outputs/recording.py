@@ -21,10 +21,10 @@ class Recording(RecordingOptions, output.OutputRequest["RecordingResult"]):
     def keeps_partial(self) -> bool:
         return self.keep_partial
 
-    def plan(self, context: output.Context) -> "output.Plan[RecordingResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[RecordingResult]":
         """Plans the recording; there is nothing to check."""
         size, steps = state.size(context.model), context.timeline.steps
-        preview = output.Preview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
+        preview = output.OutputPreview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
         return RecordingPlan(preview=preview, until=steps, request=self, context=context)
 
 
@@ -49,7 +49,7 @@ class RecordingPlan(output.Plan[RecordingResult]):
     """A planned recording."""
 
     request: Recording
-    context: output.Context
+    context: output.PassContext
 
     def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenRecording":
         return OpenRecording(self.request, self.context, stack)
@@ -58,7 +58,7 @@ class RecordingPlan(output.Plan[RecordingResult]):
 class OpenRecording(output.OpenOutput[RecordingResult]):
     """A recording with an open file."""
 
-    def __init__(self, request: Recording, context: output.Context, stack: ExitStack) -> None:
+    def __init__(self, request: Recording, context: output.PassContext, stack: ExitStack) -> None:
         model = context.model
         self._request, self._context = request, context
         self._facts = {**context.facts(request), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}

@@ -104,7 +104,7 @@ class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
             formats[self.contacts] = output_format(self.contacts)
         return [table for table, form in formats.items() if form.commented]
 
-    def plan(self, context: output.Context) -> "output.Plan[TraceResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[TraceResult]":
         """Resolves the probes in the model and parses the assertions."""
         require_golden_table(self)
         steps = row_steps(context.timeline, self.every, self.rate)
@@ -118,7 +118,7 @@ class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
 
         count, path = len(table.columns), self.output if self.written else self.golden or "memory"
         about = f"{output_format(self.target, self.format).name}, {count} columns"
-        preview = output.Preview("trace", path, len(steps), "rows", [count], about)
+        preview = output.OutputPreview("trace", path, len(steps), "rows", [count], about)
         return TracePlan(
             preview=preview,
             until=context.timeline.steps,
@@ -172,7 +172,7 @@ class TracePlan(output.Plan[TraceResult]):
     """
 
     request: Trace
-    context: output.Context
+    context: output.PassContext
     table: ProbeSampler
     steps: Sequence[int]
     assertions: "Sequence[Assertion]"

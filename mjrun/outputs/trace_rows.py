@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
-from mjrun.physics.c_engine import RecordingBatch, recorded_fields
+from mjrun.physics.c_engine import BatchRecorder, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.stepper import SHORT, SLEEP, PhysicsStepper, Stepper
@@ -44,7 +44,7 @@ class SampledRows:
     contacts: np.ndarray | None = None
 
 
-class InstantCopy(NamedTuple):
+class RowInputs(NamedTuple):
     """Copies of the data from which a row is computed.
 
     Attributes:
@@ -172,7 +172,7 @@ class ProbeSampler:
     def _by_instants(self, stepper: Stepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Yields the same blocks, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
-            steps, readings = rows[start : start + ROWS], list[InstantCopy]()
+            steps, readings = rows[start : start + ROWS], list[RowInputs]()
             try:
                 self._read_all(stepper, steps, readings)
             except SimulationError:
@@ -181,7 +181,7 @@ class ProbeSampler:
                 raise
             yield partial(self.stack, steps, readings)
 
-    def _read_all(self, stepper: Stepper, steps: Sequence[int], readings: list[InstantCopy]) -> None:
+    def _read_all(self, stepper: Stepper, steps: Sequence[int], readings: list[RowInputs]) -> None:
         """Reads the instants at `steps`, and adds them to `readings`.
 
         Raises:
@@ -203,11 +203,11 @@ class ProbeSampler:
                 stepper.advance(stepper.step + 1)
         readings.append(self.read(stepper))
 
-    def read(self, stepper: Stepper) -> InstantCopy:
+    def read(self, stepper: Stepper) -> RowInputs:
         """Copies the stepper's instant, as far as the row needs it."""
         return self._reading(stepper, stepper.instant())
 
-    def _reading(self, stepper: Stepper, data: mujoco.MjData) -> InstantCopy:
+    def _reading(self, stepper: Stepper, data: mujoco.MjData) -> RowInputs:
         if stepper is not self._stepper:
             self._stepper, self._initial_values = stepper, self._initial(stepper)
             self._episode = stepper if isinstance(stepper, EpisodeStepper) else None  # slow, so once
@@ -226,7 +226,7 @@ class ProbeSampler:
                 measured.append(probe.read(self._episode.now()))
             else:
                 measured.append(probe.measure(stepper.model, data))
-        return InstantCopy(
+        return RowInputs(
             [copy() for copy in self._copies],
             self._initial_values,
             measured,
@@ -237,13 +237,13 @@ class ProbeSampler:
         """Returns the row of the stepper's instant, without its time."""
         return self._computed([self.read(stepper)])[0][0]
 
-    def stack(self, steps: Sequence[int], readings: Sequence[InstantCopy]) -> SampledRows:
+    def stack(self, steps: Sequence[int], readings: Sequence[RowInputs]) -> SampledRows:
         """Computes the rows of `readings` at `steps`, or at the first of them, with their times."""
         values, contacts = self._computed(readings)
         timed = self._timed(np.array(steps[: len(readings)]), [values])
         return SampledRows(timed, contact_rows(contacts, timed[:, 0]) if contacts and self.contact_columns else None)
 
-    def _computed(self, readings: Sequence[InstantCopy]) -> tuple[np.ndarray, RecordedContacts | None]:
+    def _computed(self, readings: Sequence[RowInputs]) -> tuple[np.ndarray, RecordedContacts | None]:
         """Returns the rows of `readings`, without their times, and their contacts if any column needs them."""
         first = readings[0]
         fields = {
@@ -280,7 +280,7 @@ class RowBuffer:
 
     def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[SampledRows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
-        self._rows: list[InstantCopy] = []
+        self._rows: list[RowInputs] = []
         self._written = 0
 
     def record(self, stepper: Stepper) -> None:
@@ -454,7 +454,7 @@ class _InstantRecorder:
     def _add_recorded(self, rows: _InstantRows, count: int) -> bool:
         """Adds steps that are taken in C; returns False if one of them fails."""
         stepper, at = self._stepper, self._stepper.step
-        self._batch = self._batch or RecordingBatch([stepper.model], self._record, BLOCK_STEPS)
+        self._batch = self._batch or BatchRecorder([stepper.model], self._record, BLOCK_STEPS)
         controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
         rows.store()
         after = self._batch.extend(rows.all, rows.count, stepper.state(), count, controls)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.codecs import Encoding, encoding
+from mjrun.formats.codecs import VideoEncoding, encoding
 from mjrun.formats.image_encoding import UINT16_MAX
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.segmentation_labels import LabelsWriter
@@ -21,9 +21,9 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
-from mjrun.outputs.camera_panels import CalibrationOutput, VideoOrImageFile, camera_names, output_files, panel_files
+from mjrun.outputs.camera_panels import CalibrationFile, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.frame_drawing import (
-    FrameDrawing,
+    FrameDrawer,
     VideoOrImagePlan,
     VideoOrImageRequest,
     frame_compositor,
@@ -80,14 +80,14 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
             context.reporter.warn(text)
         return schedule
 
-    def plan(self, context: output.Context) -> "output.Plan[VideoResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
         schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
         count = None if schedule is None else len(schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
         return VideoPlan(
-            preview=output.Preview("video", self.output, count, "frames", frames.size_of(file), about),
+            preview=output.OutputPreview("video", self.output, count, "frames", frames.size_of(file), about),
             until=context.timeline.steps,
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
@@ -134,7 +134,7 @@ class VideoResult(output.OutputResult):
 class VideoFile(VideoOrImageFile):
     """A file of a video, with its encoding."""
 
-    encoding: Encoding = field(kw_only=True)
+    encoding: VideoEncoding = field(kw_only=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,10 +164,10 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             writer = VideoWriter(file.target, file.encoding, size, request.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
-        self._calibration: CalibrationOutput | None = None
+        self._calibration: CalibrationFile | None = None
         if request.calibration is not None:
             numbers = request.style == "exact"
-            self._calibration = CalibrationOutput(request, self._scene_plan.motions, request.encoded_files, numbers)
+            self._calibration = CalibrationFile(request, self._scene_plan.motions, request.encoded_files, numbers)
             stack.enter_context(self._calibration.writer)
 
     def schedule(self, event_steps: output.EventSteps) -> None:
@@ -198,7 +198,7 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             writer.count = count
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        with closing(FrameDrawing(self._frames, scene, compositor)) as drawing:
+        with closing(FrameDrawer(self._frames, scene, compositor)) as drawing:
             for _ in range(count):
                 for writer, part, depth in zip(self._writers, drawing.draw(), is_depth, strict=True):
                     writer.write(part)
@@ -237,7 +237,7 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             draw_wall=draw_wall,
         )
 
-    def _note_padding(self, encoded: Encoding, size: tuple[int, int]) -> None:
+    def _note_padding(self, encoded: VideoEncoding, size: tuple[int, int]) -> None:
         right, bottom = encoded.padding(*size)
         if right or bottom:
             width, height = size
@@ -262,11 +262,11 @@ class VideoInMemory(Video):
     def files(self) -> list[tuple[str, str]]:
         return []
 
-    def plan(self, context: output.Context) -> output.Plan[Any]:
+    def plan(self, context: output.PassContext) -> output.Plan[Any]:
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames = plan_frames(self, context, self.plot, self.plot_side)
-        return MemoryPlan(
-            preview=output.Preview("video", self.output, None, "frames", self.size),
+        return VideoInMemoryPlan(
+            preview=output.OutputPreview("video", self.output, None, "frames", self.size),
             until=context.timeline.steps,
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
@@ -277,19 +277,19 @@ class VideoInMemory(Video):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MemoryPlan(VideoOrImagePlan[output.OutputResult]):
+class VideoInMemoryPlan(VideoOrImagePlan[output.OutputResult]):
     """A planned video in memory."""
 
     request: VideoInMemory
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenFramesInMemory":
-        return OpenFramesInMemory(self, stack, backends)
+    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenVideoInMemory":
+        return OpenVideoInMemory(self, stack, backends)
 
 
-class OpenFramesInMemory(output.OpenOutput[output.OutputResult]):
+class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):
     """The frames of a video, without a file."""
 
-    def __init__(self, plan: MemoryPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: VideoInMemoryPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
         request = self._request = plan.request
         self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
@@ -301,7 +301,7 @@ class OpenFramesInMemory(output.OpenOutput[output.OutputResult]):
     def images(self) -> Generator[np.ndarray]:
         """Draws the frames one by one, when they are requested, and yields copies of them."""
         scene = self._frames.place()
-        with closing(FrameDrawing(self._frames, scene, frame_compositor(self._frames, scene))) as drawing:
+        with closing(FrameDrawer(self._frames, scene, frame_compositor(self._frames, scene))) as drawing:
             for _ in scene.times:
                 yield drawing.draw()[0].copy()
 
@@ -325,5 +325,5 @@ def video_frames(video: VideoInMemory) -> Generator[np.ndarray]:
             raise error
         pass_on(warnings, reporter)
         (made,) = current.outputs
-        assert isinstance(made, OpenFramesInMemory)
+        assert isinstance(made, OpenVideoInMemory)
         yield from made.images()

@@ -83,7 +83,7 @@ class StepRecords:
     completed: np.ndarray
 
 
-class RecordingBatch:
+class BatchRecorder:
     """A batch of n simulations that steps in C, and records every instant.
 
     Args:
@@ -262,7 +262,7 @@ class _Run:
         self.running = np.ones(len(starts), bool) if running is None else running
         self._failures: dict[int, SimulationError] = {}  # since the last block
         self._initial: Fields = {}
-        self._batch: RecordingBatch | None = None
+        self._batch: BatchRecorder | None = None
         # States do not include which bodies sleep: these simulations stay in an MjData each, outside the batch.
         sleepy = [index for index, model in enumerate(self.models) if model.opt.enableflags & SLEEP]
         self._awake = with_flags(self.models, leave_out=SLEEP) if sleepy else self.models
@@ -306,9 +306,9 @@ class _Run:
                 _put(fields, index, 0, stepper.instant())
         return self._block(np.array([step]), fields, self.running.astype(int))
 
-    def _recording(self, size: int) -> RecordingBatch:
+    def _recording(self, size: int) -> BatchRecorder:
         """Returns the batch, which takes at most `size` steps per call if it does not exist yet."""
-        self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads, self._arrays)
+        self._batch = self._batch or BatchRecorder(self._awake, self._record, size, self._threads, self._arrays)
         return self._batch
 
     def _ids(self) -> np.ndarray:

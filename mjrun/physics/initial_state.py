@@ -19,7 +19,7 @@ from mjrun.model.names import (
     names,
 )
 from mjrun.model.position_control import servos
-from mjrun.options.setting_kinds import Angle, Length
+from mjrun.options.setting_kinds import AngleWithUnit, LengthWithUnit
 
 Values = float | Sequence[float]
 HINGE = mujoco.mjtJoint.mjJNT_HINGE
@@ -105,7 +105,7 @@ class InitialState:
         for name, values in self.qpos.items():
             hinges = [joint for joint, _ in _joints(model, QPOS_COMPONENTS, name) if model.jnt_type[joint] == HINGE]
             (value, *_) = values if isinstance(values, Sequence) else [values]
-            if hinges and abs(value) > 2 * np.pi and not isinstance(value, Angle):
+            if hinges and abs(value) > 2 * np.pi and not isinstance(value, AngleWithUnit):
                 turns = f"{abs(value) / (2 * np.pi):.3g} turns"
                 texts.append(
                     f"{option('qpos')} {clean(name)}={value:g} is {turns}, as angles are in radians; {value:g}deg is "
@@ -133,15 +133,17 @@ def _check_units(
 ) -> None:
     """Raises BadValueError if a value has the unit of a length where an angle is expected, or the other way round."""
     numbers = values if isinstance(values, Sequence) else [values]
-    if not any(isinstance(number, Angle | Length) for number in numbers):
+    if not any(isinstance(number, AngleWithUnit | LengthWithUnit) for number in numbers):
         return
     for joint, component in _joints(model, parts, name):
         kind = int(model.jnt_type[joint])
         names_of = parts.get(kind, ("angle" if kind == HINGE else "length",))
         places = names_of if component is None else [names_of[component]]
         for number, place in zip(numbers, places, strict=False):
-            fits = (isinstance(number, Length) and place in LENGTHS) or (isinstance(number, Angle) and place in ANGLES)
-            if isinstance(number, Angle | Length) and not fits:
+            fits = (isinstance(number, LengthWithUnit) and place in LENGTHS) or (
+                isinstance(number, AngleWithUnit) and place in ANGLES
+            )
+            if isinstance(number, AngleWithUnit | LengthWithUnit) and not fits:
                 unit = "a length" if place in LENGTHS else "an angle"
                 wanted = unit if place in (*LENGTHS, *ANGLES) else "a number without a unit"
                 raise BadValueError(f"{option(what)} {clean(name)}", f"{number:g}", wanted)

@@ -41,7 +41,7 @@ class RecordedStates(Protocol):
         ...
 
 
-class RowFile:
+class SpooledRows:
     """A list of rows of `size` numbers, in the order they were added; a long one is on the disk."""
 
     def __init__(self, size: int) -> None:
@@ -93,7 +93,7 @@ class RowFile:
         self._file.close()
 
 
-class StateBuffer(RowFile):
+class StateBuffer(SpooledRows):
     """A list of integration states `(nstate,)` of one model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:

@@ -13,7 +13,7 @@ GROUP, GROUPS = 8, 4096  # points in a group of a path, and maximum number of gr
 
 
 @dataclass(frozen=True)
-class Points:
+class CurvePoints:
     """The points of one curve: `x` and `y` `(n,)`; NaN breaks the line."""
 
     x: np.ndarray
@@ -96,11 +96,12 @@ class Envelope:
             x, y = x[first:], y[first:]
         self._path.feed(x, y)
 
-    def curves(self) -> list[Points]:
+    def curves(self) -> list[CurvePoints]:
         """Returns the points of every curve so far."""
         ascending, rest = self._bins.curves(), self._path.curves()
         joined = [
-            Points(np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y])) for a, b in zip(ascending, rest, strict=True)
+            CurvePoints(np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y]))
+            for a, b in zip(ascending, rest, strict=True)
         ]
         return [_without_repetition(points) for points in joined]
 
@@ -134,19 +135,19 @@ class _Bins:
         early, self._early = self._early, []
         return early
 
-    def curves(self) -> list[Points]:
+    def curves(self) -> list[CurvePoints]:
         if not self._y.size:
             x = np.concatenate([x for x, _ in self._early]) if self._early else np.empty(0)
             parts = [y for _, y in self._early]
             y = np.concatenate(parts) if parts else np.empty((0, self._count))
-            return [Points(x, y[:, curve]) for curve in range(self._count)]
+            return [CurvePoints(x, y[:, curve]) for curve in range(self._count)]
         begin, end = self._x[:, self._used]
         x = np.stack([begin, (begin + end) / 2, (begin + end) / 2, end])
-        points: list[Points] = []
+        points: list[CurvePoints] = []
         for first, low, high, last in np.moveaxis(self._y[:, self._used], 2, 0):
             falls = first > last
             y = np.stack([first, np.where(falls, high, low), np.where(falls, low, high), last])
-            points.append(Points(np.ravel(x, order="F"), np.ravel(y, order="F")))
+            points.append(CurvePoints(np.ravel(x, order="F"), np.ravel(y, order="F")))
         return points
 
     def _begin(self) -> None:
@@ -224,9 +225,9 @@ class _Path:
             tree.add(points[:whole].reshape(-1, GROUP, 2))
             self._tails[curve] = points[whole:]
 
-    def curves(self) -> list[Points]:
+    def curves(self) -> list[CurvePoints]:
         joined = (np.concatenate([tree.points(), tail]) for tree, tail in zip(self._trees, self._tails, strict=True))
-        return [Points(points[:, 0], points[:, 1]) for points in joined]
+        return [CurvePoints(points[:, 0], points[:, 1]) for points in joined]
 
 
 class _GroupTree:
@@ -263,9 +264,9 @@ def _halved(groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.take_along_axis(pairs, indices[:, :, None], axis=1), groups[2 * count :]
 
 
-def _without_repetition(points: Points) -> Points:
+def _without_repetition(points: CurvePoints) -> CurvePoints:
     """Removes points that repeat the previous one, and reduces each gap to one NaN."""
     gap = np.isnan(points.y)
     same = (np.diff(points.x, prepend=np.nan) == 0) & (np.diff(points.y, prepend=np.nan) == 0)
     same |= gap & np.concatenate([[True], gap[:-1]])
-    return Points(points.x[~same], points.y[~same])
+    return CurvePoints(points.x[~same], points.y[~same])

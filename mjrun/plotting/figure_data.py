@@ -7,7 +7,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, option
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.envelope import Points
+from mjrun.plotting.envelope import CurvePoints
 
 FLAT = 1e-9  # range of an axis, as a share of the largest value, below which curves count as constant
 MARGIN = 0.06  # above and below curves, as a share of their range
@@ -65,7 +65,7 @@ class DrawnCurve:
     """
 
     name: str
-    points: Points
+    points: CurvePoints
     colour: int
     variant: int = 0
 
@@ -101,7 +101,7 @@ class DrawnPanel:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class DrawnFigure:
     """A figure: its panels over one x axis, and the vertical marks of all panels.
 
     Attributes:

@@ -17,8 +17,8 @@ from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_trans
 
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import DPI, POINT, Drawing, DrawnPanel, PanelGrid, ParameterAxis
-from mjrun.plotting.matplotlib_figure import FigureLayout, curve_line, rgb, set_scales
+from mjrun.plotting.figure_data import DPI, POINT, DrawnFigure, DrawnPanel, PanelGrid, ParameterAxis
+from mjrun.plotting.matplotlib_figure import MatplotlibFigure, curve_line, rgb, set_scales
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
 NAMED = 8  # maximum number of reference lines with one name that are all labelled
@@ -32,7 +32,7 @@ LETTERS = 0.95  # size of names [em]
 TITLE_ROOM, ABOVE, BELOW = 2.6, 2.5, 3.4
 
 
-def paint(drawing: Drawing, grid: PanelGrid, canvas: FigureLayout) -> None:
+def paint(drawing: DrawnFigure, grid: PanelGrid, canvas: MatplotlibFigure) -> None:
     """Draws a figure on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
     spec = canvas.figure.add_gridspec(grid.rows, grid.columns)
     count = len(drawing.panels)
@@ -56,7 +56,7 @@ def paint(drawing: Drawing, grid: PanelGrid, canvas: FigureLayout) -> None:
     _reference_lines(canvas, drawing, panels, panels[: grid.columns])
 
 
-def _furnish(canvas: FigureLayout, axes: Axes, drawing: Drawing, panel: DrawnPanel, *, lowest: bool) -> None:
+def _furnish(canvas: MatplotlibFigure, axes: Axes, drawing: DrawnFigure, panel: DrawnPanel, *, lowest: bool) -> None:
     """Draws a panel without the names of its curves."""
     theme = canvas.theme
     set_scales(canvas, axes, drawing.x, panel.y, whole=panel.is_whole())
@@ -88,7 +88,7 @@ def _isolated(y: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class CurveName:
+class CurveLabel:
     """A name, a sample of its line, and its height [pixels from the bottom of the panel]."""
 
     name: str
@@ -105,7 +105,7 @@ class _Legend:
     """
 
     def __init__(
-        self, canvas: FigureLayout, axes: Axes, panel: DrawnPanel, size: tuple[float, float], title: str = ""
+        self, canvas: MatplotlibFigure, axes: Axes, panel: DrawnPanel, size: tuple[float, float], title: str = ""
     ) -> None:
         self._canvas, self._axes = canvas, axes
         self._height, width = size
@@ -139,19 +139,19 @@ class _Legend:
                 axes.text(x / DPI, y, text, transform=beside, va="center_baseline", fontsize=size * POINT)
             left = x + max(canvas.measure(text, size) for text in texts) + AFTER * size
 
-    def _named(self, panel: DrawnPanel) -> list[CurveName]:
+    def _named(self, panel: DrawnPanel) -> list[CurveLabel]:
         """Returns a name for each curve and reference line, at the height of its end; none for a single curve."""
         canvas, scale = self._canvas, panel.y
-        entries: list[CurveName] = []
+        entries: list[CurveLabel] = []
         for curve in panel.curves if len(panel.curves) > 1 else ():
             finite = curve.points.y[np.isfinite(curve.points.y)]
             share = _share(float(finite[-1]), scale) if len(finite) else 0.5
             entries.append(
-                CurveName(curve.name, curve_line(canvas.theme, curve.colour, curve.variant), share * self._height)
+                CurveLabel(curve.name, curve_line(canvas.theme, curve.colour, curve.variant), share * self._height)
             )
         for mark in panel.marks:
             line = Line2D([], [], color=rgb(canvas.theme.ink), linewidth=1.3 * canvas.hair, dashes=(3, 2))
-            entries.append(CurveName(mark.label, line, _share(mark.value, scale) * self._height))
+            entries.append(CurveLabel(mark.label, line, _share(mark.value, scale) * self._height))
         return entries
 
     def _texts(self, room: float) -> list[list[str]]:
@@ -161,8 +161,8 @@ class _Legend:
 
 
 def arranged(
-    entries: Sequence[CurveName], bottom: float, top: float, line: float
-) -> tuple[list[list[CurveName]], float]:
+    entries: Sequence[CurveLabel], bottom: float, top: float, line: float
+) -> tuple[list[list[CurveLabel]], float]:
     """Arranges entries in columns, at least a `line` apart from `bottom` to `top` [pixels], and returns the scale of
     their letters: a few are placed where their curves end, more of them from top to bottom.
     """
@@ -182,14 +182,14 @@ def arranged(
     return [[replace(e, y=top - (i + 0.5) * step) for i, e in enumerate(column)] for column in columns], scale
 
 
-def _spread(entries: Sequence[CurveName], bottom: float, top: float, line: float) -> list[CurveName]:
+def _spread(entries: Sequence[CurveLabel], bottom: float, top: float, line: float) -> list[CurveLabel]:
     """Moves entries apart as little as possible, in the order of their heights: clusters keep their mean."""
 
-    def placed(cluster: list[CurveName]) -> float:
+    def placed(cluster: list[CurveLabel]) -> float:
         half = len(cluster) * line / 2
         return min(max(sum(entry.y for entry in cluster) / len(cluster), bottom + half), top - half)
 
-    clusters: list[tuple[float, list[CurveName]]] = []
+    clusters: list[tuple[float, list[CurveLabel]]] = []
     for entry in entries:
         cluster = [replace(entry, y=min(max(entry.y, bottom + line / 2), top - line / 2))]
         centre = placed(cluster)
@@ -204,7 +204,9 @@ def _spread(entries: Sequence[CurveName], bottom: float, top: float, line: float
     ]
 
 
-def _reference_lines(canvas: FigureLayout, drawing: Drawing, panels: Sequence[Axes], upper: Sequence[Axes]) -> None:
+def _reference_lines(
+    canvas: MatplotlibFigure, drawing: DrawnFigure, panels: Sequence[Axes], upper: Sequence[Axes]
+) -> None:
     """Draws vertical lines through all panels, and their names in the `upper` ones."""
     scale = drawing.x
     lines = [line for line in drawing.marks if scale.low <= line.value <= scale.high]

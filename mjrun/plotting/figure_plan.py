@@ -18,8 +18,8 @@ from mjrun.model.units import DATA_UNITS
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
 from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel
-from mjrun.plotting.envelope import Envelope, Points, RangeFilter
-from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel, FigureCounts, PanelGrid, panel_grid
+from mjrun.plotting.envelope import CurvePoints, Envelope, RangeFilter
+from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, PanelGrid, panel_grid
 from mjrun.probe.fields import DOF_UNITS
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
@@ -196,7 +196,7 @@ class TableColumns:
 
 
 @dataclass(frozen=True)
-class EventLines:
+class MarkedCondition:
     """A condition whose onsets are marked."""
 
     label: str
@@ -261,7 +261,7 @@ class FigurePlan:
         """Returns the collector of a table's rows."""
         return TableCollector(self, table, self._events)
 
-    def drawing(self, collectors: Sequence["TableCollector"]) -> Drawing:
+    def drawing(self, collectors: Sequence["TableCollector"]) -> DrawnFigure:
         """Returns the data of the figure from the collectors, one for each table."""
         points = [collector.points() for collector in collectors]
         panels = [self._drawn(index, panel, points) for index, panel in enumerate(self.panels)]
@@ -269,7 +269,7 @@ class FigurePlan:
         vertical = [mark for mark in self.marks if mark.vertical]
         margin = 0.0 if self.breaks else MARGIN / 2
         marks = [*vertical, *events]
-        return Drawing(
+        return DrawnFigure(
             title=self.options.title or "",
             x_label=self.options.xlabel or self._x_label(),
             log_x=self.log_x,
@@ -280,7 +280,7 @@ class FigurePlan:
             legend_title=self.options.legend_title or "",
         )
 
-    def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], Points]]) -> DrawnPanel:
+    def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], CurvePoints]]) -> DrawnPanel:
         several, curves = len(self.tables) > 1, list[DrawnCurve]()
         for number, curve in enumerate(panel.curves):
             for table, drawn in enumerate(points):
@@ -340,13 +340,13 @@ class FigurePlan:
             self.notes.append(f"{len(left)} columns are left out, {listing(left)}; choose with {option('y')}")
         return panels[:PANELS]
 
-    def _event_marks(self) -> list[EventLines]:
-        events: list[EventLines] = []
+    def _event_marks(self) -> list[MarkedCondition]:
+        events: list[MarkedCondition] = []
         for index, text in enumerate(self.options.mark_event):
             with concerning("mark_event", index):
                 label, condition = named_condition(text)
                 vocabulary = TableVocabulary(list(self._units))
-                events.append(EventLines(label, parse_condition(condition, vocabulary, option("mark_event"))))
+                events.append(MarkedCondition(label, parse_condition(condition, vocabulary, option("mark_event"))))
         return events
 
 
@@ -359,7 +359,7 @@ class TableCollector:
       has_curves: whether the table has any column of the figure.
     """
 
-    def __init__(self, plan: FigurePlan, table: int, events: Sequence[EventLines]) -> None:
+    def __init__(self, plan: FigurePlan, table: int, events: Sequence[MarkedCondition]) -> None:
         self._plan, self._name = plan, plan.tables[table].name
         names = set(plan.tables[table].units)
         x = plan.x.expression if plan.x else None
@@ -416,7 +416,7 @@ class TableCollector:
             x, y = x[usable], y[usable]
         self._envelope.feed(*(self._window.feed(x, y) if self._window else (x, y)))
 
-    def points(self) -> dict[tuple[int, int], Points]:
+    def points(self) -> dict[tuple[int, int], CurvePoints]:
         """Returns the points of every curve, keyed by the indices of its panel and of the curve."""
         return dict(zip(self._curves, self._envelope.curves(), strict=True))
 

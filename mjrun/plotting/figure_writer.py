@@ -12,8 +12,8 @@ from mjrun.formats.image_encoding import ImageData
 from mjrun.formats.image_format import DRAWINGS, FORMATS
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.packages import require
-from mjrun.plotting.figure_data import Drawing, PanelGrid
-from mjrun.plotting.study.figure_data import StudyDrawing
+from mjrun.plotting.figure_data import DrawnFigure, PanelGrid
+from mjrun.plotting.study.figure_data import DrawnStudyFigure
 from mjrun.plotting.theme import THEMES, adaptive
 
 LIBRARY, EXTRA = "matplotlib", "plot"
@@ -51,7 +51,7 @@ class FigureWriter(OutputWriter):
             raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side for {format}")
         super().__init__(StandardOutput(terminal=format == "svg") if output is None else StagedFile(Path(output)))
 
-    def write(self, drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> None:
+    def write(self, drawing: DrawnFigure | DrawnStudyFigure, grid: PanelGrid, style: str) -> None:
         """Draws and writes the figure.
 
         Raises:
@@ -62,7 +62,7 @@ class FigureWriter(OutputWriter):
 
 
 def encoded(
-    drawing: Drawing | StudyDrawing,
+    drawing: DrawnFigure | DrawnStudyFigure,
     grid: PanelGrid,
     style: str,
     format: str,  # noqa: A002
@@ -70,14 +70,14 @@ def encoded(
 ) -> bytes:
     """Draws a figure and returns it as the content of a file."""
     from mjrun.plotting.figure_painter import paint
-    from mjrun.plotting.matplotlib_figure import FigureLayout, settings
+    from mjrun.plotting.matplotlib_figure import MatplotlibFigure, settings
     from mjrun.plotting.study.figure_painter import paint_study
 
     theme = THEMES[style]
     with settings(theme, grid.em), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        canvas = FigureLayout(grid, theme, any_letter=format == "svg")
-        if isinstance(drawing, Drawing):
+        canvas = MatplotlibFigure(grid, theme, any_letter=format == "svg")
+        if isinstance(drawing, DrawnFigure):
             paint(drawing, grid, canvas)
         else:
             paint_study(drawing, grid, canvas)
@@ -88,13 +88,13 @@ def encoded(
         return file.getvalue() if format == "pdf" else _svg(file.getvalue().decode()).encode()
 
 
-def svg_text(drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> str:
+def svg_text(drawing: DrawnFigure | DrawnStudyFigure, grid: PanelGrid, style: str) -> str:
     """Draws a figure as an `<svg>` element."""
     document = encoded(drawing, grid, style, "svg", {}).decode()
     return document[document.index("<svg") :]
 
 
-def page_svg(drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str = "light") -> str:
+def page_svg(drawing: DrawnFigure | DrawnStudyFigure, grid: PanelGrid, style: str = "light") -> str:
     """Draws a figure as an `<svg>` element for a page; in the light style, it follows the colours of the page."""
     svg = svg_text(drawing, grid, style)
     return adaptive(svg) if style == "light" else svg

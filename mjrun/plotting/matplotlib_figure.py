@@ -89,7 +89,7 @@ def _style(theme: Theme, em: float) -> dict[Any, Any]:
     }
 
 
-class FigureLayout:
+class MatplotlibFigure:
     """A figure whose axes matplotlib places once all their parts are present.
 
     To be created and saved within `settings`.
@@ -189,7 +189,7 @@ def _letters() -> frozenset[int]:
     return frozenset(font_manager.get_font(font_manager.findfont(FONT)).get_charmap())
 
 
-def set_scale(canvas: FigureLayout, axes: Axes, name: str, scale: ParameterAxis, *, whole: bool = False) -> None:
+def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: ParameterAxis, *, whole: bool = False) -> None:
     """Sets the range and the ticks of the axis `name`, x or y, from a scale; `whole` limits ticks to whole numbers."""
     axis = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": (scale.low, scale.high)})
@@ -199,7 +199,9 @@ def set_scale(canvas: FigureLayout, axes: Axes, name: str, scale: ParameterAxis,
         number_ticks(axis, canvas.em, whole=whole)
 
 
-def set_scales(canvas: FigureLayout, axes: Axes, x: ParameterAxis, y: ParameterAxis, *, whole: bool = False) -> None:
+def set_scales(
+    canvas: MatplotlibFigure, axes: Axes, x: ParameterAxis, y: ParameterAxis, *, whole: bool = False
+) -> None:
     """Sets both axes of a panel of curves, with a grid and a line at zero; `whole` limits the ticks of y."""
     set_scale(canvas, axes, "x", x)
     set_scale(canvas, axes, "y", y, whole=whole)
@@ -216,7 +218,7 @@ def number_ticks(axis: Axis, em: float, *, whole: bool = False) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def category_ticks(axis: Axis, names: Sequence[str], canvas: FigureLayout) -> None:
+def category_ticks(axis: Axis, names: Sequence[str], canvas: MatplotlibFigure) -> None:
     """Adds ticks at 0, 1, 2, … with the names of categories, or with some of them if they do not all fit."""
     em = canvas.em
     shown = [canvas.shown(name) for name in names]

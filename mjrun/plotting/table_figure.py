@@ -13,7 +13,7 @@ from mjrun.formats.study_reader import point_names, point_values
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.option import options_for
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.figure_data import Drawing, PanelGrid
+from mjrun.plotting.figure_data import DrawnFigure, PanelGrid
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns, with_units
 from mjrun.plotting.figure_writer import FigureWriter, page_svg, require_matplotlib, svg_text
 from mjrun.plotting.html_page import FileManifest, PageFigure
@@ -85,7 +85,7 @@ class TableFigure:
             if not collector.rows:
                 raise FileError(path, "has no rows")
 
-    def drawing(self) -> Drawing:
+    def drawing(self) -> DrawnFigure:
         """Returns the data of the figure."""
         return self.plan.drawing(self._collectors)
 
@@ -177,7 +177,7 @@ class Figure:
       style: its colour scheme.
     """
 
-    drawing: Drawing
+    drawing: DrawnFigure
     grid: PanelGrid
     style: str
 

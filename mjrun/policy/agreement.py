@@ -14,7 +14,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, counted, listing, option, quoted
 from mjrun.model.names import JOINT_TRANSMISSIONS, actuators_of, names
-from mjrun.model.source import CollectionModelSource, Source
+from mjrun.model.source import CollectionModelSource, ModelSource
 from mjrun.options.option import is_given, options_of
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
 from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
@@ -306,7 +306,7 @@ def _both(policy: str, task: str) -> str:
 
 
 def inferred_task(
-    policy: Policy, source: Source, control_dt: Fraction | None = None, duration: Fraction | None = None
+    policy: Policy, source: ModelSource, control_dt: Fraction | None = None, duration: Fraction | None = None
 ) -> Task:
     """Returns the task for which `policy` was trained, on the model of `source`.
 

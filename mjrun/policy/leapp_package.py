@@ -50,7 +50,7 @@ LONGEST = 100_000_000  # maximum size of a header [bytes]
 
 
 @dataclass(frozen=True)
-class LeappTensor:
+class LeappTensorSpec:
     """An input or output of a network.
 
     Attributes:
@@ -82,8 +82,8 @@ class LeappNetwork:
 
     name: str
     path: Path
-    inputs: tuple[LeappTensor, ...]
-    outputs: tuple[LeappTensor, ...]
+    inputs: tuple[LeappTensorSpec, ...]
+    outputs: tuple[LeappTensorSpec, ...]
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ class LeappPackage:
     path: Path
     networks: tuple[LeappNetwork, ...]
     flows: Mapping[str, tuple[str, ...]]
-    inputs: tuple[LeappTensor, ...]
-    outputs: tuple[LeappTensor, ...]
+    inputs: tuple[LeappTensorSpec, ...]
+    outputs: tuple[LeappTensorSpec, ...]
     initial: Mapping[str, np.ndarray]
     period: Fraction | None
 
@@ -230,7 +230,7 @@ class _Reader:
         }
         return LeappNetwork(name, path, tensors["inputs"], tensors["outputs"])
 
-    def _tensor(self, network: str, value: object, where: str) -> LeappTensor:
+    def _tensor(self, network: str, value: object, where: str) -> LeappTensorSpec:
         description = self._mapping(value, f"{where} of {network}")
         name, kind = description.get("name"), description.get("kind")
         if not isinstance(name, str):
@@ -243,7 +243,7 @@ class _Reader:
         sizes = cast("tuple[int, ...]", tuple(shape))
         elements = self._elements(description.get("element_names"), int(np.prod(sizes)))
         type_ = TYPES[str(description["dtype"])]
-        return LeappTensor(f"{network}/{name}", sizes, type_, str(kind) if kind is not None else None, elements)
+        return LeappTensorSpec(f"{network}/{name}", sizes, type_, str(kind) if kind is not None else None, elements)
 
     def _elements(self, value: object, size: int) -> tuple[str, ...] | None:
         """Returns the names of the numbers, `foot/x` where several axes have names; None if their number differs."""
@@ -256,7 +256,10 @@ class _Reader:
         return tuple("/".join(map(str, combination)) for combination in product(*named))
 
     def _flows(
-        self, pipeline: Mapping[str, object], inputs: Mapping[str, LeappTensor], outputs: Mapping[str, LeappTensor]
+        self,
+        pipeline: Mapping[str, object],
+        inputs: Mapping[str, LeappTensorSpec],
+        outputs: Mapping[str, LeappTensorSpec],
     ) -> dict[str, tuple[str, ...]]:
         flows: dict[str, tuple[str, ...]] = {}
         for key in ("data_flow", "feedback_flow"):
@@ -272,9 +275,9 @@ class _Reader:
         return flows
 
     def _ports(
-        self, pipeline: Mapping[str, object], key: str, tensors: Mapping[str, LeappTensor]
-    ) -> tuple[LeappTensor, ...]:
-        ports: list[LeappTensor] = []
+        self, pipeline: Mapping[str, object], key: str, tensors: Mapping[str, LeappTensorSpec]
+    ) -> tuple[LeappTensorSpec, ...]:
+        ports: list[LeappTensorSpec] = []
         for network, value in self._mapping(pipeline.get(key), key).items():
             for name in self._list(value, f"{key} of {network}"):
                 place = f"{network}/{name}"
@@ -283,7 +286,7 @@ class _Reader:
                 ports.append(tensors[place])
         return tuple(ports)
 
-    def _initial(self, value: object, inputs: Mapping[str, LeappTensor]) -> dict[str, np.ndarray]:
+    def _initial(self, value: object, inputs: Mapping[str, LeappTensorSpec]) -> dict[str, np.ndarray]:
         if value is None:
             return {}
         path = self._file(value, "initial_values")

@@ -94,7 +94,7 @@ def _root(numerator: int, denominator: int) -> float:
     return _ratio(root << max(shift, 0), 1 << max(-shift, 0))
 
 
-class SingleRowAccumulator:
+class SelectedRowAccumulator:
     """The value of one row, such as the largest.
 
     Args:
@@ -218,7 +218,7 @@ class ShareAccumulator:
         return self._holds / self._rows if self._rows else math.nan
 
 
-Accumulator = SingleRowAccumulator | SumAccumulator | QuantileAccumulator | ShareAccumulator
+Accumulator = SelectedRowAccumulator | SumAccumulator | QuantileAccumulator | ShareAccumulator
 
 
 def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
@@ -230,13 +230,13 @@ def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
             return ShareAccumulator()
         case "min":
             # The first NaN wins for good.
-            return SingleRowAccumulator(np.argmin, lambda new, old: old == old and not new >= old)
+            return SelectedRowAccumulator(np.argmin, lambda new, old: old == old and not new >= old)
         case "max":
-            return SingleRowAccumulator(np.argmax, lambda new, old: old == old and not new <= old)
+            return SelectedRowAccumulator(np.argmax, lambda new, old: old == old and not new <= old)
         case "first":
-            return SingleRowAccumulator(lambda values: 0, lambda new, old: False)
+            return SelectedRowAccumulator(lambda values: 0, lambda new, old: False)
         case "last":
-            return SingleRowAccumulator(lambda values: len(values) - 1, lambda new, old: True)
+            return SelectedRowAccumulator(lambda values: len(values) - 1, lambda new, old: True)
     return SumAccumulator(name)
 
 

@@ -88,7 +88,7 @@ class AlternativeCounter:
             self._decided[index] += count
 
 
-class RowCheck:
+class FailingRows:
     """The first row on which a truth fails, the values compared there, and the number of failures."""
 
     def __init__(self, truth: tree.BooleanExpression) -> None:
@@ -166,7 +166,7 @@ class AssertionChecker:
         self._rows = ChunkBuffer(assertion.table, assertion.columns)
         nodes = list(tree.walk(self._truth))
         self._aggregates = Aggregates([node for node in nodes if isinstance(node, tree.AggregateCall)])
-        self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, tree.AllRows)}
+        self._row_checks = {node: FailingRows(node.truth) for node in nodes if isinstance(node, tree.HoldsOnEveryRow)}
         self._values: KnownValues = {}  # known after the last row
         self._is_one_subject = len({self._text(side) for side in tree.sides(self._truth)}) == 1
 
@@ -215,7 +215,7 @@ class AssertionChecker:
 
     def _passes(self, truth: tree.BooleanExpression) -> bool:
         match truth:
-            case tree.AllRows():
+            case tree.HoldsOnEveryRow():
                 return not self._row_checks[truth].failures
             case tree.BooleanOperation(every=every, parts=parts):
                 return (all if every else any)(map(self._passes, parts))
@@ -226,7 +226,7 @@ class AssertionChecker:
         match truth:
             case _ if self._passes(truth):
                 return
-            case tree.AllRows():
+            case tree.HoldsOnEveryRow():
                 time = self._row_checks[truth].time
                 if time is not None:
                     yield time
@@ -243,18 +243,18 @@ class AssertionChecker:
                 for part in parts:
                     if self._passes(part) == outcome:
                         yield from self._sentences(part, outcome)
-            case tree.AllRows() if outcome:
+            case tree.HoldsOnEveryRow() if outcome:
                 rows = f"all {self._rows.seen} rows" if self._rows.seen > 1 else "the only row"
                 subject = "it" if truth is self._truth else self._text(truth)
                 alternatives = [part for each in self._row_checks[truth].alternatives for part in each.parts]
                 counts = [f"on {count or 'none'} by {self._text(part)} alone" for part, count in alternatives]
                 yield f"{subject} holds on {rows}" + (f": {', '.join(counts)}" if counts else "")
-            case tree.AllRows():
+            case tree.HoldsOnEveryRow():
                 yield self._failure(self._row_checks[truth])
             case _:
                 yield from map(self._side, tree.sides(truth))
 
-    def _failure(self, check: RowCheck) -> str:
+    def _failure(self, check: FailingRows) -> str:
         """Returns the first row on which a truth fails, and the values compared there."""
         sides = dict.fromkeys(self._value_text(side, value) for side, value in check.compared.items())
         more = f", the first of {check.failures} such rows" if check.failures > 1 else ""

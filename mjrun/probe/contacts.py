@@ -19,7 +19,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.model.flex_and_skin_bodies import carriers
 from mjrun.model.names import identify, names
 from mjrun.model.table_column import Column
-from mjrun.probe.fields import InstantProbe
+from mjrun.probe.fields import MjDataProbe
 
 ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 NUMPY_TYPES = {"mjtNum": "f8", "int": "i4"}
@@ -123,7 +123,7 @@ class RecordedContacts:
 
 
 @dataclass(frozen=True)
-class ContactProbe(InstantProbe):
+class ContactProbe(MjDataProbe):
     """Columns that are computed from contacts, for any number of instants at once.
 
     Attributes:

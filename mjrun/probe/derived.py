@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.model.names import enum_members, names
 from mjrun.model.table_column import Column
 from mjrun.probe.contacts import ContactProbe, RecordedContacts
-from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
+from mjrun.probe.fields import FieldProbe, Fields, MjDataProbe, Probe
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
@@ -142,7 +142,7 @@ def penetration(model: mujoco.MjModel) -> ContactProbe:
     return ContactProbe.of([column], compute)
 
 
-def warning(model: mujoco.MjModel) -> InstantProbe:
+def warning(model: mujoco.MjModel) -> MjDataProbe:
     """Measures the number of MuJoCo's warnings of each kind, up to this instant."""
     kinds = enum_members(mujoco.mjtWarning)
     columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
@@ -151,7 +151,7 @@ def warning(model: mujoco.MjModel) -> InstantProbe:
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         return data.warning.number[index].astype(float)
 
-    return InstantProbe(columns, measure)
+    return MjDataProbe(columns, measure)
 
 
 DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {

@@ -146,7 +146,7 @@ class FunctionCall(NumericExpression):
 
 
 @dataclass(frozen=True, eq=False)
-class Reduction(NumericExpression):
+class RowwiseReduction(NumericExpression):
     """A number computed from all numbers of the operands, such as their norm."""
 
     name: str
@@ -216,7 +216,7 @@ class BooleanOperation(BooleanExpression):
 
 
 @dataclass(frozen=True, eq=False)
-class AllRows(BooleanExpression):
+class HoldsOnEveryRow(BooleanExpression):
     """A check that `truth` holds on each row."""
 
     truth: BooleanExpression
@@ -228,7 +228,7 @@ Node = NumericExpression | BooleanExpression
 def parts(node: Node) -> tuple[Node, ...]:
     """Returns the operands and conditions of `node`."""
     match node:
-        case FunctionCall(operands=nodes) | Reduction(operands=nodes) | Comparison(sides=nodes):
+        case FunctionCall(operands=nodes) | RowwiseReduction(operands=nodes) | Comparison(sides=nodes):
             return nodes
         case BooleanOperation(parts=nodes):
             return nodes
@@ -238,7 +238,7 @@ def parts(node: Node) -> tuple[Node, ...]:
             return (node,)
         case AggregateCall(operand=node, condition=condition):
             return (node,) if condition is None else (node, condition)
-        case AllRows(truth=node):
+        case HoldsOnEveryRow(truth=node):
             return (node,)
     return ()
 
@@ -262,7 +262,7 @@ def columns_read(node: Node) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Expression:
+class ParsedExpression:
     """A valid expression.
 
     Attributes:
@@ -288,7 +288,7 @@ def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:
     """Yields the comparisons in `truth`, except the conditions of aggregates."""
     if isinstance(truth, Comparison):
         yield truth
-    for part in parts(truth) if isinstance(truth, BooleanOperation | AllRows) else ():
+    for part in parts(truth) if isinstance(truth, BooleanOperation | HoldsOnEveryRow) else ():
         if isinstance(part, BooleanExpression):
             yield from comparisons(part)
 
@@ -337,7 +337,7 @@ def _unit(node: Node, units: Mapping[str, str]) -> str | None:
             return _common([units.get(name, "") for name in names])
         case FunctionCall(functions=functions, operands=operands) if KEEPING_UNITS.issuperset(functions):
             return _common([_unit(operand, units) for operand in operands])
-        case Reduction(operands=operands) | ConditionalValue(operands=operands):
+        case RowwiseReduction(operands=operands) | ConditionalValue(operands=operands):
             return _common([_unit(operand, units) for operand in operands])
         case AggregateCall(name=name, operand=operand):
             return "" if name in OF_CONDITIONS else _unit(operand, units)

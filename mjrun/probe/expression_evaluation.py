@@ -102,7 +102,7 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
             return lambda columns, known: known[value]
         case tree.FunctionCall():
             return _call(value)
-        case tree.Reduction(name=name, operands=operands):
+        case tree.RowwiseReduction(name=name, operands=operands):
             reduced, numbers = tree.REDUCED[name], _side_by_side(operands)
             return lambda columns, known: reduced(numbers(columns, known), axis=-1)
         case tree.ConditionalValue(condition=condition, operands=operands):

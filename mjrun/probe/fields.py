@@ -84,7 +84,7 @@ class FieldProbe:
 
 
 @dataclass(frozen=True)
-class InstantProbe:
+class MjDataProbe:
     """Columns that are measured on an MjData, as no recorded field holds them.
 
     Attributes:
@@ -96,13 +96,13 @@ class InstantProbe:
     columns: Sequence[Column]
     measure: Measure
 
-    def only(self, indices: Sequence[int]) -> "InstantProbe":
+    def only(self, indices: Sequence[int]) -> "MjDataProbe":
         """Returns the probe with only these of its columns."""
         index, measure = np.array(indices, int), self.measure
-        return InstantProbe([self.columns[i] for i in indices], lambda model, data: measure(model, data)[index])
+        return MjDataProbe([self.columns[i] for i in indices], lambda model, data: measure(model, data)[index])
 
 
-Probe = FieldProbe | InstantProbe
+Probe = FieldProbe | MjDataProbe
 
 
 @cache
@@ -124,7 +124,7 @@ def offered(model: mujoco.MjModel) -> list[str]:
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     """Returns the probe of a field; the names of its columns begin with `group`, or with the field's own name."""
     if field in LAZY:
-        return InstantProbe(tuple(_columns(model, field, group or field)), _completed(field))
+        return MjDataProbe(tuple(_columns(model, field, group or field)), _completed(field))
     return recorded_probe(model, field, group)
 
 

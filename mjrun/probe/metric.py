@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
-from mjrun.probe.expression import OF_CONDITIONS, AggregateCall, Expression, walk
+from mjrun.probe.expression import OF_CONDITIONS, AggregateCall, ParsedExpression, walk
 from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
@@ -19,11 +19,11 @@ EXTREMES = {"min": math.inf, "max": -math.inf}  # and the values that do not cha
 JOINT = (*EXTREMES, "first", "last", *OF_CONDITIONS)
 
 
-class Metric(Expression):
+class Metric(ParsedExpression):
     """One number of a table."""
 
 
-class MetricEvaluation:
+class MetricEvaluator:
     """One pass of metrics over a table, block by block.
 
     Args:
@@ -55,7 +55,7 @@ class MetricEvaluation:
                     aggregates.add(chunk)
 
 
-class MetricBatch:
+class BatchMetricEvaluator:
     """One pass of metrics over n tables at once, row by row; every value is that of its table alone.
 
     Args:
@@ -69,7 +69,7 @@ class MetricBatch:
         joint = [metric for metric, is_joint in self._metrics if is_joint]
         self._joint = {call: _JointAggregate(call, count) for metric in joint for call in metric.aggregates}
         others = [metric for metric, is_joint in self._metrics if not is_joint]
-        self._alone = [MetricEvaluation(others, table) for _ in range(count)] if others else []
+        self._alone = [MetricEvaluator(others, table) for _ in range(count)] if others else []
 
     def feed(self, tables: np.ndarray, counts: np.ndarray) -> None:
         """Adds the next rows `(n, rows, columns)`.

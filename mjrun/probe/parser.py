@@ -46,7 +46,7 @@ class Parser:
         self.end = 0
 
     def assertion(self) -> tree.BooleanExpression:
-        """Parses the whole text as one truth of a table, in which `AllRows` marks the checks row by row."""
+        """Parses the whole text as one truth of a table, in which `HoldsOnEveryRow` marks the checks row by row."""
         return self._planned(self.nodes.truth(self._to_end()))
 
     def condition(self) -> tree.BooleanExpression:
@@ -193,7 +193,7 @@ class Parser:
     def _planned(self, truth: tree.BooleanExpression) -> tree.BooleanExpression:
         """Returns `truth` with the checks row by row marked; all aggregates are outside of the marks."""
         if not isinstance(truth, tree.BooleanOperation):
-            return tree.AllRows(truth.start, truth.end, truth) if tree.is_row(truth) else truth
+            return tree.HoldsOnEveryRow(truth.start, truth.end, truth) if tree.is_row(truth) else truth
         if truth.every:
             return tree.BooleanOperation(truth.start, truth.end, True, tuple(map(self._planned, truth.parts)))
         parts = list(self._alternatives(truth))
@@ -208,7 +208,7 @@ class Parser:
         if not rows:
             return tree.BooleanOperation(truth.start, truth.end, False, tuple(rest))
         either = tree.BooleanOperation(truth.start, truth.end, False, tuple(rows))
-        row = tree.AllRows(rows[0].start, rows[-1].end, either)
+        row = tree.HoldsOnEveryRow(rows[0].start, rows[-1].end, either)
         return tree.BooleanOperation(truth.start, truth.end, False, (row, *rest)) if rest else row
 
     def _alternatives(self, truth: tree.BooleanExpression) -> Iterator[tree.BooleanExpression]:
@@ -276,7 +276,7 @@ class NodeBuilder:
 
         values = [self.value(argument) for argument in arguments]
         if name.text == "norm" or (several and wide):
-            return tree.Reduction(name.start, end, self._kind(values), name.text, tuple(values))
+            return tree.RowwiseReduction(name.start, end, self._kind(values), name.text, tuple(values))
         if several:
             return self.elementwise(name.start, end, [tree.FOLDED[name.text]] * (len(values) - 1), values)
         if name.text == "clip":
@@ -353,7 +353,7 @@ class NodeBuilder:
             raise self.source.fault(value.start, "a number only", "a column in it")
         if value.width:
             magnitude = tree.FunctionCall(value.start, value.end, value.kind, (abs,), (value,))
-            value = tree.Reduction(value.start, value.end, value.kind, "max", (magnitude,))
+            value = tree.RowwiseReduction(value.start, value.end, value.kind, "max", (magnitude,))
         infinity = tree.NumberLiteral(end, end, tree.FIXED, math.inf)
         return tree.Comparison(name.start, end, tree.FINITE, (value, infinity))
 

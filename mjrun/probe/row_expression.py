@@ -17,7 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.probe.expression import START, AggregateCall, ColumnReference, Expression, NumericExpression, TextMatch, walk
+from mjrun.probe.expression import (
+    START,
+    AggregateCall,
+    ColumnReference,
+    NumericExpression,
+    ParsedExpression,
+    TextMatch,
+    walk,
+)
 from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
@@ -25,7 +33,7 @@ from mjrun.probe.scanner import Vocabulary
 NO_MATCHES: Mapping[TextMatch, np.ndarray] = {}
 
 
-class Condition(Expression):
+class Condition(ParsedExpression):
     """A condition on each row."""
 
     def holds(self, columns: Mapping[str, Any], matches: Mapping[TextMatch, np.ndarray] = NO_MATCHES) -> np.ndarray:
@@ -39,7 +47,7 @@ class Condition(Expression):
             return evaluate_truth(self.root, columns, {**matches})
 
 
-class RowExpression(Expression):
+class RowExpression(ParsedExpression):
     """A number per row."""
 
     @property

@@ -18,7 +18,7 @@ from mjrun.probe.fields import (
     SPATIAL,
     UNMEASURABLE,
     FieldProbe,
-    InstantProbe,
+    MjDataProbe,
     extents,
     field_probe,
     offered,
@@ -53,7 +53,7 @@ FALLBACKS = {
 }
 PAIRS = "contact"  # the group that also has columns for any two objects: `contact/ball/floor`
 PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in parts}
-Probe = FieldProbe | InstantProbe | EpisodeProbe
+Probe = FieldProbe | MjDataProbe | EpisodeProbe
 TIME = "time"  # the first column of every table, selected or not
 
 

@@ -18,16 +18,23 @@ import numpy as np
 
 from mjrun.errors import UsageError
 from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
-from mjrun.probe.expression import CONSTANTS, BooleanExpression, Expression, NumericExpression, PreviousValue, walk
+from mjrun.probe.expression import (
+    CONSTANTS,
+    BooleanExpression,
+    NumericExpression,
+    ParsedExpression,
+    PreviousValue,
+    walk,
+)
 from mjrun.probe.expression_evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
-from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.probe.vocabularies import ModelVocabulary
 
 Ids = Sequence[int] | np.ndarray | None  # ids of worlds; None for all
 
 
-class TaskColumns(AvailableProbes):
+class TaskVocabulary(ModelVocabulary):
     """Every column that can be measured of a model, and the columns of a task: `action/left`, `command/goal/0`."""
 
     def __init__(self, model: mujoco.MjModel, others: Iterable[str], control_dt: float) -> None:
@@ -41,7 +48,7 @@ class TaskColumns(AvailableProbes):
         return super().missing(name, position, source)
 
 
-class TaskExpression(Expression):
+class TaskExpression(ParsedExpression):
     """A number, or a condition, per control instant."""
 
     def evaluator(self, count: int) -> "TaskEvaluator":
@@ -108,7 +115,7 @@ class TaskEvaluator:
         return values if values.shape == (count,) else np.array(np.broadcast_to(values, count))
 
 
-def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpression:
+def parse_task_value(text: str, columns: TaskVocabulary, label: str) -> TaskExpression:
     """Parses a number per control instant.
 
     Args:
@@ -121,6 +128,6 @@ def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpress
     return TaskExpression(text, Parser(text, label, columns).row_value())
 
 
-def parse_task_condition(text: str, columns: TaskColumns, label: str) -> TaskExpression:
+def parse_task_condition(text: str, columns: TaskVocabulary, label: str) -> TaskExpression:
     """Parses a condition at each control instant; see `parse_task_value`."""
     return TaskExpression(text, Parser(text, label, columns).condition())

@@ -16,7 +16,7 @@ from mjrun.probe.select import PAIRS, TIME, aliases, available_columns, object_o
 _GROUP = re.compile(r"(\w+)/")  # at the beginning of a name
 
 
-class AvailableProbes(Vocabulary):
+class ModelVocabulary(Vocabulary):
     """Every column that can be measured of `model`, by each of its names, `time`, and `others`.
 
     The columns of a group are listed when a name of it is looked up: those of all take a while.
@@ -132,7 +132,7 @@ class TraceVocabulary(Vocabulary):
 
     def __init__(self, columns: Sequence[str], model: mujoco.MjModel, others: Iterable[str] = ()) -> None:
         super().__init__(columns)
-        self._offer = AvailableProbes(model, others)
+        self._offer = ModelVocabulary(model, others)
 
     @property
     def groups(self) -> frozenset[str]:

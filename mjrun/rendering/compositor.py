@@ -69,7 +69,7 @@ class Overlay:
 
 
 @dataclass(frozen=True)
-class FrameStyle:
+class FrameComposition:
     """The composition of panels into a frame.
 
     Attributes:
@@ -96,7 +96,7 @@ class FrameStream:
 
     panels: Sequence[CameraPanel]
     size: tuple[int, int]
-    style: FrameStyle
+    style: FrameComposition
     exact: bool = False
 
     @property
@@ -118,7 +118,7 @@ class FrameStream:
 
 
 @dataclass(frozen=True)
-class DrawingCosts:
+class FrameCosts:
     """The wall time to render a frame [s], and its last scene as a draft; None if it cannot be rendered as one."""
 
     frame: float
@@ -201,11 +201,11 @@ class SceneCompositor:
             part[:] = self.frame(stream, views, index)
         self._frame_cost = time.perf_counter() - start
 
-    def costs(self) -> DrawingCosts:
+    def costs(self) -> FrameCosts:
         """Returns the costs of the last frame."""
         assert self._open_renderer
         draft = None if self.visual.quality == "draft" else self._open_renderer.draft_cost()
-        return DrawingCosts(self._frame_cost, draft)
+        return FrameCosts(self._frame_cost, draft)
 
     def close(self) -> None:
         """Closes the renderer, if open."""

@@ -15,7 +15,7 @@ import numpy as np
 from mjrun.errors import BrokenModelError, CompiledOverrideError, option
 from mjrun.model.fields import arrays, is_layout
 from mjrun.model.override import Override
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.stage import FLOOR, GROUND, LIGHT, SLANT
 from mjrun.model.state import restore, sizes, widened
 from mjrun.options.rendering import SceneOptions
@@ -36,7 +36,7 @@ CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 def drawn_model(
     options: SceneOptions,
     model: mujoco.MjModel,
-    source: Source,
+    source: ModelSource,
     cameras: Sequence[object] | None = None,
     *,
     is_measured: bool = False,
@@ -122,7 +122,7 @@ def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
         model.body_pos[model.geom_bodyid[floor], 2] += min(above, default=0.0)
 
 
-def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:
+def _with_stage(source: ModelSource, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:
     """Returns a model with a stage and all numbers of `model`."""
     staged = source.with_overrides([Override("", part, "stage") for part in parts]).load()
     added = {name: int(getattr(staged, name) - getattr(model, name)) for name in ADDED}

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.camera.rigs.rig import ModelCameras, compute_positions
+from mjrun.camera.rigs.rig import MujocoCameras, compute_positions
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save
 from mjrun.options.rendering import VIEWS
@@ -74,14 +74,14 @@ class _CachedRenderer:
         self.model, self.size = model, size
         self.renderer = ClassicRenderer(model, size, BackendDetection().result(), visual, Segmentation(model))
         self._data = mujoco.MjData(model)
-        self._cameras = ModelCameras(model)
-        self._motions: dict[str, CameraMotion] = {}
+        self._cameras = MujocoCameras(model)
+        self._motions: dict[str, BoundCameraScript] = {}
         self._free_camera = _free_camera(model)
 
     def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> Pose:
         """Returns the pose of the camera in `state`."""
         if (free_camera := _free_camera(self.model)) != self._free_camera:  # which rigs have copied
-            self._free_camera, self._cameras = free_camera, ModelCameras(self.model)
+            self._free_camera, self._cameras = free_camera, MujocoCameras(self.model)
             self._motions.clear()
         if isinstance(camera, mujoco.MjvCamera):
             restore(self.model, self._data, state)
@@ -89,7 +89,7 @@ class _CachedRenderer:
             return self._cameras.pose(self._data, camera)
         text = str(camera)
         if text not in self._motions:
-            self._motions[text] = CameraMotion(parse_camera(text, self.model), self.model, self.size)
+            self._motions[text] = BoundCameraScript(parse_camera(text, self.model), self.model, self.size)
         return self._motions[text].pose(state)
 
     def close(self) -> None:

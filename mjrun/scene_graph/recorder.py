@@ -15,7 +15,7 @@ from mjrun.model.names import enum_members, object_names
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping
 from mjrun.scene_graph.meshes import unique_rows, unit
-from mjrun.scene_graph.visualizer_geoms import ItemRecorder, Shapes, flex_ends
+from mjrun.scene_graph.visualizer_geoms import ItemRecorder, MeshCache, flex_ends
 from mjrun.scene_graph.walk import SKIN, UNSCALED, ModelWalk, is_attached, matrix_quaternion, toward
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -36,7 +36,7 @@ Adder = Callable[[mujoco.MjvScene, int], None]
 
 
 @dataclass(frozen=True)
-class SceneRequest:
+class SceneContent:
     """The contents of a scene.
 
     Attributes:
@@ -67,7 +67,7 @@ class SceneRequest:
 
 
 def record_scene(
-    model: mujoco.MjModel, instants: Iterable[mujoco.MjData], times: Sequence[float], request: SceneRequest
+    model: mujoco.MjModel, instants: Iterable[mujoco.MjData], times: Sequence[float], request: SceneContent
 ) -> tuple[SceneGraph, SceneMotion]:
     """Collects the scene of a model and its motion.
 
@@ -84,9 +84,9 @@ def record_scene(
 class _Recorder:
     """The scene so far."""
 
-    def __init__(self, model: mujoco.MjModel, count: int, request: SceneRequest) -> None:
+    def __init__(self, model: mujoco.MjModel, count: int, request: SceneContent) -> None:
         self._model, self._request, self._count = model, request, count
-        self._shapes, self._surfaces = Shapes(model, request.detail), MaterialCache(model)
+        self._shapes, self._surfaces = MeshCache(model, request.detail), MaterialCache(model)
         self._items = ItemRecorder(model, self._shapes, self._surfaces)
         self._options = _without_contacts(request.options)
         self._scene = mujoco.MjvScene(model, 2 * (model.ngeom + model.nsite) + 1000 + request.room)

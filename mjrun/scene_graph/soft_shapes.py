@@ -31,7 +31,7 @@ class TriangleSurface:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class LineSegments:
     """Thick straight lines.
 
     Attributes:
@@ -60,11 +60,11 @@ class SoftShapes:
         """Returns whether a model has such objects, visible or not."""
         return model.nflex + model.nskin + model.ntendon > 0
 
-    def at(self, data: mujoco.MjData) -> list[TriangleSurface | Segments]:
+    def at(self, data: mujoco.MjData) -> list[TriangleSurface | LineSegments]:
         """Returns the shapes of an instant, whose positions are computed."""
         scene = self._scene
         mujoco.mjv_updateScene(self._model, data, self._options, None, self._camera, ALL, scene)
-        shapes = list[TriangleSurface | Segments]()
+        shapes = list[TriangleSurface | LineSegments]()
         tendons: dict[int, list[mujoco.MjvGeom]] = {}
         for geom in scene.geoms[: scene.ngeom]:
             if geom.type == FLEX:
@@ -75,14 +75,14 @@ class SoftShapes:
                 tendons.setdefault(int(geom.objid), []).append(geom)
         return [*shapes, *map(_tendon, tendons.values())]
 
-    def _flex(self, data: mujoco.MjData, flex: int, rgba: Rgba) -> TriangleSurface | Segments:
+    def _flex(self, data: mujoco.MjData, flex: int, rgba: Rgba) -> TriangleSurface | LineSegments:
         model = self._model
         start = model.flex_vertadr[flex]
         points = data.flexvert_xpos[start : start + model.flex_vertnum[flex]].copy()
         if model.flex_dim[flex] == 1:
             first = model.flex_edgeadr[flex]
             edges = model.flex_edge[first : first + model.flex_edgenum[flex]]
-            return Segments(points[edges], 2 * float(model.flex_radius[flex]), rgba)
+            return LineSegments(points[edges], 2 * float(model.flex_radius[flex]), rgba)
         if model.flex_dim[flex] == 2:
             first, count, vertices = model.flex_elemdataadr[flex], model.flex_elemnum[flex], model.flex_elem
         else:
@@ -96,12 +96,12 @@ class SoftShapes:
         return TriangleSurface(points, model.skin_face[first : first + model.skin_facenum[skin]], rgba)
 
 
-def _tendon(geoms: Sequence[mujoco.MjvGeom]) -> Segments:
+def _tendon(geoms: Sequence[mujoco.MjvGeom]) -> LineSegments:
     """Returns the segments that the visualizer draws as capsules."""
     centers = np.array([geom.pos for geom in geoms])
     halves = np.array([geom.size[2] * geom.mat[:, 2] for geom in geoms])
     ends = np.stack([centers - halves, centers + halves], axis=1)
-    return Segments(ends, 2 * float(geoms[0].size[0]), _rgba(geoms[0]))
+    return LineSegments(ends, 2 * float(geoms[0].size[0]), _rgba(geoms[0]))
 
 
 def _rgba(geom: mujoco.MjvGeom) -> Rgba:

@@ -23,7 +23,7 @@ NUMBERS = 10  # of a pose: position, quaternion, scale
 MOST = 5000  # items; each is a node
 
 
-class Shapes:
+class MeshCache:
     """The meshes of shapes and assets, each made once.
 
     Args:
@@ -82,7 +82,7 @@ class ItemRecorder:
       is_full: true if there were more than `MOST`.
     """
 
-    def __init__(self, model: mujoco.MjModel, shapes: Shapes, surfaces: MaterialCache) -> None:
+    def __init__(self, model: mujoco.MjModel, shapes: MeshCache, surfaces: MaterialCache) -> None:
         self._model, self._shapes, self._surfaces = model, shapes, surfaces
         self._items: dict[object, _Item] = {}
         self.has_labels = self.is_full = False

@@ -12,7 +12,7 @@ from mjrun.model.names import enum_name, names, object_names
 from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import CameraLens, Fact, Mesh, Node, Quaternion, SceneLight, Skin, Vector, camera_lens
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping, texture_pixels
-from mjrun.scene_graph.visualizer_geoms import TYPES, Shapes
+from mjrun.scene_graph.visualizer_geoms import TYPES, MeshCache
 
 GEOM, SITE = int(mujoco.mjtObj.mjOBJ_GEOM), int(mujoco.mjtObj.mjOBJ_SITE)
 FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
@@ -35,7 +35,7 @@ class ModelWalk:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, shapes: Shapes, surfaces: MaterialCache, reach: float
+        self, model: mujoco.MjModel, data: mujoco.MjData, shapes: MeshCache, surfaces: MaterialCache, reach: float
     ) -> None:
         self.nodes = list[Node]()
         self._model, self._data, self._reach = model, data, reach

@@ -15,7 +15,7 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UsageError, clean, option
 from mjrun.formats.input_file import is_file
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.probe.episode_columns import EpisodeColumns
@@ -315,7 +315,7 @@ def _environment(source: "GymSource") -> "ExternalEnvironment":
 
 
 def episode_of(
-    source: Source,
+    source: ModelSource,
     policy: "Policy",
     seed: int,
     disturbances: Disturbances = NO_DISTURBANCES,

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import confinement
 from mjrun.model.fingerprint import model_fingerprint
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
@@ -24,7 +24,7 @@ class ModelOrigin(TypedDict):
     sha256: str
 
 
-class Origin(TypedDict):
+class OutputOrigin(TypedDict):
     """Facts that determine an output."""
 
     mjrun: str
@@ -42,13 +42,13 @@ class Origin(TypedDict):
     steps: int
 
 
-def origin(request: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
+def origin(request: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> OutputOrigin:
     """Returns the facts that determine the outputs of `request`, a dataclass, as plain values for JSON.
 
     The fingerprint is that of the compiled model with all its assets and overrides.
     """
     options = cast(dict[str, object], plain(request))
-    made: Origin = {
+    made: OutputOrigin = {
         "mjrun": __version__,
         "mujoco": mujoco.mj_versionString(),
         "numpy": np.__version__,
@@ -71,7 +71,7 @@ def plain(value: object) -> object:
     """Converts a value for JSON: dataclasses to the fields of their repr, exact numbers to floats, code to its name."""
     if isinstance(value, mujoco.MjModel):
         return "a compiled model"
-    if isinstance(value, Source):
+    if isinstance(value, ModelSource):
         return value.text
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.repr}

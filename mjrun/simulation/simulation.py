@@ -20,7 +20,7 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
 from mjrun.model.position_control import sentence
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike, demonstration_in, source_of
 from mjrun.options.kinds import AnyKind
 from mjrun.options.model import GAINS, parse_gains
@@ -97,13 +97,13 @@ class Simulation(SimulationOptions):
             return self.start.data(model)
 
     @property
-    def source(self) -> Source:
+    def source(self) -> ModelSource:
         """Source of the model, with overrides."""
         source, overrides = self._plain_source, overrides_of(self)
         return replace(source, overrides=(*source.overrides, *overrides)) if overrides else source
 
     @cached_property
-    def _plain_source(self) -> Source:
+    def _plain_source(self) -> ModelSource:
         """Source of the model, without the overrides of the simulation."""
         source = source_of(self.model)
         return source.stored_at(self.snapshot.place) if self.snapshot else source

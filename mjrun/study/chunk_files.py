@@ -266,11 +266,11 @@ class ChunkFiles:
         table = _part(np.asarray(points, np.int64), keys, results, self._metrics)
         return self._publish([table], min(points), max(points), "".join(keys))
 
-    def shared(self, witness: str, keys: Sequence[str], versions: WorkerVersions) -> "SharedParts":
-        """Returns the part of a chunk for a process on any machine; see `SharedParts`."""
+    def shared(self, witness: str, keys: Sequence[str], versions: WorkerVersions) -> "PartPublisher":
+        """Returns the part of a chunk for a process on any machine; see `PartPublisher`."""
         place = self._place.path()
         folder = str(Path(place).absolute()) if isinstance(self._place, LocalFolder) else place
-        return SharedParts(folder, self._metrics, self.study, self._points, witness, keys, versions)
+        return PartPublisher(folder, self._metrics, self.study, self._points, witness, keys, versions)
 
     def merge(self, parts: Sequence[str]) -> str | None:
         """Replaces parts of this study by one; returns None if some are damaged, or merged by another process.
@@ -419,7 +419,7 @@ class ChunkFiles:
 
 
 @dataclass(frozen=True)
-class SharedParts:
+class PartPublisher:
     """The part of a chunk of a study, for a process on any machine that sees the same folder.
 
     Attributes:

@@ -51,7 +51,7 @@ def is_cluster(engine: str) -> bool:
     return engine.partition("://")[0] in _CONNECT
 
 
-class Cluster(Executor):
+class ClusterExecutor(Executor):
     """The tasks of a cluster, whose workers come and go.
 
     Args:
@@ -96,7 +96,7 @@ class Cluster(Executor):
         return True
 
 
-def open_cluster(engine: str, count: int, stack: ExitStack, note: Callable[[str], None]) -> Cluster:
+def open_cluster(engine: str, count: int, stack: ExitStack, note: Callable[[str], None]) -> ClusterExecutor:
     """Connects to `dask://HOST:PORT` or `ray://HOST:PORT`, or to a new cluster `dask` or `ray` with `count` workers.
 
     Args:
@@ -109,7 +109,7 @@ def open_cluster(engine: str, count: int, stack: ExitStack, note: Callable[[str]
     name, _, address = engine.partition("://")
     try:
         submit, workers = _CONNECT[name](address, count, stack)
-        return Cluster(f"{option('engine')} {clean(engine)}", submit, workers, note)
+        return ClusterExecutor(f"{option('engine')} {clean(engine)}", submit, workers, note)
     except Exception as error:  # of whatever kind: ConnectionError, RuntimeError for another version of Python
         reason = f"{error}".strip().splitlines() or [type(error).__name__]  # the last line follows a traceback
         raise UsageError(f"{option('engine')}: {clean(engine)} cannot be used: {clean(reason[-1])}") from None

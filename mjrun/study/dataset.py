@@ -22,11 +22,11 @@ from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
-from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
+from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
-from mjrun.outputs.labelled_images import AcceptConditions, ObjectToLabel, labelled_objects
+from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, labelled_objects
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
@@ -100,9 +100,11 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _layout(self) -> Any:
         return "bop" if "bop" in self.format else "flat"
 
-    def _labels(self) -> LabelOptions:
+    def _labels(self) -> LabelledImageOptions:
         """Returns the options of images; processes that simulate have a MUJOCO_GL that switches rendering off."""
-        return LabelOptions(**{**values_of(self, LabelOptions), "gl": self.gl or os.environ.get(GL) or AUTO})
+        return LabelledImageOptions(
+            **{**values_of(self, LabelledImageOptions), "gl": self.gl or os.environ.get(GL) or AUTO}
+        )
 
     def _stage_parts(self, model: mujoco.MjModel, reporter: Reporter) -> Sequence[str]:
         """Returns the parts of a stage to add, and reports those that are not requested."""
@@ -122,7 +124,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
     def _check(self, prepared: PreparedStudy, objects: Sequence[ObjectToLabel]) -> None:
         """Raises errors that concern all points before the first is rendered."""
-        AcceptConditions(self, objects)
+        AcceptanceConditions(self, objects)
         if is_given(self, "samples") and not any("(" in text for _, text in self.vary):
             example = "camera.azimuth=uniform(0,360)"
             raise UsageError(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
-from mjrun.formats.codecs import Encoding
-from mjrun.options.dataset import CAMERA, LabelOptions
+from mjrun.formats.codecs import VideoEncoding
+from mjrun.options.dataset import CAMERA, LabelledImageOptions
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.simulation.manifest import plain
 
@@ -37,7 +37,7 @@ class ImageSpec:
       layout: `flat`, a folder for each kind of image; or `bop`, a folder for each part of the dataset and kind.
     """
 
-    options: LabelOptions
+    options: LabelledImageOptions
     split: Split
     objects: tuple[str, ...]
     layout: Literal["flat", "bop"] = "flat"
@@ -122,7 +122,7 @@ class EpisodeSpec:
 
     view: ViewOptions
     cameras: tuple[str, ...]
-    encoding: Encoding
+    encoding: VideoEncoding
     probe: tuple[str, ...]
     fps: str
     every: int

@@ -26,7 +26,7 @@ from mjrun.errors import FailedEpisodesError, FileError, UsageError, clean, coun
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
+from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
 from mjrun.formats.output_writer import publish_together, written_file
 from mjrun.formats.temporary_output import one_at_a_time
@@ -199,7 +199,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             actions=acted,
             action_low=low,
             action_high=high,
-            cameras=[CameraVideos(name, self.size, spec.encoding) for name in names],
+            cameras=[CameraVideoLayout(name, self.size, spec.encoding) for name in names],
             has_rewards=episode is not None or (demonstration is not None and demonstration.rewards is not None),
             robot=_robot(simulation),
             environment=episode.specification if episode else "",

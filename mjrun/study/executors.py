@@ -21,7 +21,15 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
-from mjrun.study.clusters import Cluster, LostJobError, SlurmExecutor, has_ended, is_cluster, most_jobs, open_cluster
+from mjrun.study.clusters import (
+    ClusterExecutor,
+    LostJobError,
+    SlurmExecutor,
+    has_ended,
+    is_cluster,
+    most_jobs,
+    open_cluster,
+)
 from mjrun.study.isolation import run_chunk
 from mjrun.study.spec import ChunkResult, PointChunk
 
@@ -222,7 +230,7 @@ def completed(
             time.sleep(INTERVAL)
             yield []
             continue
-        if isinstance(executor, Cluster) and executor.is_deserted() and is_over():
+        if isinstance(executor, ClusterExecutor) and executor.is_deserted() and is_over():
             end = "it has no workers"
         arrived = list[tuple[PointChunk, ChunkResult]]()
         for future in wait(running, 0 if end else INTERVAL, FIRST_COMPLETED).done:

@@ -13,7 +13,7 @@ from mjrun.errors import UsageError, clean
 from mjrun.reporter import Reporter
 from mjrun.study.chunk_files import points_digest
 from mjrun.study.executors import check_engine
-from mjrun.study.point_files import PointKeeper
+from mjrun.study.point_files import PointFileMaker
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.spec import versions
 from mjrun.study.study import Study
@@ -27,7 +27,7 @@ Range = tuple[int, int]  # the first point, and that after the last
 
 
 @dataclass(frozen=True)
-class StudyPlan:
+class JobPlan:
     """The points of a study that remain to be simulated.
 
     Attributes:
@@ -70,7 +70,7 @@ class PlanPartResult:
     wall: float
 
 
-def plan(study: Study) -> StudyPlan:
+def plan(study: Study) -> JobPlan:
     """Plans the missing points of a study, and creates its folder, so that it can be collected.
 
     Raises:
@@ -78,13 +78,13 @@ def plan(study: Study) -> StudyPlan:
       FileError: the folder cannot be created, or a file cannot be read.
     """
     prepared = PreparedStudy(study, study.spec)
-    PointKeeper(study, prepared)  # which checks the options of kept files
+    PointFileMaker(study, prepared)  # which checks the options of kept files
     ranges = ranges_of(np.array(prepared.missing(study.retry_failed), np.int64))
     prepared.files.create()
-    return StudyPlan(study, _hashes(prepared), ranges)
+    return JobPlan(study, _hashes(prepared), ranges)
 
 
-def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> PlanPartResult:
+def run_task(plan: JobPlan, task: int, tasks: int, reporter: Reporter) -> PlanPartResult:
     """Simulates the points of one of `tasks` equal parts of a plan, and publishes them in chunks.
 
     Raises:

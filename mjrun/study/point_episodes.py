@@ -19,7 +19,7 @@ from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model import state
 from mjrun.model.names import control_names
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.table_column import Column
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.event_detection import final_timeline
@@ -33,7 +33,7 @@ from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
 from mjrun.rendering.backend import BackendDetection
-from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, SceneCompositor
+from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.drawn_model import drawn_model, place_stage
 from mjrun.simulation import episode as played
@@ -380,7 +380,12 @@ class EpisodeImageRenderer:
         self._compositor: SceneCompositor | None = None  # the last one, whose renderer is open
 
     def images(
-        self, source: Source, model: mujoco.MjModel, states: StateBuffer, times: Sequence[float], timeline: Timeline
+        self,
+        source: ModelSource,
+        model: mujoco.MjModel,
+        states: StateBuffer,
+        times: Sequence[float],
+        timeline: Timeline,
     ) -> Iterator[Sequence[np.ndarray]]:
         """Yields the image of each camera in each state, `(h, w, 3)` uint8, valid until the next.
 
@@ -403,7 +408,7 @@ class EpisodeImageRenderer:
             motion.aim_at_motion(iter(states), times, spans)
             poses.append(motion.poses(iter(states), times, times, spans))
         streams = [
-            FrameStream([CameraPanel(index, "rgb")], options.size, FrameStyle()) for index in range(len(motions))
+            FrameStream([CameraPanel(index, "rgb")], options.size, FrameComposition()) for index in range(len(motions))
         ]
         compositor = scene_compositor(options, drawn, self._backend, streams, PoseArray(poses))
         for flat in self._flat_frames(compositor, states):
@@ -433,7 +438,9 @@ class EpisodeImageRenderer:
             compositor.compose(states[index], index, frame)
             yield frame
 
-    def _model_to_draw(self, source: Source, model: mujoco.MjModel, start: np.ndarray) -> tuple[mujoco.MjModel, bool]:
+    def _model_to_draw(
+        self, source: ModelSource, model: mujoco.MjModel, start: np.ndarray
+    ) -> tuple[mujoco.MjModel, bool]:
         """Returns the model on its stage, and whether a camera frames it closely; episodes with one model share it."""
         if self._staged is None or self._model is not model:
             drawn, _, is_framed = drawn_model(self._options, model, source)

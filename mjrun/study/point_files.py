@@ -18,18 +18,18 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design_points import parameter_names
-from mjrun.experiment.results_table import TableNames
+from mjrun.experiment.results_table import ColumnVocabulary
 from mjrun.formats.folders import LocalFolder
 from mjrun.formats.output_writer import written_file
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
 from mjrun.options.option import values_of
-from mjrun.options.sweep import KeepOptions
+from mjrun.options.sweep import KeptFileOptions
 from mjrun.options.video import SelectedVideoOptions
 from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
-from mjrun.python_code import SealedCode
+from mjrun.python_code import SealedValue
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
@@ -61,14 +61,14 @@ class KeptFiles:
     failures: Mapping[int, str] = field(default_factory=dict[int, str])
 
 
-class PointKeeper:
+class PointFileMaker:
     """A maker of the files of points. The options are checked before there are any results.
 
     Raises:
       UsageError: a name is unknown, or a value is invalid.
     """
 
-    def __init__(self, options: KeepOptions, prepared: PreparedStudy) -> None:
+    def __init__(self, options: KeptFileOptions, prepared: PreparedStudy) -> None:
         self._prepared = prepared
         self._options = replace(keep_options(options), probe=_probes(options, prepared))
         self._choice = PointChoice(options, prepared.points.names, [name for name, _ in prepared.spec.metrics])
@@ -169,7 +169,7 @@ class PointKeeper:
         return PointFileRequest(folder, simulation, key, self.kinds, self._options, every, facts)
 
 
-def _probes(options: KeepOptions, prepared: PreparedStudy) -> Sequence[str]:
+def _probes(options: KeptFileOptions, prepared: PreparedStudy) -> Sequence[str]:
     """Returns the probes of traces: those of the options, and the columns that the metrics read."""
     if "trace" not in options.keep:
         return options.probe
@@ -190,8 +190,8 @@ class PointChoice:
       UsageError: a condition is malformed, or a metric is unknown.
     """
 
-    def __init__(self, options: KeepOptions, parameters: Sequence[str], metrics: Sequence[str]) -> None:
-        names = TableNames({**parameter_names(parameters), **dict(zip(metrics, metrics, strict=True))}, STATUSES)
+    def __init__(self, options: KeptFileOptions, parameters: Sequence[str], metrics: Sequence[str]) -> None:
+        names = ColumnVocabulary({**parameter_names(parameters), **dict(zip(metrics, metrics, strict=True))}, STATUSES)
         self._conditions = list[tuple[str, Condition]]()
         for index, text in enumerate(options.keep_where):
             with concerning("keep_where", index):
@@ -265,7 +265,7 @@ class PointFileRequest:
     simulation: Simulation
     key: str
     kinds: tuple[str, ...]
-    options: KeepOptions
+    options: KeptFileOptions
     every: int
     facts: Mapping[str, object]
 
@@ -336,7 +336,7 @@ class PointFileRequest:
 class PointFileServer:
     """Server of a process that makes the files of a point."""
 
-    def make(self, sealed: SealedCode) -> None:
+    def make(self, sealed: SealedValue) -> None:
         """Makes the missing files of sealed `PointFileRequest`."""
         outputs = cast("PointFileRequest", sealed.open())
         snapshot = outputs.simulation.snapshot
@@ -348,7 +348,7 @@ def make_isolated(outputs: PointFileRequest) -> str:
     """Makes the files of a point in a separate process; returns the reason of a failure, empty on success."""
     with contextlib.closing(Worker("mjrun.study.point_files:PointFileServer", environment={})) as worker:
         try:
-            worker.ask("make", SealedCode.of(outputs, outputs.simulation.code))
+            worker.ask("make", SealedValue.of(outputs, outputs.simulation.code))
         except WorkerEndedError as error:
             return f"the process that simulated it {error}"
         except MjrunError as error:
@@ -361,6 +361,6 @@ def up_to(simulation: Simulation, steps: int) -> Simulation:
     return replace(simulation, steps=steps, duration=None)
 
 
-def keep_options(options: KeepOptions) -> KeepOptions:
+def keep_options(options: KeptFileOptions) -> KeptFileOptions:
     """Returns these options alone, without those of derived classes."""
-    return KeepOptions(**values_of(options, KeepOptions))
+    return KeptFileOptions(**values_of(options, KeptFileOptions))

@@ -12,7 +12,7 @@ from mjrun.errors import UsageError, listing
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.model.variants import VariantLoader
 from mjrun.options.dataset import CAMERA
-from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectAnnotation, labelled_objects
+from mjrun.outputs.labelled_images import LabelledImage, LabelledImageRenderer, ObjectAnnotation, labelled_objects
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.dataset_specs import ImageSpec, camera_argument, part_of, record_path
@@ -25,7 +25,7 @@ class PointImageMaker:
         self._spec = spec
         self._variants = VariantLoader()
         os.environ.setdefault("LP_NUM_THREADS", "1")  # of llvmpipe: the other cores have processes, too
-        self._renderer = LabelledRenderer(spec.options, outlines=spec.layout == "bop")
+        self._renderer = LabelledImageRenderer(spec.options, outlines=spec.layout == "bop")
 
     def make(
         self, index: int, values: Mapping[str, str], simulation: Simulation

@@ -21,7 +21,7 @@ from mjrun.formats.folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
-from mjrun.study.chunk_files import ChunkFiles, PartWriter, SharedParts
+from mjrun.study.chunk_files import ChunkFiles, PartPublisher, PartWriter
 from mjrun.study.clusters import LostJobError
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import LeasedPoints, Leases
@@ -159,7 +159,7 @@ class PreparedPoints(ABC):
         leased: LeasedPoints,
         options: ExecutionOptions,
         sizes: executors.ChunkSizes,
-        shared: Callable[[Sequence[int]], SharedParts | None] = lambda _: None,
+        shared: Callable[[Sequence[int]], PartPublisher | None] = lambda _: None,
     ) -> Iterator[PointChunk | None]:
         """Returns an iterator of points in chunks; asks `sizes` for the size of each chunk when it is needed.
 
@@ -290,7 +290,7 @@ class PreparedPoints(ABC):
                     reporter.warn(f"{reason}: its results are refused, and simulated again")
             return "; ".join(reasons)
 
-        def shared(points: Sequence[int]) -> SharedParts | None:
+        def shared(points: Sequence[int]) -> PartPublisher | None:
             if not is_shared or len(points) < SHARED:
                 return None
             return self.files.shared(leases.name_of(points[0]), self._keys(points), expected)

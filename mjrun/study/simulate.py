@@ -32,7 +32,7 @@ from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
-from mjrun.probe.metric import Metric, MetricBatch
+from mjrun.probe.metric import BatchMetricEvaluator, Metric
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, StudyPoint, StudySpec, is_path
 from mjrun.timeline import Timeline, rational
@@ -421,7 +421,7 @@ class _MeasuredRows:
     def __init__(self, first: _ReadyPoint, every: int, count: int) -> None:
         self._end, self._names = first.compiled.end, first.sampler.names
         self._every, self._last = every, first.timeline.steps
-        self._metrics = MetricBatch(first.compiled.metrics, self._names, count)
+        self._metrics = BatchMetricEvaluator(first.compiled.metrics, self._names, count)
         self.read_every = 1 if self._end else every
         self.running, self.has_ended = np.ones(count, bool), np.zeros(count, bool)
         self.steps = np.full(count, first.timeline.steps)

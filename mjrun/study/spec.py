@@ -27,18 +27,18 @@ from mjrun.errors import (
 from mjrun.experiment.design import SHORT_PATHS, Design, simulation_kinds
 from mjrun.experiment.design_points import ABSENT, numbers
 from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.dataset import CAMERA
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.python_code import SealedCode
+from mjrun.python_code import SealedValue
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.dataset_specs import EpisodeSpec, ImageSpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.study.chunk_files import SharedParts
+    from mjrun.study.chunk_files import PartPublisher
     from mjrun.study.simulate import PointSimulator
 
 BUG = 70  # the exit code
@@ -100,7 +100,7 @@ class StudySpec:
 
         return PointSimulator(self)
 
-    def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
+    def models(self, points: Iterable[Sequence[str]]) -> list[ModelSource]:
         """Returns the model of the base simulation, and those that the values of points name instead."""
         place = self.names.index(MODEL) if MODEL in self.names else None
         texts = {} if place is None else dict.fromkeys(values[place] for values in points if values[place] != ABSENT)
@@ -185,7 +185,7 @@ class SimulatorSpec(Protocol):
         """Returns the simulator of the points."""
         ...
 
-    def models(self, points: Iterable[Sequence[str]]) -> Sequence[Source]:
+    def models(self, points: Iterable[Sequence[str]]) -> Sequence[ModelSource]:
         """Returns the models of points, given by their values."""
         ...
 
@@ -340,7 +340,7 @@ class WorkerVersions:
     host: str
 
     @classmethod
-    def here(cls, models: Iterable[Source]) -> "WorkerVersions":
+    def here(cls, models: Iterable[ModelSource]) -> "WorkerVersions":
         """Returns the versions that this process simulates `models` with."""
         return cls(versions(), {model.text: code for model in models if (code := model.code)}, socket.gethostname())
 
@@ -365,7 +365,7 @@ class ShippedStudy:
       snapshot: copies of all files that its points read.
     """
 
-    spec: SealedCode
+    spec: SealedValue
     metrics: int
     snapshot: InputSnapshot
 
@@ -374,7 +374,7 @@ class ShippedStudy:
         """Seals a study; copies its files unless it already has copies."""
         spec = replace(spec, base=spec.base.with_snapshot())
         assert spec.base.snapshot
-        return cls(SealedCode.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
+        return cls(SealedValue.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
 
 
 @dataclass(frozen=True)
@@ -393,7 +393,7 @@ class PointChunk:
     points: tuple[StudyPoint, ...]
     time_limit: float = math.inf
     contents: Mapping[str, bytes] | None = None
-    parts: "SharedParts | None" = None
+    parts: "PartPublisher | None" = None
     refusals: int = 0
     losses: int = 0
 

@@ -213,7 +213,7 @@ def age(running: RunningRange) -> str:
 
 
 @dataclass(frozen=True)
-class UnusedKind:
+class UnusedFileGroup:
     """Unused files of one kind.
 
     Attributes:
@@ -240,7 +240,7 @@ class UnusedFiles:
 
     path: str
     is_removed: bool
-    kinds: Sequence[UnusedKind]
+    kinds: Sequence[UnusedFileGroup]
     missing: int
 
 
@@ -266,7 +266,9 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
         "damaged part": damaged,
         "abandoned lease": leases,
     }
-    counts = [UnusedKind(noun, len(some), sum(map(files.folder.size, some))) for noun, some in names.items() if some]
+    counts = [
+        UnusedFileGroup(noun, len(some), sum(map(files.folder.size, some))) for noun, some in names.items() if some
+    ]
     for name in () if dry_run else [name for some in names.values() for name in some]:
         files.folder.remove(name)
     if isinstance(place, LocalFolder):
@@ -277,7 +279,7 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     return UnusedFiles(place.path(), not dry_run, counts, missing if others else 0)
 
 
-def _remove_temporary(folder: Path, parts: Sequence[Path], *, dry_run: bool) -> list[UnusedKind]:
+def _remove_temporary(folder: Path, parts: Sequence[Path], *, dry_run: bool) -> list[UnusedFileGroup]:
     """Removes temporary files, and the logs of Slurm jobs.
 
     Raises:
@@ -287,7 +289,7 @@ def _remove_temporary(folder: Path, parts: Sequence[Path], *, dry_run: bool) -> 
     with ExitStack() as stack:
         found = [path for place in (folder, *parts) for path in stack.enter_context(left_behind(place))]
         kinds = {"temporary file": found, "log folder": runs}
-        counts = [UnusedKind(noun, len(paths), sum(map(_size, paths))) for noun, paths in kinds.items() if paths]
+        counts = [UnusedFileGroup(noun, len(paths), sum(map(_size, paths))) for noun, paths in kinds.items() if paths]
         for path in () if dry_run else [path for paths in kinds.values() for path in paths]:
             remove(path)
             if path.exists():

@@ -44,7 +44,7 @@ from mjrun.study.chunk_files import part_bytes
 from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import INTERVAL, QUEUED, WARP, check_engine, process_count
 from mjrun.study.isolation import IsolatedSimulator
-from mjrun.study.point_files import KeptFiles, PointKeeper
+from mjrun.study.point_files import KeptFiles, PointFileMaker
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import (
     REPEAT_FILES,
@@ -114,7 +114,7 @@ class Study(StudyOptions, ExecutionOptions):
 
                 check_page(self.html)
             prepared = PreparedStudy(self, self.spec)
-            keeper = PointKeeper(self, prepared)
+            keeper = PointFileMaker(self, prepared)
             if self.export_to is not None:
                 check_runs(self.export_to, len(prepared.points.points))
             check_engine(self.engine, prepared.folder)
@@ -152,7 +152,7 @@ class Study(StudyOptions, ExecutionOptions):
         if not prepared.files.exist():
             raise FileError(self.output, "contains no results of a study")
         prepared.warn(reporter)
-        return self._conclude(prepared, PointKeeper(self, prepared), 0, reporter, start)
+        return self._conclude(prepared, PointFileMaker(self, prepared), 0, reporter, start)
 
     def preview(self) -> "StudyPreview":
         """Previews `run` and estimates its duration by simulating one point; writes nothing.
@@ -161,7 +161,7 @@ class Study(StudyOptions, ExecutionOptions):
           MjrunError: nothing could be simulated.
         """
         prepared = PreparedStudy(self, self.spec)
-        PointKeeper(self, prepared)  # which checks the options of kept files
+        PointFileMaker(self, prepared)  # which checks the options of kept files
         return preview(prepared, self)
 
     def write_manifest(self, facts: Mapping[str, object]) -> None:
@@ -198,7 +198,7 @@ class Study(StudyOptions, ExecutionOptions):
         return files if self.with_csv or rows <= MOST_IN_CSV else files[:1]
 
     def _conclude(
-        self, prepared: PreparedStudy, keeper: PointKeeper, simulated: int, reporter: Reporter, start: float
+        self, prepared: PreparedStudy, keeper: PointFileMaker, simulated: int, reporter: Reporter, start: float
     ) -> "StudyResult":
         """Writes the table, the kept files and the manifest; raises errors of a finished study with its result."""
         points, results = prepared.points, prepared.known

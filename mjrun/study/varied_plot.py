@@ -70,7 +70,7 @@ class VariedPlot(VariationOptions, Plot):
     def keeps_partial(self) -> bool:
         return True
 
-    def plan(self, context: output.Context) -> "output.Plan[PlotResult]":
+    def plan(self, context: output.PassContext) -> "output.Plan[PlotResult]":
         """Checks the values of all points, and resolves the curves among the columns of their traces."""
         points = self._points(context)
         varies = MODEL in self._design.names  # otherwise, all points have the same columns
@@ -82,18 +82,18 @@ class VariedPlot(VariationOptions, Plot):
         tables = [table_columns(each, point.name) for each, point in zip(columns, points, strict=True)]
         figure = FigurePlan(self, tables, panels)
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
-        preview = output.Preview("plot", self.output, len(points), "points", figure.grid.size, about)
+        preview = output.OutputPreview("plot", self.output, len(points), "points", figure.grid.size, about)
         table = self.probe_sampler(contexts[0])
         return VariedPlotPlan(
             preview=preview, until=0, request=self, context=context, table=table, steps=(), figure=figure, points=points
         )
 
-    def context(self, point: DrawnPoint, base: output.Context) -> output.Context:
+    def context(self, point: DrawnPoint, base: output.PassContext) -> output.PassContext:
         """Returns the context of the simulation of a point, with the reporter of `base`."""
         simulation = point.simulation
         with point.named_in_errors():
             model = simulation.episode.model() if simulation.episode else self._variants.load(simulation.source).model
-            return output.Context(simulation, model, final_timeline(simulation, model), base.reporter)
+            return output.PassContext(simulation, model, final_timeline(simulation, model), base.reporter)
 
     @cached_property
     def _variants(self) -> VariantLoader:
@@ -111,7 +111,7 @@ class VariedPlot(VariationOptions, Plot):
             raise UsageError(f"{len(made.points):,} points; a figure shows {MOST} at most\n{other}")
         return made
 
-    def _points(self, context: output.Context) -> list[DrawnPoint]:
+    def _points(self, context: output.PassContext) -> list[DrawnPoint]:
         names, points = self._design.names, self._design.points
         spec = StudySpec(self.simulation, names, (), controllers=tuple(self.controllers.items()))
         columns = [TIME, *available_columns(context.model, context.episode)]

@@ -13,10 +13,10 @@ from mujoco.batch import Batch
 
 from mjrun.dataclass import dataclass
 from mjrun.model import state
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.table_column import Column
 from mjrun.probe.episode_columns import EpisodeProbe
-from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
+from mjrun.probe.fields import LAZY, FieldProbe, MjDataProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
 from mjrun.task.mjdata_batch import MjDataBatch, SingleMjData
 
@@ -81,7 +81,7 @@ class _ProbePiece:
       indices: the indices of the numbers in the group.
     """
 
-    probe: FieldProbe | InstantProbe
+    probe: FieldProbe | MjDataProbe
     group: str
     indices: Sequence[int]
 
@@ -93,7 +93,7 @@ class _ProbePiece:
 
     @property
     def needs_data(self) -> bool:
-        return isinstance(self.probe, InstantProbe)
+        return isinstance(self.probe, MjDataProbe)
 
     @property
     def fields(self) -> Sequence[str]:
@@ -179,7 +179,7 @@ class _DataColumns:
     """
 
     def __init__(self) -> None:
-        self.measured: list[tuple[slice, InstantProbe]] = []
+        self.measured: list[tuple[slice, MjDataProbe]] = []
         self._computations: list[Callable[[mujoco.MjModel, mujoco.MjData], None]] = []
         self._computed: list[tuple[slice, str, slice | np.ndarray]] = []
         self._views: dict[int, list[tuple[slice, np.ndarray, slice | np.ndarray]]] = {}  # of each MjData, by its id
@@ -248,7 +248,7 @@ class BatchColumns:
                 case _ProbePiece(probe=FieldProbe() as probe):
                     compute = self._compute_by_model(piece) if probe.reads_model else self._compute(probe)
                     self._reads.append((place, compute))
-                case _ProbePiece(probe=InstantProbe() as probe):
+                case _ProbePiece(probe=MjDataProbe() as probe):
                     examined.measured.append((place, probe))
         self._examined = None
         if not isinstance(batch, Batch):
@@ -365,7 +365,7 @@ class BatchColumns:
 
 
 @dataclass(frozen=True)
-class SourceWithSensors(Source):
+class SourceWithSensors(ModelSource):
     """A model with sensors appended, so that a step also computes `fields`, which it would otherwise leave out.
 
     Args:
@@ -373,7 +373,7 @@ class SourceWithSensors(Source):
       fields: fields of MjData that are in `SENSED`.
     """
 
-    source: Source
+    source: ModelSource
     fields: tuple[str, ...]
 
     @property
@@ -388,7 +388,7 @@ class SourceWithSensors(Source):
     def files(self) -> tuple[Path, ...]:
         return self.source.files
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> ModelSource:
         return replace(self, source=self.source.stored_at(place))
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:

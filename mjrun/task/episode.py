@@ -162,7 +162,7 @@ class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go 
         super().__init__(f"the episode ended at step {step}: {ending.name}")
 
 
-class ReplayedEpisode(ReplayStepper):
+class EpisodeReplayStepper(ReplayStepper):
     """A replay of recorded states, with the values of the control instants among them."""
 
     def __init__(
@@ -199,4 +199,4 @@ class ControlInstants:
         """Returns a stepper through the recorded `states` of all steps."""
         if self._episode is None:
             return ReplayStepper(model, states)
-        return ReplayedEpisode(model, states, self._instants, self._episode)
+        return EpisodeReplayStepper(model, states, self._instants, self._episode)

@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model import state
 from mjrun.model.override import Override
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.variants import ModelVariant, VariantLoader
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.kinematic_samples import quaternions
@@ -89,7 +89,7 @@ class EpisodeModels:
       UsageError: a path cannot vary.
     """
 
-    def __init__(self, source: Source, vary: Sequence[tuple[str, str]], variants: VariantLoader) -> None:
+    def __init__(self, source: ModelSource, vary: Sequence[tuple[str, str]], variants: VariantLoader) -> None:
         self._source, self._vary, self._variants = source, vary, variants
         for path, _ in vary:
             if path == "opt.timestep":

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.errors import concerning
 from mjrun.probe.expression_evaluation import ColumnLayout, ColumnMatrix
-from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_condition, parse_task_value
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 from mjrun.task.batch_columns import NumberSource
 from mjrun.task.episode import Endings
 from mjrun.task.single_world_expressions import RowProgram
@@ -20,7 +20,7 @@ Judge = Callable[[float], tuple[float, list[float], int]]
 Fill = Callable[[np.ndarray, float], None]
 
 
-class Inputs(NamedTuple):
+class ExpressionInputs(NamedTuple):
     """The inputs of k worlds up to a control instant; of a single world where the axis of worlds is missing.
 
     Attributes:
@@ -59,7 +59,7 @@ class TaskExpressions:
     def __init__(
         self,
         task: Task,
-        columns: TaskColumns,
+        columns: TaskVocabulary,
         values: Mapping[str, TaskExpression],
         names: tuple[Sequence[str], Sequence[str]],
         count: int,
@@ -102,7 +102,7 @@ class TaskExpressions:
         evaluators = [*self._rewards, *self._conditions, *self._values.values()]
         return [array for each in evaluators for array in each.memory]
 
-    def columns(self, measured: np.ndarray, inputs: Inputs) -> ColumnMatrix:
+    def columns(self, measured: np.ndarray, inputs: ExpressionInputs) -> ColumnMatrix:
         """Returns the columns that they read, `(k,)` each, from those of the model `(k, len(self.measured))`."""
         read = [measured]
         read += [inputs.actions] if self.reads_actions else []

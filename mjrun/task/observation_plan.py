@@ -17,9 +17,9 @@ from mjrun.options.task import WORLD
 from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
 from mjrun.probe.fields import MATRIX, VECTOR, field_probe
 from mjrun.probe.select import select
-from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_value
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_value
 from mjrun.task.action_map import spread
-from mjrun.task.expressions import ACTION, COMMAND, Inputs
+from mjrun.task.expressions import ACTION, COMMAND, ExpressionInputs
 from mjrun.task.random_streams import CommandSignals, ObservationNoise
 from mjrun.task.task import Observation
 
@@ -96,7 +96,7 @@ class ObservationPlan:
         self,
         terms: Sequence[Observation],
         model: mujoco.MjModel,
-        columns: TaskColumns,
+        columns: TaskVocabulary,
         action_names: Sequence[str],
         commands: CommandSignals,
     ) -> None:
@@ -248,7 +248,7 @@ def _component_names(each: ObservedTerm) -> Sequence[str]:
     return ["/".join(piece[shared:]) for piece in pieces]
 
 
-class ObservationVector:
+class BatchObservations:
     """The observations of n worlds, from one control instant to the next.
 
     Args:
@@ -302,7 +302,12 @@ class ObservationVector:
         return self._noise.streams if self._noise else []
 
     def observe(
-        self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, Any], rows: np.ndarray | int, first: bool
+        self,
+        measured: np.ndarray,
+        inputs: ExpressionInputs,
+        values: Mapping[str, Any],
+        rows: np.ndarray | int,
+        first: bool,
     ) -> np.ndarray:
         """Returns the observations `(k, nobs)` of the worlds `rows` `(k,)`; of a single one `(nobs,)`.
 
@@ -322,7 +327,7 @@ class ObservationVector:
             current[..., each.place.start] = values[each.term.name]
         return self.finish(current, rows, first)
 
-    def add_inputs(self, now: np.ndarray, inputs: Inputs) -> None:
+    def add_inputs(self, now: np.ndarray, inputs: ExpressionInputs) -> None:
         """Writes actions, commands and phases into the values of all terms `(k, width)`; of a single world `(width,)`.
 
         Args:
@@ -344,7 +349,7 @@ class ObservationVector:
             done = each.place.stop
         return np.concatenate([*parts, now[..., done:]], axis=-1)
 
-    def _input(self, term: Observation, inputs: Inputs) -> np.ndarray:
+    def _input(self, term: Observation, inputs: ExpressionInputs) -> np.ndarray:
         """Returns the action, command or phase of a term: `(k, width)`, or `(width,)` of a single world."""
         if term.action is not None:
             return inputs.actions

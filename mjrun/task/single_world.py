@@ -16,7 +16,7 @@ from mujoco.batch import SimulationError as BatchError
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.physics.step_stages import is_bounded
 from mjrun.task.batch_columns import ALL, NONE, BatchColumns, MeasurementPlan, Rows
-from mjrun.task.expressions import RUNNING, Fill, Inputs, Judge
+from mjrun.task.expressions import RUNNING, ExpressionInputs, Fill, Judge
 from mjrun.task.mjdata_batch import SingleMjData
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskStep, TaskWorlds
@@ -54,7 +54,7 @@ class SingleWorld(TaskWorlds):
         plan = self._plan  # sensors that it appends are missing in another MjData
         self._plan_alone = MeasurementPlan(self.model(0), plan.names, can_sense=False) if plan.sensed else plan
         self.stage = max(self._plan_alone.stage, self._stage_of_frames)
-        self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
+        self._no_inputs = ExpressionInputs(0, self._action, NO_COMMANDS)
         self._ignoring = Context()  # `np.errstate` takes longer than small expressions
         self._ignoring.run(np.seterr, all="ignore")
         self._source: SingleMjData | None = None  # of another MjData that is read
@@ -213,7 +213,7 @@ class SingleWorld(TaskWorlds):
             self._over[0] = True
         return TaskStep(observed, reward, terms, code, endings)
 
-    def _observation(self, fill: Fill, time: float, inputs: Inputs, first: bool) -> np.ndarray:
+    def _observation(self, fill: Fill, time: float, inputs: ExpressionInputs, first: bool) -> np.ndarray:
         """Returns the observation `(nobs,)`."""
         now = np.empty(self._observations.width)
         fill(now, time)
@@ -242,7 +242,7 @@ class SingleWorld(TaskWorlds):
         functions = expressions.alone(read, measured, observations.places_of_values, is_first)
         return _InstantFunctions(update, *functions)
 
-    def _inputs_at(self, instant: int, commanded: int | None = None) -> Inputs:
+    def _inputs_at(self, instant: int, commanded: int | None = None) -> ExpressionInputs:
         """Returns the inputs of the world up to a control instant; expressions read these commands from then on.
 
         Args:
@@ -252,7 +252,7 @@ class SingleWorld(TaskWorlds):
         if self._has_commands:
             commands = self.commands.at(0, instant if commanded is None else commanded)
             self._commands_read[:] = commands
-        return Inputs(instant, self._action, commands)
+        return ExpressionInputs(instant, self._action, commands)
 
 
 class _InstantFunctions(NamedTuple):

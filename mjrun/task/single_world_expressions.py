@@ -28,7 +28,7 @@ from mjrun.probe.expression import (
     NumberLiteral,
     NumericExpression,
     PreviousValue,
-    Reduction,
+    RowwiseReduction,
 )
 from mjrun.probe.task_expression import TaskEvaluator
 from mjrun.task.batch_columns import NumberSource, as_slice
@@ -108,7 +108,7 @@ class RowProgram:
             case FunctionCall():
                 self.uses_numpy |= node.width > 0
                 return self._call(node, [self._number(operand) for operand in node.operands])
-            case Reduction():
+            case RowwiseReduction():
                 return self._reduction(node)
             case ConditionalValue(condition=condition, operands=(first, second)):
                 holds, one, other = self._truth(condition), self._number(first), self._number(second)
@@ -132,7 +132,7 @@ class RowProgram:
     def _finite(self, value: NumericExpression) -> str:
         """Returns the source of the test that a number, or every number of a vector, is finite."""
         match value:
-            case Reduction(name="max", operands=(FunctionCall(functions=(function,), operands=(vector,)),)):
+            case RowwiseReduction(name="max", operands=(FunctionCall(functions=(function,), operands=(vector,)),)):
                 if function is abs and vector.width:
                     return f"all(map(isfinite, {self._number(vector)}.tolist()))"
         return f"isfinite({self._number(value)})"
@@ -188,7 +188,7 @@ class RowProgram:
                 result = self._numpy(function, result, other)
         return result
 
-    def _reduction(self, node: Reduction) -> str:
+    def _reduction(self, node: RowwiseReduction) -> str:
         name, is_norm = "sum" if node.name == "norm" else node.name, node.name == "norm"
         numbers = [number for operand in node.operands for number in self._numbers(operand)]
         if name == "sum" and len(numbers) <= FEW and None not in numbers:

@@ -14,7 +14,7 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option, quoted
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
 from mjrun.options.disturbance import NO_DISTURBANCES, DisturbanceOptions, Disturbances, Push
@@ -158,7 +158,7 @@ class ErrorLocator(AbstractContextManager[None]):
 
 
 @dataclass(frozen=True)
-class Task(Source):
+class Task(ModelSource):
     """A task. It is accepted wherever a model is, and then represents its model.
 
     Args:
@@ -180,7 +180,7 @@ class Task(Source):
       UsageError: invalid values, or names that are used twice.
     """
 
-    model: Source
+    model: ModelSource
     control_dt: Fraction
     duration: Fraction
     observations: tuple[Observation, ...]
@@ -199,7 +199,7 @@ class Task(Source):
 
     def __init__(
         self,
-        model: Source | mujoco.MjModel | str | Path,
+        model: ModelSource | mujoco.MjModel | str | Path,
         *,
         control_dt: float | str | Fraction,
         duration: float | str | Fraction,
@@ -282,7 +282,7 @@ class Task(Source):
         return self.model_source.compile()
 
     @property
-    def model_source(self) -> Source:
+    def model_source(self) -> ModelSource:
         """The source of the model alone, with all overrides."""
         return replace(self.model, overrides=(*self.model.overrides, *self.overrides))
 

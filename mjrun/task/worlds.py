@@ -20,7 +20,7 @@ from mjrun.file_version import file_version
 from mjrun.model import state
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.variants import VariantLoader
 from mjrun.options.task import CURRENT, LAGGED
 from mjrun.physics.c_engine import AUTORESET, ENERGY
@@ -28,7 +28,7 @@ from mjrun.physics.control import NEVER, ControlNoise
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import BAD, RK4, SLEEP
 from mjrun.platform.cores import available_cores
-from mjrun.probe.task_expression import TaskColumns
+from mjrun.probe.task_expression import TaskVocabulary
 from mjrun.task.action_map import ActionMap, TargetTorques
 from mjrun.task.batch_columns import (
     ACCELERATION,
@@ -43,9 +43,9 @@ from mjrun.task.batch_columns import (
 )
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
-from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
+from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, ExpressionInputs, TaskExpressions
 from mjrun.task.mjdata_batch import MjDataBatch
-from mjrun.task.observation_plan import ObservationPlan, ObservationVector, ObservedNumber
+from mjrun.task.observation_plan import BatchObservations, ObservationPlan, ObservedNumber
 from mjrun.task.random_streams import CommandSignals
 from mjrun.task.task import Task
 from mjrun.timeline import rational
@@ -309,7 +309,7 @@ class TaskWorlds:
         self.commands = CommandSignals(task.commands, task.control_dt, task.periods, count)
         names = self.actions.names, self.commands.names
         others = [*(f"{ACTION}{name}" for name in names[0]), *(f"{COMMAND}{name}" for name in names[1])]
-        columns = TaskColumns(model, others, float(task.control_dt))
+        columns = TaskVocabulary(model, others, float(task.control_dt))
         plan = ObservationPlan(task.observations, model, columns, names[0], self.commands)
         self.observed: Sequence[ObservedNumber] = plan.numbers
         self._expressions = TaskExpressions(task, columns, plan.expressions, names, count)
@@ -335,7 +335,7 @@ class TaskWorlds:
         stage = max(measured.stage, self._stage_of_frames)
         self._stage, at_start = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
         self._stage_at_start = max(at_start, POSITION)
-        self._observations = ObservationVector(plan, count, task.control_dt, self._rotations)
+        self._observations = BatchObservations(plan, count, task.control_dt, self._rotations)
         self._torques = TargetTorques(self.actions, model, count)
         self.disturbances = WorldDisturbances(task, model, self._state, self._ctrl, self._batch.bind("xfrc_applied"))
         self._has_delays = bool(self.actions.delays.any())
@@ -354,7 +354,7 @@ class TaskWorlds:
             model.opt.disableflags |= AUTORESET  # an unstable world ends its episode instead
             model.opt.enableflags |= ENERGY if plan.needs_energy else 0
 
-        sensing: Source = SourceWithSensors(source, plan.sensed) if plan.sensed else source
+        sensing: ModelSource = SourceWithSensors(source, plan.sensed) if plan.sensed else source
         self._models = EpisodeModels(sensing, task.reset.vary, VariantLoader(prepare))
         self._own = EpisodeModels(source, task.reset.vary, VariantLoader(prepare)) if plan.sensed else self._models
         first = self._models.variant(0)
@@ -456,9 +456,9 @@ class TaskWorlds:
         self._measurement.read(rows, measured)
         return measured
 
-    def _inputs(self, rows: Rows) -> Inputs:
+    def _inputs(self, rows: Rows) -> ExpressionInputs:
         instants = self._instants[rows]
-        return Inputs(instants, self._actions[rows], self.commands.at(self._all[rows], instants))
+        return ExpressionInputs(instants, self._actions[rows], self.commands.at(self._all[rows], instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
         if math.isfinite(mujoco.mju_norm(actions.reshape(-1))):  # not if the squares overflow

@@ -30,11 +30,11 @@ from mjrun.confinement.confinement import confinement
 from mjrun.viewer.window import (
     PHYSICS_SETTINGS,
     Action,
-    Pull,
+    PullBodies,
     ResetSimulation,
     SetPaused,
     SetSpeed,
-    Status,
+    SimulationStatus,
     TakeStep,
     UnsupportedAction,
 )
@@ -90,7 +90,7 @@ class StudioActionPlugin(plugin.SimPlugin):
         self._model, self._options = model, copy.deepcopy(model.opt)
         self._shown = messages.StepControlSnapshot(speed=speed)
 
-    def update_page(self, status: Status) -> None:
+    def update_page(self, status: SimulationStatus) -> None:
         """Corrects the page where it shows the wrong pause state, or noise.
 
         The speed is left unchanged: the page supports only some speeds, none above real time.
@@ -130,7 +130,7 @@ class StudioActionPlugin(plugin.SimPlugin):
     @messages.handler(priority=FIRST)
     def on_perturb(self, event: messages.PerturbSnapshot) -> bool:
         if event.state.size == 6 * self._model.nbody:
-            self.actions.append(Pull(event.state.reshape(-1, 6).copy()))
+            self.actions.append(PullBodies(event.state.reshape(-1, 6).copy()))
         return True
 
     @messages.handler(priority=FIRST)
@@ -280,7 +280,7 @@ class StudioPage:
         """True once a browser has shown it."""
         return self._port in _ports_seen
 
-    def sync(self, status: Status) -> list[Action]:
+    def sync(self, status: SimulationStatus) -> list[Action]:
         """Shows the data, applies edits from the page to it, and returns the other actions."""
         self._messages.update_page(status)
         self._handle.sync()

@@ -33,12 +33,12 @@ from mjrun.timeline import rational
 from mjrun.viewer import window as windows
 from mjrun.viewer.window import (
     Action,
-    Edit,
-    Pull,
+    EditState,
+    PullBodies,
     ResetSimulation,
     SetPaused,
     SetSpeed,
-    Status,
+    SimulationStatus,
     TakeStep,
     UnsupportedAction,
     Window,
@@ -199,14 +199,14 @@ class LiveSimulation:
         except SimulationError as error:
             self.failure = error
 
-    def pull(self, action: Pull) -> None:
+    def pull(self, action: PullBodies) -> None:
         """Applies the forces of the mouse to bodies from this step on."""
         if action.forces.any() and not isinstance(self._stepper, EditableStepper):
             self._refuse_hands()
             return
         self._pull = action.forces if action.forces.any() else None
 
-    def edit(self, action: Edit) -> None:
+    def edit(self, action: EditState) -> None:
         """Applies an edit, if allowed."""
         if not isinstance(self._stepper, EditableStepper):
             self._refuse_hands()
@@ -298,7 +298,9 @@ class Viewer(ViewerOptions):
             live = LiveSimulation(self.simulation, model, reporter, recording)
             window = stack.enter_context(closing(self._open_window(live.model, reporter)))
             try:
-                _Session(live, window, Pace(rational(model.opt.timestep), float(self.speed)), reporter).run(self.paused)
+                _Session(live, window, Pacer(rational(model.opt.timestep), float(self.speed)), reporter).run(
+                    self.paused
+                )
             finally:
                 live.record_state()
                 files = recording.publish() if recording else []
@@ -383,7 +385,7 @@ class ViewerResult:
     schema: str = SCHEMA
 
 
-class Pace:
+class Pacer:
     """The synchronization of steps with the wall clock, as far as the machine is fast enough.
 
     Args:
@@ -426,7 +428,7 @@ class Pace:
 class _Session:
     """The loop of a live view, in time with the wall clock, image by image."""
 
-    def __init__(self, live: LiveSimulation, window: Window, pace: Pace, reporter: Reporter) -> None:
+    def __init__(self, live: LiveSimulation, window: Window, pace: Pacer, reporter: Reporter) -> None:
         self._live, self._window, self._pace, self._reporter = live, window, pace, reporter
         self._paused = self._warned_slow = False
         self._ends = live.ends_by_itself
@@ -452,7 +454,7 @@ class _Session:
         achieved = 0.0 if self._paused else pace.achieved(live.step, now)
         message = "unstable" if live.failure else "ended" if live.ending else ""
         instant = live.instant()
-        status = Status(instant.time, self._paused, pace.speed, achieved, message)
+        status = SimulationStatus(instant.time, self._paused, pace.speed, achieved, message)
         for action in self._window.show(instant, status):
             self._do(action)
 
@@ -470,9 +472,9 @@ class _Session:
             case ResetSimulation(key):
                 live.reset(key)
                 self._pause(self._paused)
-            case Pull():
+            case PullBodies():
                 live.pull(action)
-            case Edit():
+            case EditState():
                 live.edit(action)
             case UnsupportedAction():
                 live.refuse(action)

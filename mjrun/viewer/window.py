@@ -64,7 +64,7 @@ class ResetSimulation:
 
 
 @dataclass(frozen=True)
-class Pull:
+class PullBodies:
     """An action that pulls bodies with the mouse, until the next such action.
 
     Attributes:
@@ -75,7 +75,7 @@ class Pull:
 
 
 @dataclass(frozen=True)
-class Edit:
+class EditState:
     """An action that sets numbers of the state.
 
     Attributes:
@@ -97,11 +97,11 @@ class UnsupportedAction:
 PHYSICS_SETTINGS = UnsupportedAction(
     f"physics settings cannot change while a simulation runs: start it with {option('set')}, as in opt.gravity=0,0,-1"
 )
-Action = SetPaused | TakeStep | SetSpeed | ResetSimulation | Pull | Edit | UnsupportedAction
+Action = SetPaused | TakeStep | SetSpeed | ResetSimulation | PullBodies | EditState | UnsupportedAction
 
 
 @dataclass(frozen=True)
-class Status:
+class SimulationStatus:
     """The status of a simulation, shown beside its image.
 
     Attributes:
@@ -138,7 +138,7 @@ class Window(Protocol):
         """True once a user could see it."""
         ...
 
-    def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
+    def show(self, instant: mujoco.MjData, status: SimulationStatus) -> list[Action]:
         """Shows an instant, and returns the user's actions since the previous one.
 
         Args:
@@ -189,7 +189,7 @@ class NativeWindow:
     def is_open(self) -> bool:
         return self._handle.is_running()
 
-    def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
+    def show(self, instant: mujoco.MjData, status: SimulationStatus) -> list[Action]:
         mujoco.mj_copyData(self._data, self._model, instant)
         self._data.xfrc_applied[:] = 0  # the viewer stores only the mouse's forces there
         self._data.time = max(instant.time, BEGINNING)
@@ -203,7 +203,7 @@ class NativeWindow:
         for thread in self._threads:
             thread.join(END)
 
-    def _key_actions(self, status: Status) -> Iterator[Action]:
+    def _key_actions(self, status: SimulationStatus) -> Iterator[Action]:
         paused, speed = status.paused, status.speed
         while not self._keys.empty():
             key = self._keys.get()
@@ -223,11 +223,11 @@ class NativeWindow:
         if now[0] != shown[0]:  # time is first
             yield ResetSimulation(self._loaded_keyframe())
             return
-        yield Pull(self._data.xfrc_applied.copy())
+        yield PullBodies(self._data.xfrc_applied.copy())
         changed = now != shown
         changed[self._layout["xfrc_applied"]] = False
         if changed.any():
-            yield Edit(now, changed)
+            yield EditState(now, changed)
         if self._model.opt != self._options:
             self._model.opt = copy.deepcopy(self._options)
             yield PHYSICS_SETTINGS
@@ -241,7 +241,7 @@ class NativeWindow:
         return same[0] if same else None
 
 
-def _lines(status: Status) -> tuple[str, str]:
+def _lines(status: SimulationStatus) -> tuple[str, str]:
     """Returns the status in two columns; MuJoCo's font supports only ASCII."""
     rows = {"time": f"{status.time:.3f} s", "speed": f"{status.speed:g} x"}
     if status.paused:
@@ -294,7 +294,7 @@ class BrowserWindow:
     def is_seen(self) -> bool:
         return self._page.is_seen
 
-    def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
+    def show(self, instant: mujoco.MjData, status: SimulationStatus) -> list[Action]:
         mujoco.mj_copyData(self._data, self._model, instant)
         self._data.xfrc_applied[:] = 0  # the page returns its input, with the forces of the mouse
         shown = state.save(self._model, self._data)
@@ -302,7 +302,7 @@ class BrowserWindow:
         now = state.save(self._model, self._data)
         changed = now != shown
         changed[self._forces] = False
-        return [*actions, Edit(now, changed)] if changed.any() else actions
+        return [*actions, EditState(now, changed)] if changed.any() else actions
 
     def close(self) -> None:
         self._page.close()

@@ -10,7 +10,7 @@ from mujoco.batch import Batch
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.reference_workload import MJCF
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 
 MODEL = """
 <mujoco>
@@ -27,7 +27,7 @@ MODEL = """
 """
 
 
-def bench(model: Path | Source | mujoco.MjModel, **changed: Any) -> Bench:
+def bench(model: Path | ModelSource | mujoco.MjModel, **changed: Any) -> Bench:
     """A small benchmark."""
     return Bench(model, **{"steps": 20, "repeats": 8, "threads": (1, 2), **changed})
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.reference_workload import MJCF, SHARE, STEPS, ReferenceWorkload
+from mjrun.bench.reference_workload import MJCF, SHARE, STEPS, ReferenceWorkloadTimer
 from tests.bench.bench_clocks import FakeClock
 
 
@@ -24,7 +24,7 @@ def test_the_model_stays_stable_in_contact_and_makes_mujoco_warn_of_nothing() ->
 
 @pytest.mark.parametrize("copies", [1, 2])
 def test_every_repetition_is_the_same_motion(copies: int) -> None:
-    workload = ReferenceWorkload(time.perf_counter, copies)
+    workload = ReferenceWorkloadTimer(time.perf_counter, copies)
     model = mujoco.MjModel.from_xml_string(MJCF)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=STEPS)
@@ -44,7 +44,7 @@ def test_a_sample_takes_a_share_of_what_it_is_timed_with_and_is_a_wall_time_per_
     copies: int, seconds: float, repetitions: int
 ) -> None:
     clock = FakeClock()
-    workload = ReferenceWorkload(clock, copies)
+    workload = ReferenceWorkloadTimer(clock, copies)
     workload.fit(seconds)
     if repetitions > 10:
         assert workload._repetitions == repetitions

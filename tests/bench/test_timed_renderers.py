@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mjrun.bench.output_timing import Stopwatch, TimedClassicRenderer, TimedFilamentRenderer
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
@@ -97,7 +97,7 @@ def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, b
     """What a renderer draws of a model's first instant."""
     model = mujoco.MjModel.from_xml_path(str(path))
     state = save(model, mujoco.MjData(model))
-    pose = CameraMotion(parse_camera("free", model), model, SIZE).pose(state)
+    pose = BoundCameraScript(parse_camera("free", model), model, SIZE).pose(state)
     with closing(make(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
         renderer.set_state(state)
         picture = renderer.render(pose, ("rgb", "depth", "seg"))

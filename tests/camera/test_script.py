@@ -14,7 +14,7 @@ from mjrun.camera.pose import Pose, pose_of
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import LEVEL, CameraScript, Event, FramedObject, Shot, parse_camera, shot_conflicts
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.settings import Blend, EasedNumber, Shake
 from mjrun.errors import MjrunError, UsageError
 from mjrun.model.state import save
@@ -30,7 +30,9 @@ SIZE = (64, 48)
 def test_a_shot_is_that_of_its_rig_alone() -> None:
     data = mujoco.MjData(SIDE_CAMERA)
     mujoco.mj_forward(SIDE_CAMERA, data)
-    pose = CameraMotion(CameraScript("a", [Shot(ModelRig("side"))]), SIDE_CAMERA, SIZE).pose(save(SIDE_CAMERA, data))
+    pose = BoundCameraScript(CameraScript("a", [Shot(ModelRig("side"))]), SIDE_CAMERA, SIZE).pose(
+        save(SIDE_CAMERA, data)
+    )
     assert pose.position == pytest.approx(data.cam_xpos[0])
     assert pose.rotation == pytest.approx(data.cam_xmat[0].reshape(3, 3))
     assert pose.frustum.fovy == pytest.approx(SIDE_CAMERA.cam_fovy[0])
@@ -62,7 +64,7 @@ def test_a_script_is_the_same_in_another_process() -> None:
     states = [save(SIDE_CAMERA, mujoco.MjData(SIDE_CAMERA))] * 3
     times, spans = [0.0, 1.0, 2.5], [(0.0, 0.5), (0.5, 2.0), (2.0, 3.0)]
     here, there = (
-        list(CameraMotion(each, SIDE_CAMERA, SIZE).poses(states, times, times, spans)) for each in (script, again)
+        list(BoundCameraScript(each, SIDE_CAMERA, SIZE).poses(states, times, times, spans)) for each in (script, again)
     )
     for mine, theirs in zip(here, there, strict=True):
         assert np.array_equal(mine.position, theirs.position)
@@ -140,7 +142,7 @@ def moved() -> mujoco.MjData:
 def posed(text: str, phase: float = 0.0, model: mujoco.MjModel = MODEL) -> Pose:
     """The pose `phase` of the way through a shot of two seconds."""
     data = moved() if model is MODEL else mujoco.MjData(model)
-    course = CameraMotion(parse_camera(text, model), model, (64, 48))
+    course = BoundCameraScript(parse_camera(text, model), model, (64, 48))
     return next(course.poses([save(model, data)], [2 * phase], [0.0], [(0.0, 2.0)]))
 
 
@@ -248,7 +250,7 @@ def test_a_script_is_called_as_its_text_begins(text: str, name: str) -> None:
 @cases("text, message")
 def test_a_wrong_camera_is_refused_with_what_is_right(text: str, message: str) -> None:
     with pytest.raises(MjrunError) as caught:
-        CameraMotion(parse_camera(text, MODEL), MODEL, (64, 48))
+        BoundCameraScript(parse_camera(text, MODEL), MODEL, (64, 48))
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
 

@@ -17,7 +17,7 @@ from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, FramedObject, Shot
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.settings import BLENDS, Blend, EasedNumber, Shake
 from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
@@ -57,8 +57,8 @@ def states(times: Sequence[float], spin: float = 50.0) -> Iterator[np.ndarray]:
         yield save(MODEL, data)
 
 
-def course(*shots: Shot) -> CameraMotion:
-    return CameraMotion(CameraScript("a", shots), MODEL, SIZE)
+def course(*shots: Shot) -> BoundCameraScript:
+    return BoundCameraScript(CameraScript("a", shots), MODEL, SIZE)
 
 
 def poses_of(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], spin: float = 50.0) -> list[Pose]:
@@ -242,7 +242,7 @@ def test_a_blend_follows_a_camera_that_nods_over_the_pole_where_its_azimuth_turn
         data.qpos[0] = time - 0.9  # upside down before 0.9 s
         found.append(save(model, data))
     shots = [Shot(ModelRig("eye")), Shot(around(1, 120, -30), blend=Blend("cosine", 2))]
-    poses = list(CameraMotion(CameraScript("a", shots), model, SIZE).poses(found, times, times, [(0, 1), (1, 2)]))
+    poses = list(BoundCameraScript(CameraScript("a", shots), model, SIZE).poses(found, times, times, [(0, 1), (1, 2)]))
     assert max(itertools.starmap(apart, itertools.pairwise(poses))) < 0.05
 
 
@@ -321,7 +321,7 @@ FITTED = [
 @pytest.mark.parametrize("shot", FITTED)
 def test_what_is_fitted_stays_whole_in_the_picture(shot: Shot, size: tuple[int, int]) -> None:
     times = [k / 10 for k in range(20)]
-    fitted = CameraMotion(CameraScript("a", [replace(shot, fit=FramedObject("box", 1.3))]), MODEL, size)
+    fitted = BoundCameraScript(CameraScript("a", [replace(shot, fit=FramedObject("box", 1.3))]), MODEL, size)
     data = mujoco.MjData(MODEL)
     for pose, state in zip(fitted.poses(states(times), times, times, [(0, 2)]), states(times), strict=True):
         mujoco.mj_setState(MODEL, data, state, mujoco.mjtState.mjSTATE_INTEGRATION.value)
@@ -396,7 +396,7 @@ def test_a_camera_that_sees_nothing_is_reported_unless_the_shot_opens_it() -> No
     for fovy in ("nan", "-1"):
         model = mujoco.MjModel.from_xml_string(text.format(fovy))
         with pytest.raises(ModelError, match=r"^camera video has an empty view: its field of view or near plane is 0"):
-            CameraMotion(CameraScript("video", (Shot(FreeRig()),)), model, SIZE)
+            BoundCameraScript(CameraScript("video", (Shot(FreeRig()),)), model, SIZE)
         opened = Shot(FreeRig(), fovy=EasedNumber.still(45.0))
-        motion = CameraMotion(CameraScript("video", (opened,)), model, SIZE)
+        motion = BoundCameraScript(CameraScript("video", (opened,)), model, SIZE)
         assert motion.pose(save(model, mujoco.MjData(model))).frustum.fovy == pytest.approx(45)

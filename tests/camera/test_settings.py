@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
+from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, Rig
 from mjrun.camera.script import RIGS, parse_camera
 from mjrun.camera.settings import (
     BLENDS,
@@ -140,7 +140,7 @@ class CraneRig(Rig):
     )
     arm: str = option(converter=Choice(("long", "short")), default="long", kw_only=False, help="Its arm.")
 
-    def bind(self, cameras: ModelCameras, where: str) -> BoundRig:
+    def bind(self, cameras: MujocoCameras, where: str) -> BoundRig:
         raise NotImplementedError
 
 

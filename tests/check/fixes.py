@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mjrun.check.check import _of_original
 from mjrun.check.context import CheckContext
-from mjrun.check.fixing import Fixing, changed_fields
+from mjrun.check.fixing import ModelFixer, changed_fields
 from mjrun.check.rule import FixOutcome, ModelCopy, ModelResult
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import CheckRequest
@@ -32,9 +32,11 @@ def lint(model: str, copy: ModelCopy | None = None, *, unsafe: bool = False) -> 
     return FixOutcome(ModelResult(model, loads, tuple(_of_original(finding, task) for finding in found)), changes)
 
 
-def fixing(*models: str, given: Sequence[str] = (), unsafe: bool = False, dry_run: bool = False) -> Fixing:
+def fixing(*models: str, given: Sequence[str] = (), unsafe: bool = False, dry_run: bool = False) -> ModelFixer:
     """The fixes of models after they were made; `results` are those after that."""
-    made = Fixing(given or models, models, lambda copies: [lint(copy.model, copy, unsafe=unsafe) for copy in copies])
+    made = ModelFixer(
+        given or models, models, lambda copies: [lint(copy.model, copy, unsafe=unsafe) for copy in copies]
+    )
     before = [lint(model, unsafe=unsafe).result for model in models]
     made.results = made.fixed(before, dry_run=dry_run)  # type: ignore[attr-defined]
     return made

@@ -12,7 +12,7 @@ from mjrun.check.catalogue import matching_codes
 from mjrun.check.check import CheckResult, ModelCheck, ModelResult, find_models, root_tag
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
-from mjrun.check.worker_pool import CheckProcesses, CheckRequest, WorkerOutput
+from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
 from mjrun.errors import UsageError
 from tests.check.models import PASSIVE, checked, codes, write
 from tests.processes import PATIENCE
@@ -157,8 +157,8 @@ def test_a_result_is_reported_before_those_of_slower_models_and_returned_in_orde
 ) -> None:
     fast_is_reported = threading.Event()
 
-    class Processes(CheckProcesses):
-        def run(self, task: CheckRequest) -> WorkerOutput:
+    class Processes(CheckProcessPool):
+        def run(self, task: CheckRequest) -> WorkerOutcome:
             assert task.path == "fast.xml" or fast_is_reported.wait(PATIENCE)
             return super().run(task)
 
@@ -166,7 +166,7 @@ def test_a_result_is_reported_before_those_of_slower_models_and_returned_in_orde
         reported.append(result)
         fast_is_reported.set()
 
-    monkeypatch.setattr(check_module, "CheckProcesses", Processes)
+    monkeypatch.setattr(check_module, "CheckProcessPool", Processes)
     reported: list[ModelResult] = []
     for name in ("slow.xml", "fast.xml"):
         write(name, PASSIVE.format(""))

@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
 from mjrun.check.rule import NOT_CERTAIN, FixOutcome, ModelCopy
-from mjrun.check.worker_pool import CheckProcesses, CheckRequest, WorkerOutput
+from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option
 from tests.check import fixes
@@ -220,14 +220,14 @@ def test_reasons_name_options_as_the_caller_does() -> None:
 
 
 def test_safe_fixes_go_on_if_unsafe_ones_take_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = CheckProcesses.run
+    run = CheckProcessPool.run
 
-    def late(self: CheckProcesses, task: CheckRequest) -> WorkerOutput:
+    def late(self: CheckProcessPool, task: CheckRequest) -> WorkerOutcome:
         if task.unsafe:
-            return WorkerOutput([{"stage": "applying MJ506"}], ExitStatus(-9, "time"), "")
+            return WorkerOutcome([{"stage": "applying MJ506"}], ExitStatus(-9, "time"), "")
         return run(self, task)
 
-    monkeypatch.setattr(CheckProcesses, "run", late)
+    monkeypatch.setattr(CheckProcessPool, "run", late)
     model = write("model.xml", hinged(SWAPPED))
     result = ModelCheck([model], fix=True, unsafe_fixes=True, steps=0, cache=False).run()
     assert [dict(file.fixes) for file in result.fixed] == [{"MJ302": 1}]

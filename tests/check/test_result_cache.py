@@ -12,7 +12,7 @@ from mjrun import file_version
 from mjrun.check import check
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.check_itself import TIMEOUT
-from mjrun.check.worker_pool import CheckProcesses, CheckRequest, WorkerOutput
+from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
 from mjrun.child_process import ExitStatus
 from mjrun.formats.user_cache import VARIABLE, FileDigests
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
@@ -101,7 +101,7 @@ def test_a_finding_about_a_missing_file_is_stored_until_a_file_comes_or_goes_whe
     runs = []
     with monkeypatch.context() as patch:
         patch.setattr(
-            CheckProcesses, "run", lambda self, task: runs.append(task) or WorkerOutput(DONE[:1], ExitStatus(0), "")
+            CheckProcessPool, "run", lambda self, task: runs.append(task) or WorkerOutcome(DONE[:1], ExitStatus(0), "")
         )
         checked("model/a.xml")
         assert bool(runs) is not is_settled
@@ -196,12 +196,12 @@ def test_an_unchanged_model_is_not_checked_again(monkeypatch: pytest.MonkeyPatch
     write("a.xml", PASSIVE.format('range="2 1"'))
     first = checked("a.xml")
 
-    def refuse(_: CheckProcesses, task: CheckRequest) -> WorkerOutput:
+    def refuse(_: CheckProcessPool, task: CheckRequest) -> WorkerOutcome:
         started.append(task.path)
-        return WorkerOutput(DONE, ExitStatus(0), "")
+        return WorkerOutcome(DONE, ExitStatus(0), "")
 
     started: list[str] = []
-    monkeypatch.setattr(check.CheckProcesses, "run", refuse)
+    monkeypatch.setattr(check.CheckProcessPool, "run", refuse)
     assert checked("a.xml") == first
     assert codes(checked("a.xml", severity={"MJ302": "error"}, ignore_in={"b*": "MJ3"}).models[0]) == ["MJ302"]
     assert started == []

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.check.rule import Finding, Place
-from mjrun.check.task_checker import COUNT, NotFinite, TaskPlaces, place_of, watch
+from mjrun.check.task_checker import COUNT, NonFiniteOccurrence, TaskPlaces, place_of, watch
 from mjrun.document.task import read_task
 from mjrun.errors import Problem, spelled
 from mjrun.policy.load import load_policy
@@ -134,7 +134,7 @@ def test_the_first_value_that_is_not_finite_is_kept_with_its_instant() -> None:
     (fault,) = watch(made, load_policy("zero")).not_finite
     assert (fault.kind, fault.name, fault.time, fault.seed) == ("rewards", "bad", (period + 1) * 0.02, 0)
     assert np.isnan(fault.value)
-    assert isinstance(fault, NotFinite)
+    assert isinstance(fault, NonFiniteOccurrence)
 
 
 def test_terminations_at_the_start_are_by_their_names_and_seeds() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mjrun.check import worker_pool
-from mjrun.check.worker_pool import CheckProcess, CheckProcesses, CheckQueue, CheckRequest
+from mjrun.check.worker_pool import CheckProcess, CheckProcessPool, CheckQueue, CheckRequest
 from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
 from tests.processes import PATIENCE
@@ -48,7 +48,7 @@ def test_a_thread_goes_on_with_the_folder_of_its_last_model_and_each_model_is_ta
 
 
 def test_workers_that_were_ended_start_no_more() -> None:
-    workers = CheckProcesses()
+    workers = CheckProcessPool()
     workers.end()
     assert workers.run(CheckRequest("a.xml", (), 0, 1, 1)).messages == ()
 
@@ -69,7 +69,7 @@ def test_another_process_starts_if_the_models_that_are_left_take_longer_than_its
     monkeypatch: pytest.MonkeyPatch, ready: list[float], done: int, left: int, pays: bool
 ) -> None:
     monkeypatch.setattr(worker_pool, "time", SimpleNamespace(monotonic=lambda: 10.0))
-    workers: Any = CheckProcesses()
+    workers: Any = CheckProcessPool()
     assert workers._another_pays()
     workers._busy = [SimpleNamespace(created=each - 1, ready=each) for each in ready]
     workers._done, workers.left = done, left
@@ -80,7 +80,7 @@ def test_another_process_starts_if_the_models_that_are_left_take_longer_than_its
 def test_one_process_checks_models_until_one_crashes_it_and_says_why() -> None:
     write("a.xml", PASSIVE.format(""))
     task = CheckRequest("a.xml", (), 0, PATIENCE, 1024)
-    workers = CheckProcesses()
+    workers = CheckProcessPool()
     broken = replace(task, path=write("a.yaml", ""), reader="missing_module:read")
     outputs = [workers.run(each) for each in (task, task, broken, task)]
     workers.end()
@@ -98,7 +98,7 @@ def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
     mesh = '<asset><mesh name="m" file="m.obj"/></asset>'
     write("a.xml", f"<mujoco>{mesh}<worldbody><body>{body}</body></worldbody></mujoco>")
     task = CheckRequest("a.xml", ("MJ207",), 0, PATIENCE, 1024, root=str(Path.cwd()), original="a.xml")
-    workers, severities = CheckProcesses(), list[str]()
+    workers, severities = CheckProcessPool(), list[str]()
     for size in ("1", ".01"):
         corners = f"v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}"
         write("m.obj", f"{corners}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.bench.baseline import BaselineComparison, FigureRatio, MissingFigure
+from mjrun.bench.baseline import BaselineComparison, FigureComparison, MissingFigure
 from mjrun.bench.bench import Bench
-from mjrun.bench.block_timing import Phase
+from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.results import BenchResult
 from mjrun.cli.bench_report import csv_table, digits, duration, markdown, sections, text
 
@@ -46,7 +46,7 @@ def grid(path: Path) -> BenchResult:
 
 @pytest.fixture
 def compared(result: BenchResult) -> BenchResult:
-    ratio = FigureRatio("step", 1.0, 2.6, 1.3, 1.25, 1.35, 1.28, 2.0, "slower")
+    ratio = FigureComparison("step", 1.0, 2.6, 1.3, 1.25, 1.35, 1.28, 2.0, "slower")
     unsure = replace(ratio, name="threads 2", low=None, high=None, reference_workload=2.5, verdict="inconclusive")
     missing = [MissingFigure("step a=1", 1.0, "unstable"), MissingFigure("step a=2", 1.0, None)]
     comparison = BaselineComparison("a|b.json", 1.1, "failed", [ratio, unsure], missing, ["key: a there, b\x1b here"])
@@ -88,8 +88,11 @@ def test_markdown_has_the_same_tables_and_escapes_what_is_markup(compared: Bench
 
 
 def test_phases_are_a_tree_by_indent_and_by_path(result: BenchResult) -> None:
-    tree = Phase(
-        "step", 2.0, 1.0, [Phase("position", 1.5, 0.75, [Phase("collision", 1.0, 0.5)]), Phase("other", 0.5, 0.25)]
+    tree = StepPhase(
+        "step",
+        2.0,
+        1.0,
+        [StepPhase("position", 1.5, 0.75, [StepPhase("collision", 1.0, 0.5)]), StepPhase("other", 0.5, 0.25)],
     )
     (row,) = result.rows
     changed = replace(result, rows=[replace(row, phases=tree)])

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.options.kinds import Choice, Flag, Several, Text, optional
-from mjrun.options.model import ServoGains
+from mjrun.options.kinds import Choice, Flag, OneOrMore, Text, optional
+from mjrun.options.model import ServoGainsKind
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import FrontEnd, Options, option, options, required
 from mjrun.options.setting_kinds import NamedNumbers, Settings
@@ -33,9 +33,9 @@ class Cake(Base):
     layers: int | None = option(converter=optional(Integer(1)), default=None, usual="as many as fit", help="How many.")
     shape: str = option(converter=Choice(("round", "square")), default="round", help="Seen from above.")
     icing: bool = option(converter=Flag(negatable=True), default=True, help="Whether there is icing.")
-    topping: tuple[str, ...] = option(converter=Several(Text()), default=(), help="On top.")
-    candles: tuple[str, ...] = option(converter=Several(Text(), commas=True), default=(), help="By colour.")
-    size: tuple[tuple[int, int], ...] = option(converter=Several(Size()), default=(), help="Of each [cm].")
+    topping: tuple[str, ...] = option(converter=OneOrMore(Text()), default=(), help="On top.")
+    candles: tuple[str, ...] = option(converter=OneOrMore(Text(), commas=True), default=(), help="By colour.")
+    size: tuple[tuple[int, int], ...] = option(converter=OneOrMore(Size()), default=(), help="Of each [cm].")
     weights: object = option(converter=NamedNumbers(), default={}, help="By ingredient [kg].")
     set: object = option(converter=Settings(), default=(), help="Anything.")
     secret: bool = option(converter=Flag(), default=False, places=FrontEnd.PYTHON, help="Not for the command line.")
@@ -154,7 +154,7 @@ def test_what_a_command_does_not_have_by_any_name_is_not_suggested() -> None:
 class _Optional(Options):
     """An option that may do without its value."""
 
-    gains: str | None = option(converter=optional(ServoGains()), default=None, flag_value="auto", help="Gains.")
+    gains: str | None = option(converter=optional(ServoGainsKind()), default=None, flag_value="auto", help="Gains.")
 
 
 @cases("line, gains, model")

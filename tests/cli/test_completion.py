@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 from mjrun.cli import completion
-from mjrun.model.sources.bundled_scene import BundledScene
+from mjrun.model.sources.bundled_scene import BundledSceneSource
 from mjrun.options.rendering import RIG_EXAMPLES
 from tests import prepared_interpreters
 from tests.demonstration_files import write_demonstrations
@@ -52,7 +52,7 @@ def test_bash_completes_words_at_which_it_breaks(program: Path, tmp_path: Path) 
     (tmp_path / "scenery.xml").touch()
 
     assert completed(program, "mjrun video s", tmp_path) == ["scene:", "scenery.xml"]
-    assert completed(program, "mjrun video scene:", tmp_path) == [*BundledScene.descriptions()]
+    assert completed(program, "mjrun video scene:", tmp_path) == [*BundledSceneSource.descriptions()]
     assert completed(program, f"mjrun video {CAR} --camera=fi", tmp_path) == ["fixed"]
     assert completed(program, "mjrun vid", tmp_path) == ["video"]
 

@@ -6,26 +6,26 @@ from xml.etree import ElementTree as ET
 
 from markdown_it import MarkdownIt
 
-from mjrun.cli.console import Case
+from mjrun.cli.console import CiVerdict
 from mjrun.cli.report_formats import MOST, github, junit, markdown
 
 CASES = [
-    Case("a.xml"),
-    Case("b<&>.xml", "error", 'x "y"', "100% <b>\nremedy\x1b\uffff", "b<&>.xml", 3),
-    Case("b<&>.xml", "warning", "w", "text"),
-    Case("c.xml", "note", "n", "text", "part.xml"),
+    CiVerdict("a.xml"),
+    CiVerdict("b<&>.xml", "error", 'x "y"', "100% <b>\nremedy\x1b\uffff", "b<&>.xml", 3),
+    CiVerdict("b<&>.xml", "warning", "w", "text"),
+    CiVerdict("c.xml", "note", "n", "text", "part.xml"),
 ]
 
 
 def test_an_annotation_is_one_line_whatever_it_says() -> None:
-    assert github([Case("m", "error", "x: y", "100%\r\nb", "a,b:c.csv", 3)]) == (
+    assert github([CiVerdict("m", "error", "x: y", "100%\r\nb", "a,b:c.csv", 3)]) == (
         r"::error file=a%2Cb%3Ac.csv,line=3,title=x%3A y::100%25\r%0Ab"
     )
-    assert github([Case("m", "note", "t", "text", "f")]) == "::notice file=f,title=t::text"
+    assert github([CiVerdict("m", "note", "t", "text", "f")]) == "::notice file=f,title=t::text"
 
 
 def test_what_passed_is_not_annotated() -> None:
-    assert github([Case("a"), Case("b", "warning", "t", "x"), Case("c")]) == "::warning title=t::x"
+    assert github([CiVerdict("a"), CiVerdict("b", "warning", "t", "x"), CiVerdict("c")]) == "::warning title=t::x"
 
 
 def test_errors_and_warnings_are_failures_and_the_rest_passes() -> None:
@@ -50,7 +50,7 @@ def test_a_report_without_cases_is_a_document() -> None:
     assert ET.fromstring(junit([])).get("tests") == "0"
 
 
-def rows(cases: list[Case]) -> list[list[str]]:
+def rows(cases: list[CiVerdict]) -> list[list[str]]:
     """The cells of the table as they are shown."""
     html = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown(cases))
     found = [re.findall(r"<t[hd]>(.*?)</t[hd]>", row, re.DOTALL) for row in html.split("<tr>")[1:]]
@@ -59,9 +59,9 @@ def rows(cases: list[Case]) -> list[list[str]]:
 
 def test_the_worst_come_first_and_names_are_shown_as_they_are() -> None:
     cases = [
-        Case("a.xml", "note", "n", "text"),
-        Case("b.xml"),
-        Case("c.xml", "error", "MJ1 bad", "no file 'a|b_c_*d*`e`<b>@x[y](z)#1&amp;'\nwrite it", "d.xml", 7),
+        CiVerdict("a.xml", "note", "n", "text"),
+        CiVerdict("b.xml"),
+        CiVerdict("c.xml", "error", "MJ1 bad", "no file 'a|b_c_*d*`e`<b>@x[y](z)#1&amp;'\nwrite it", "d.xml", 7),
     ]
     assert rows(cases) == [
         ["", "place", "finding"],
@@ -72,7 +72,7 @@ def test_the_worst_come_first_and_names_are_shown_as_they_are() -> None:
 
 
 def test_nothing_found_is_one_line_and_much_is_cut() -> None:
-    assert markdown([Case("a.xml"), Case("b.xml")]) == "**✅ everything passes** in 2 items"
-    many = [Case(f"{i}.xml", "error", "t", "x") for i in range(MOST + 3)]
+    assert markdown([CiVerdict("a.xml"), CiVerdict("b.xml")]) == "**✅ everything passes** in 2 items"
+    many = [CiVerdict(f"{i}.xml", "error", "t", "x") for i in range(MOST + 3)]
     assert len(rows(many)) == MOST + 1
     assert markdown(many).endswith("\n… and 3 more")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mjrun.cli.console import Case, Console, Report, document_form
+from mjrun.cli.console import CiVerdict, Console, Report, document_form
 from mjrun.errors import flag
 from mjrun.options.command import DOCUMENT_FORMS
 
@@ -27,7 +27,7 @@ ALL = Report(
     text=lambda: "text",
     summary=lambda: "summary",
     forms={"csv": lambda: "a,b", "sarif": lambda: {"version": "2.1.0"}},
-    cases=lambda: [Case("a"), Case("b", "note", "rule", "text", "f")],
+    cases=lambda: [CiVerdict("a"), CiVerdict("b", "note", "rule", "text", "f")],
 )
 SHORT = Report("", Result(), summary=lambda: "long\nsummary", forms={"csv": lambda: "a,b"}, remark=lambda: "remark")
 JSON = {"value": 3, "schema": "mjrun-thing-1"}

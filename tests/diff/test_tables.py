@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mjrun.diff import tables
 from mjrun.diff.result import ColumnDifference, TableDifference
-from mjrun.diff.tables import KeyedRows, Pairs, RowStream, SkippedRows, compare_rows, pairs_by_columns
+from mjrun.diff.tables import IdenticalRows, KeyedRows, RowPairs, RowStream, compare_rows, pairs_by_columns
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError
 
@@ -128,9 +128,9 @@ def stream(times: list[float], sizes: list[int], key: str | None = "time") -> Ro
     return RowStream(ListedRows(times, sizes), ["x"], key)
 
 
-def pairs_in_order(a: RowStream, b: RowStream, tolerance: Tolerance | None) -> Iterator[Pairs]:
+def pairs_in_order(a: RowStream, b: RowStream, tolerance: Tolerance | None) -> Iterator[RowPairs]:
     for pairs in tables.pairs_in_order(a, b, tolerance, lambda: 0):
-        assert isinstance(pairs, Pairs)
+        assert isinstance(pairs, RowPairs)
         yield pairs
 
 
@@ -150,7 +150,7 @@ def merged(a: list[float], b: list[float]) -> tuple[list[tuple[int, int]], list[
     return pairs, only_a, only_b
 
 
-def numbers(pairs: list[Pairs]) -> list[tuple[int, int]]:
+def numbers(pairs: list[RowPairs]) -> list[tuple[int, int]]:
     """Row numbers of pairs, which are those that the rows hold."""
     found = [(int(i), int(j)) for pair in pairs for i, j in zip(pair.rows_a, pair.rows_b, strict=True)]
     assert found == [(int(i), int(j)) for pair in pairs for i, j in zip(pair.a[:, 0], pair.b[:, 0], strict=True)]
@@ -229,7 +229,7 @@ def test_equal_rows_are_passed_over_where_none_wait() -> None:
     counts = iter([7, 0, 5, 0])
     one, other = stream(times, [2, 2]), stream(times, [2, 2])
     found = list(tables.pairs_in_order(one, other, Tolerance(), lambda: next(counts)))
-    shown = [pair.count if isinstance(pair, SkippedRows) else pair.rows_a.tolist() for pair in found]
+    shown = [pair.count if isinstance(pair, IdenticalRows) else pair.rows_a.tolist() for pair in found]
     assert shown == [7, [7, 8], [9, 10], 5]
     assert (one.row, other.row) == (16, 16)
 

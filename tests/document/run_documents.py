@@ -7,20 +7,20 @@ import pytest
 
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 from mjrun.simulation.simulation import Simulation
 
 HEAD = "model: m.xml\n"
 
-OUT = RunOptions(output="out")
+OUT = RunCommandOptions(output="out")
 
 
-def jobs(text: str, *assignments: str, options: RunOptions = OUT, name: str = "d.yaml") -> list[Any]:
+def jobs(text: str, *assignments: str, options: RunCommandOptions = OUT, name: str = "d.yaml") -> list[Any]:
     Path(name).write_text(text)
     return read_run(name, assignments, options).outputs
 
 
-def job(text: str, *assignments: str, options: RunOptions = OUT) -> Any:
+def job(text: str, *assignments: str, options: RunCommandOptions = OUT) -> Any:
     """The one job of a document without its model."""
     (only,) = jobs(HEAD + text, *assignments, options=options)
     return only

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.builder import DocumentBuilder
+from mjrun.document.builder import DocumentValueBuilder
 from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.tree import DocumentPlace, MappingNode, option_fault
 from mjrun.document.yaml_text import LineIndex, compose
@@ -44,7 +44,7 @@ def test_everything_that_is_wrong_is_reported_at_once() -> None:
         raise UsageError(f"no {name}", (name,))
 
     folders = DocumentContext(Path(), OutputFolder(Path()))
-    builder = DocumentBuilder(tree("samples: 1\nrepeats: 2"), folders, lambda _: StudyOptions)
+    builder = DocumentValueBuilder(tree("samples: 1\nrepeats: 2"), folders, lambda _: StudyOptions)
     assert builder.attempt((), lambda: 7) == 7
     builder.raise_faults()
     assert builder.attempt((), lambda: fail("repeats")) is None

@@ -87,7 +87,7 @@ def test_keys_and_choices_are_those_of_the_forms() -> None:
     assert [*shot["properties"]] == ShotForm().keys
     assert [rule["required"] for rule in shot["oneOf"]] == [[rig] for rig in RIGS]
     assert made["$defs"]["Blend"]["properties"]["shape"]["enum"] == [*BLENDS]
-    assert made["$defs"]["RampMapping"]["properties"]["ease"]["enum"] == [*EASINGS]
+    assert made["$defs"]["RampOptions"]["properties"]["ease"]["enum"] == [*EASINGS]
 
 
 def test_a_document_with_a_preamble_may_have_vars_and_defaults() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.document.run import read_run
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 from tests.cases import cases
 from tests.document.run_documents import HEAD, jobs, problems
 
@@ -31,7 +31,7 @@ def test_outputs_may_go_up_and_down_inside_the_folder() -> None:
 def test_a_folder_of_outputs_may_be_a_link_itself(folder: Path) -> None:
     Path("alias").symlink_to("out")
     Path("d.yaml").write_text(HEAD + "recordings: [a.npz]")
-    (kept,) = read_run("d.yaml", [], RunOptions(output=folder / "alias")).outputs
+    (kept,) = read_run("d.yaml", [], RunCommandOptions(output=folder / "alias")).outputs
     assert kept.output == str(folder / "alias/a.npz")  # type: ignore[attr-defined]
 
 

@@ -10,7 +10,7 @@ import pytest
 from mjrun.document.study import portable_document, read_folder, read_plan, write_plan
 from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.job_plan import StudyPlan, plan
+from mjrun.study.job_plan import JobPlan, plan
 from mjrun.study.study import Study
 from tests.cases import cases
 from tests.study.models import BALL
@@ -24,7 +24,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def made() -> StudyPlan:
+def made() -> JobPlan:
     vary = {"seed": "1..5:5", "model": "ball.xml,ball.xml;"}
     metric = {"low": "min(qpos/ball/z)"}
     study = Study(Simulation("ball.xml", steps=20), "study", vary={"seed": "1..5:5"}, metric=metric, chunk=2)
@@ -35,7 +35,7 @@ def content(path: str) -> dict[str, Any]:
     return json.loads(Path(path).read_text())
 
 
-def test_what_is_written_is_read(made: StudyPlan) -> None:
+def test_what_is_written_is_read(made: JobPlan) -> None:
     write_plan("plan.jsonl", made)
     assert content("plan.jsonl")["ranges"] == [[0, 5]]
     again = read_plan("plan.jsonl", {"chunk": 2})
@@ -43,9 +43,7 @@ def test_what_is_written_is_read(made: StudyPlan) -> None:
     assert again == made
 
 
-def test_a_plan_elsewhere_leads_to_the_same_files(
-    made: StudyPlan, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_elsewhere_leads_to_the_same_files(made: JobPlan, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "plans").mkdir()
     write_plan("plans/plan.jsonl", made)
     assert content("plans/plan.jsonl")["study"]["model"] == "../ball.xml"
@@ -58,13 +56,13 @@ def test_a_plan_elsewhere_leads_to_the_same_files(
     assert plan(again.study).identity == made.identity
 
 
-def test_a_plan_of_nothing_is_empty(made: StudyPlan) -> None:
+def test_a_plan_of_nothing_is_empty(made: JobPlan) -> None:
     write_plan("plan.jsonl", replace(made, ranges=[]))
     assert read_plan("plan.jsonl") is None
 
 
 @cases("change, expected")
-def test_what_is_no_plan_is_refused(made: StudyPlan, change: Any, expected: str) -> None:
+def test_what_is_no_plan_is_refused(made: JobPlan, change: Any, expected: str) -> None:
     write_plan("plan.jsonl", made)
     text = change if isinstance(change, str) else json.dumps({**content("plan.jsonl"), **change})
     Path("plan.jsonl").write_text(text)
@@ -73,14 +71,14 @@ def test_what_is_no_plan_is_refused(made: StudyPlan, change: Any, expected: str)
     assert str(caught.value).startswith(expected)
 
 
-def test_two_plans_in_a_file_are_refused(made: StudyPlan) -> None:
+def test_two_plans_in_a_file_are_refused(made: JobPlan) -> None:
     write_plan("plan.jsonl", made)
     Path("plan.jsonl").write_text(2 * Path("plan.jsonl").read_text())
     with pytest.raises(DocumentError, match=r"^plan\.jsonl:2:1: a plan is one line$"):
         read_plan("plan.jsonl")
 
 
-def test_a_folder_knows_its_study(made: StudyPlan) -> None:
+def test_a_folder_knows_its_study(made: JobPlan) -> None:
     study = replace(made.study, document=portable_document(made.study, Path("study")))
     study.write_manifest({})
     again = read_folder("study", {"chunk": 2})
@@ -90,7 +88,7 @@ def test_a_folder_knows_its_study(made: StudyPlan) -> None:
         read_folder("study")
 
 
-def test_what_no_document_can_hold_is_in_no_plan(made: StudyPlan) -> None:
+def test_what_no_document_can_hold_is_in_no_plan(made: JobPlan) -> None:
     stdin = replace(made, study=replace(made.study, simulation=Simulation("-")))
     with pytest.raises(UsageError, match="resumed with a model from standard input"):
         write_plan("plan.jsonl", stdin)
@@ -99,7 +97,7 @@ def test_what_no_document_can_hold_is_in_no_plan(made: StudyPlan) -> None:
         write_plan("plan.jsonl", code)
 
 
-def test_a_plan_writes_nowhere_else_unless_there_is_its_study(made: StudyPlan, tmp_path: Path) -> None:
+def test_a_plan_writes_nowhere_else_unless_there_is_its_study(made: JobPlan, tmp_path: Path) -> None:
     write_plan("plan.jsonl", made)
     text = Path("plan.jsonl").read_text()
     folder = json.loads(text.splitlines()[0])["folder"]

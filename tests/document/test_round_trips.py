@@ -13,19 +13,19 @@ from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.run import OUTPUTS
 from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds, number_kinds, setting_kinds
-from mjrun.options.diff import ColumnTolerances
+from mjrun.options.diff import ColumnTolerancesKind
 from mjrun.options.disturbance import PushKind
-from mjrun.options.evaluation import EvaluationOptions, LowestValues, VideoCount
+from mjrun.options.evaluation import EvaluationOptions, LowestValuesKind, VideoCountKind
 from mjrun.options.fit import FitOptions
 from mjrun.options.kinds import Kind
-from mjrun.options.model import ServoGains
+from mjrun.options.model import ServoGainsKind
 from mjrun.options.option import document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.schema_validation import Schema
 from mjrun.options.setting_kinds import VariedSettings
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
-from mjrun.options.task import PARTS, Limits, RandomValue, Schedule, TaskOptions, VectorOrKey
+from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKey
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import flags, frames, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
@@ -55,7 +55,7 @@ HERE = DocumentContext(Path(), OutputFolder(Path()))
 def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
     """Values of a kind, as Python gives them."""
     match kind:
-        case kinds.Several(each=each):
+        case kinds.OneOrMore(each=each):
             return st.lists(values(each), min_size=1, max_size=3)
         case kinds.MujocoName(of=of):
             return st.sampled_from(NAMES[of])
@@ -75,18 +75,18 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.tuples(st.integers(1, 9999), st.integers(1, 9999))
         case number_kinds.Range():
             return st.tuples(st.floats(0, 1), st.floats(2, 3))
-        case number_kinds.Processes():
+        case number_kinds.ProcessCount():
             return st.just("auto") | st.integers(1, 99)
         case number_kinds.Groups():
             return st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])
         case kinds.NameOrIndex():
             return names | st.integers(0, 9)
-        case kinds.File():
+        case kinds.PathKind():
             return FILES
-        case ColumnTolerances():
+        case ColumnTolerancesKind():
             least = st.floats(0, 1e9)
             return st.dictionaries(names, least | st.lists(least, min_size=1, max_size=2), max_size=3)
-        case LowestValues():
+        case LowestValuesKind():
             return st.dictionaries(names, numbers, max_size=3)
         case setting_kinds.NamedNumbers():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
@@ -101,14 +101,14 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             lists = st.lists(numbers | texts.filter(lambda text: ";" not in text), min_size=1, max_size=3)
             drawn = st.sampled_from([{"uniform": [0, 1]}, {"choice": ["a", "b"]}, "normal(0, 0.1)", "log:1..2:3"])
             return st.dictionaries(names, spans | lists | drawn | numbers, max_size=3)
-        case RandomValue():
+        case RandomValueKind():
             return st.sampled_from(["uniform(-1, 1)", "normal(0, 0.01)"]) | numbers
         case VectorOrKey():
             return numbers | st.lists(numbers, min_size=1, max_size=3) | names
-        case Limits():
+        case LimitsKind():
             low, high = st.floats(-9, -1), st.floats(1, 9)
             return st.tuples(low, high) | st.tuples(st.lists(low, min_size=2, max_size=2), high)
-        case Schedule():
+        case ScheduleKind():
             vector = st.lists(numbers, min_size=2, max_size=2)
             return st.tuples(vector, vector).map(lambda both: [[0, both[0]], [0.5, both[1]]])
         case number_kinds.NumberVector():
@@ -121,7 +121,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(
                 ["torso=0/-1e2/.5@1/3+0.25", {"site": "a", "force": (1, 2, 3), "at": 0, "duration": 1}]
             )
-        case VideoCount():
+        case VideoCountKind():
             return st.integers(0, 9) | st.just("failures")
         case PolicyKind():
             return st.sampled_from(["random", "zero", "a.onnx", "b/leapp"])
@@ -129,7 +129,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(["none", "a.npz"])
         case kinds.CameraKind():
             return st.sampled_from(["free", "top", "orbit:lookat=box", 2])
-        case ServoGains():
+        case ServoGainsKind():
             return st.sampled_from(["auto", "kp=5", "kd=1e-3,kp=2"]) | st.just(True)
         case kinds.Text():
             return st.sampled_from(["energy", "qpos[left_*]", "12", "true", "a: b #c"])

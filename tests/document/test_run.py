@@ -15,7 +15,7 @@ from mjrun.camera.settings import EasedNumber
 from mjrun.document import run
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError, listing
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.perform import perform, preview
@@ -282,7 +282,7 @@ def test_the_machine_says_who_drives_and_who_draws() -> None:
         HEAD + "videos: [{output: a.mp4, quality: high, jobs: 1}]\nimages: [{output: a.png}]\n"
         "traces: [{output: a.csv}]\nplots: [{output: p.png, probe: energy}]\nrecordings: [a.npz]"
     )
-    options = RunOptions(controller=act, control_dt=0.02, gl="egl", require_gpu=True, quality="draft", jobs=3)
+    options = RunCommandOptions(controller=act, control_dt=0.02, gl="egl", require_gpu=True, quality="draft", jobs=3)
     found = read_run("d.yaml", options=options, command="mjrun run d.yaml").outputs
     film, still = found[:2]
     assert isinstance(film, Video)
@@ -486,7 +486,7 @@ def test_a_camera_document_that_is_not_there_is_a_missing_file() -> None:
 
 def test_a_controller_and_a_table_of_controls_exclude_each_other() -> None:
     with pytest.raises(DocumentError, match=r"^d\.yaml:2:12: ctrl_from: controller and ctrl_from exclude each other"):
-        job("ctrl_from: c.csv\nrecordings: [a.npz]", options=RunOptions(controller=lambda model, data: None))
+        job("ctrl_from: c.csv\nrecordings: [a.npz]", options=RunCommandOptions(controller=lambda model, data: None))
 
 
 # --- done --------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.builder import SimulationDocument
+from mjrun.document.builder import SimulationDocumentReader
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options
@@ -26,7 +26,7 @@ class Every(FitOptions, SimulationOptions):
     """All options of the document."""
 
 
-DOCUMENT = SimulationDocument[Made]("Sample", FitOptions, Every, make)
+DOCUMENT = SimulationDocumentReader[Made]("Sample", FitOptions, Every, make)
 
 
 def read(folder: Path, text: str, *assignments: str) -> Made:

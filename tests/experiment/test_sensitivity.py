@@ -7,7 +7,13 @@ import pytest
 import scipy
 
 from mjrun.experiment.samplers import LEVELS, SAMPLES, STEP, morris, saltelli
-from mjrun.experiment.sensitivity import Estimate, elementary_effects, sensitivities, sensitivity_table, sobol_indices
+from mjrun.experiment.sensitivity import (
+    SensitivityIndex,
+    elementary_effects,
+    sensitivities,
+    sensitivity_table,
+    sobol_indices,
+)
 
 
 def ishigami(fractions: np.ndarray) -> np.ndarray:
@@ -16,7 +22,7 @@ def ishigami(fractions: np.ndarray) -> np.ndarray:
     return np.sin(x) + 7 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
 
 
-def values_of(made: list[dict[str, Estimate]], name: str) -> np.ndarray:
+def values_of(made: list[dict[str, SensitivityIndex]], name: str) -> np.ndarray:
     return np.array([each[name].value for each in made], float)
 
 

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.fitting.free_parameter import FreeParameter
-from mjrun.fitting.measurements import Segment, first_noise
-from mjrun.fitting.shooting_fit import Shooting
+from mjrun.fitting.measurements import LogSegment, first_noise
+from mjrun.fitting.shooting_fit import ShootingFit
 from tests.fitting.problems import shooting_of
 
 FRICTION, NOISE = 0.33, 1e-3  # [m, rad]
@@ -47,10 +47,10 @@ def write_box(folder: Path, friction: float = FRICTION) -> Path:
     return folder / "box.xml"
 
 
-def box_shooting() -> tuple[Shooting, Segment, np.ndarray, list[FreeParameter]]:
+def box_shooting() -> tuple[ShootingFit, LogSegment, np.ndarray, list[FreeParameter]]:
     """Returns a shooting of the box, the log, its noise, and the friction."""
     times, rows = box_log()
-    log = Segment("log", times, rows, np.zeros((len(times), 0)))
+    log = LogSegment("log", times, rows, np.zeros((len(times), 0)))
     free = (("geom/box.friction[0]", "0.1..1"),)
     shoot, predictor, _, parameters = shooting_of(write_box(Path(mkdtemp())), free, SIGNALS, [], log)
     return shoot, log, first_noise([log.values], predictor.rotations), parameters

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from mjrun.fitting.free_parameter import FreeParameter
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.prediction import Predictor
-from mjrun.fitting.shooting_fit import Shooting
+from mjrun.fitting.shooting_fit import ShootingFit
 from mjrun.fitting.starting_states import StateGuesses
 from tests.fitting.problems import shooting_of
 
@@ -33,7 +33,7 @@ CART = """<mujoco>
 NOMINAL = {"damping": 0.5, "gear": 5.0}
 
 
-def cart_log(seconds: float = 2.0) -> tuple[Segment, np.ndarray]:
+def cart_log(seconds: float = 2.0) -> tuple[LogSegment, np.ndarray]:
     """The log, a row every other step, and `qpos` and `qvel` at its rows, `(n, 4)`."""
     model = mujoco.MjModel.from_xml_string(CART.format(damping=TRUTH[0], gear=TRUTH[1] * NOMINAL["gear"]))
     data = mujoco.MjData(model)
@@ -47,10 +47,10 @@ def cart_log(seconds: float = 2.0) -> tuple[Segment, np.ndarray]:
             states.append(np.concatenate([data.qpos, data.qvel]))
         mujoco.mj_step(model, data)
     rows = np.array(states)
-    return Segment("log", np.array(times), rows[:, 1:2], np.array(controls)), rows
+    return LogSegment("log", np.array(times), rows[:, 1:2], np.array(controls)), rows
 
 
-def cart_shooting() -> tuple[Shooting, Predictor, StateGuesses, list[FreeParameter]]:
+def cart_shooting() -> tuple[ShootingFit, Predictor, StateGuesses, list[FreeParameter]]:
     """Returns a shooting of the nominal cart, and its parts."""
     path = Path(mkdtemp()) / "cart.xml"
     path.write_text(CART.format(**NOMINAL))

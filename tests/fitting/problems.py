@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from mjrun.fitting.free_parameter import FreeParameter, free_parameters
-from mjrun.fitting.measurements import Segment, first_noise
+from mjrun.fitting.measurements import LogSegment, first_noise
 from mjrun.fitting.prediction import Predictor
-from mjrun.fitting.shooting_fit import Shooting
+from mjrun.fitting.shooting_fit import ShootingFit
 from mjrun.fitting.shooting_problem import Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
@@ -25,11 +25,11 @@ THREE = (
 )
 
 
-def segments(seconds: float = 3.0, seed: int = 0, *, exact: bool = False) -> list[Segment]:
+def segments(seconds: float = 3.0, seed: int = 0, *, exact: bool = False) -> list[LogSegment]:
     """The log of the true pendulum."""
     times, angles = simulate(seconds)
     values = angles if exact else noisy(angles, seed)
-    return [Segment("log", times, values[:, None], np.zeros((len(times), 1)))]
+    return [LogSegment("log", times, values[:, None], np.zeros((len(times), 1)))]
 
 
 def shooting_of(
@@ -37,8 +37,8 @@ def shooting_of(
     free: Sequence[tuple[str, str]],
     signals: Sequence[str],
     controls: Sequence[str],
-    log: Segment | None = None,
-) -> tuple[Shooting, Predictor, StateGuesses, list[FreeParameter]]:
+    log: LogSegment | None = None,
+) -> tuple[ShootingFit, Predictor, StateGuesses, list[FreeParameter]]:
     """Returns a shooting of a model from its default state, and its parts; with a log, guesses know its noise."""
     simulation = Simulation(str(model))
     parameters = free_parameters(free, simulation.source, [*signals, *controls])
@@ -46,10 +46,10 @@ def shooting_of(
     noise = first_noise([log.values], predictor.rotations) if log else None
     start = state.save(predictor.model, mujoco.MjData(predictor.model))
     starting = StateGuesses(predictor.model, signals, start, noise)
-    return Shooting(predictor, parameters, starting), predictor, starting, parameters
+    return ShootingFit(predictor, parameters, starting), predictor, starting, parameters
 
 
-def shooting(texts: tuple[tuple[str, str], ...]) -> tuple[Shooting, list[FreeParameter]]:
+def shooting(texts: tuple[tuple[str, str], ...]) -> tuple[ShootingFit, list[FreeParameter]]:
     """Returns a shooting of the nominal pendulum, and its parameters."""
     shoot, _, _, parameters = shooting_of(write_model(Path(mkdtemp())), texts, ["qpos/hinge"], ["ctrl/motor"])
     return shoot, parameters
@@ -65,6 +65,6 @@ def solved() -> tuple[Solution, tuple[FreeParameter, ...]]:
     return with_noise(last, last.observed_noise), tuple(parameters)
 
 
-def predictor_of(shoot: Shooting) -> Predictor:
+def predictor_of(shoot: ShootingFit) -> Predictor:
     """That which simulates for `shoot`."""
     return shoot._predictor

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
 from mjrun.fitting.free_parameter import free_parameters, overrides, require_effect
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import parse_source
 from tests.fitting.arm import ARM, NOMINAL
 
@@ -25,12 +25,12 @@ FULL = 'fullinertia="0.003 0.0025 0.0016 0.0001 -0.0002 0.0003"'
 TURNED = 'diaginertia="0.0028 0.0022 0.0014" quat="0.9 0.1 -0.3 0.2"'
 
 
-def source(folder: Path, inertia: str = NOMINAL["inertia"]) -> Source:
+def source(folder: Path, inertia: str = NOMINAL["inertia"]) -> ModelSource:
     (folder / "arm.xml").write_text(ARM.format(**{**NOMINAL, "inertia": inertia}))
     return parse_source(str(folder / "arm.xml"))
 
 
-def compiled(arm: Source, made: list) -> mujoco.MjModel:
+def compiled(arm: ModelSource, made: list) -> mujoco.MjModel:
     return replace(arm, overrides=tuple(made)).load()
 
 
@@ -43,11 +43,11 @@ def matrix(model: mujoco.MjModel) -> np.ndarray:
 
 
 @pytest.fixture(scope="module", params=[NOMINAL["inertia"], FULL, TURNED])
-def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Source:
+def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ModelSource:
     return source(tmp_path_factory.mktemp("arm"), request.param)
 
 
-def test_starts_are_what_the_model_has(arm: Source) -> None:
+def test_starts_are_what_the_model_has(arm: ModelSource) -> None:
     parameters = free_parameters(TEN, arm, [])
     assert len(parameters) == 10
     model = compiled(arm, overrides(parameters, [each.start for each in parameters]))
@@ -59,7 +59,7 @@ def test_starts_are_what_the_model_has(arm: Source) -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(0, 1), min_size=10, max_size=10))
-def test_whatever_is_within_bounds_compiles_and_is_physical(arm: Source, coordinates: list[float]) -> None:
+def test_whatever_is_within_bounds_compiles_and_is_physical(arm: ModelSource, coordinates: list[float]) -> None:
     parameters = free_parameters(TEN, arm, [])
     values = [each.value(c) for each, c in zip(parameters, coordinates, strict=True)]
     model = compiled(arm, overrides(parameters, values))
@@ -71,14 +71,14 @@ def test_whatever_is_within_bounds_compiles_and_is_physical(arm: Source, coordin
     np.testing.assert_allclose(moments[::-1], expected, rtol=1e-9)
 
 
-def test_corners_compile_too(arm: Source) -> None:
+def test_corners_compile_too(arm: ModelSource) -> None:
     parameters = free_parameters(TEN, arm, [])
     for corner in product((0.0, 1.0), repeat=3):
         coordinates = [corner[0], *[corner[1]] * 3, *[corner[2]] * 6]
         compiled(arm, overrides(parameters, [p.value(c) for p, c in zip(parameters, coordinates, strict=True)]))
 
 
-def test_moments_grow_with_a_mass_whose_shape_stays(arm: Source) -> None:
+def test_moments_grow_with_a_mass_whose_shape_stays(arm: ModelSource) -> None:
     (mass,) = free_parameters(TEN[:1], arm, [])
     model, before = compiled(arm, overrides([mass], [2.1])), arm.load()
     assert model.body("payload").mass[0] == 2.1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.outputs import FitVideo, VideoStretch
 from mjrun.fitting.prediction import Chunk
 from mjrun.formats.video_reader import read_video
@@ -25,7 +25,7 @@ def film(folder: Path, measured: np.ndarray, delay: float = 0.0) -> np.ndarray:
     path.unlink(missing_ok=True)
     options = FitOptions(video=str(path), size=SIZE)
     times = np.arange(51) * 0.01
-    logs = [Segment(name, times + 3, measured[:, None], np.zeros((51, 1))) for name in "ab"]
+    logs = [LogSegment(name, times + 3, measured[:, None], np.zeros((51, 1))) for name in "ab"]
     stretches = [VideoStretch(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
     with FitVideo(options, model, ["qpos/hinge"]).writer(model, stretches, [delay], WarningReporter()) as writer:
         assert not path.exists()

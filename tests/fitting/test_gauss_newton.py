@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjrun.fitting.gauss_newton import GaussNewton, StandardErrors, solve_normal
+from mjrun.fitting.gauss_newton import CovarianceFactors, GaussNewton, solve_normal
 from mjrun.fitting.prediction import ChunkInitialStates, ChunkRollout
 from mjrun.fitting.shooting_fit import SHOTS
 from mjrun.fitting.shooting_problem import STATE_SCALE, ShootingProblem, together
@@ -89,7 +89,7 @@ def test_smooth_signals_decide_and_what_rattles_counts_little() -> None:
 def test_deviations_are_as_long_as_the_direction() -> None:
     generator = np.random.default_rng(0)
     states = 1e-3 * generator.normal(size=(2, 3, 3))
-    scatter = StandardErrors(np.array([[1e-2, 0], [0, 1e-3]]), states, generator.normal(size=(2, 3, 2)))
+    scatter = CovarianceFactors(np.array([[1e-2, 0], [0, 1e-3]]), states, generator.normal(size=(2, 3, 2)))
     direction = np.array([0.3, -0.4, 1.2, 0.0, 0.0])
     whole = scatter.length(*scatter.deviations(direction))
     # The coordinates count once, and the state of each of both chunks.

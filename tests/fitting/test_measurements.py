@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import MjrunError, UsageError
-from mjrun.fitting.measurements import Measurements, Segment, commands, read_measurements
+from mjrun.fitting.measurements import LogSegment, Measurements, commands, read_measurements
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.sources import parse_source
@@ -145,10 +145,10 @@ def test_a_map_that_names_nothing_is_refused(tmp_path: Path) -> None:
         read(tmp_path, {"time": TIMES, "deg": TIMES}, ("qpos/hing=deg",))
 
 
-def segment() -> Segment:
+def segment() -> LogSegment:
     """Commands at odd times: 1 from 0 s, 3 from 0.011 s, 2 from 0.02 s on."""
     times = np.array([0.0, 0.011, 0.02])
-    return Segment("log", times, np.zeros((3, 1)), np.array([[1.0], [3.0], [2.0]]))
+    return LogSegment("log", times, np.zeros((3, 1)), np.array([[1.0], [3.0], [2.0]]))
 
 
 def test_commands_hold_until_the_next(tmp_path: Path) -> None:

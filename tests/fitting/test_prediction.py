@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from mjrun.fitting.free_parameter import free_parameters
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.prediction import ChunkInitialStates, ChunkRollout, Predictor, chunks
 from mjrun.model import state
 from mjrun.simulation.simulation import Simulation
 from tests.fitting.logs import TRUTH, simulate, write_model
 
 
-def segment(times: np.ndarray, values: np.ndarray, controls: np.ndarray | None = None) -> Segment:
+def segment(times: np.ndarray, values: np.ndarray, controls: np.ndarray | None = None) -> LogSegment:
     commanded = np.zeros((len(times), 1)) if controls is None else controls[:, None]
-    return Segment("log", times, values[:, None], commanded)
+    return LogSegment("log", times, values[:, None], commanded)
 
 
 def predictor(folder: Path, *texts: tuple[str, str]) -> Predictor:

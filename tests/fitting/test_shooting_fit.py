@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fitting.information import intervals
-from mjrun.fitting.measurements import Segment, first_noise
+from mjrun.fitting.measurements import LogSegment, first_noise
 from mjrun.fitting.shooting_problem import together, with_noise
 from tests.fitting.box import FRICTION, box_shooting
 from tests.fitting.cart import TRUTH as CART_TRUTH
@@ -84,7 +84,7 @@ def test_contacts_do_not_keep_a_fit_from_the_truth(tmp_path: Path) -> None:
 
     path = tmp_path / "model.xml"
     path.write_text(mjcf.format(0.8, 0.9))
-    log = Segment("log", np.array(times), np.array(rows), np.zeros((len(times), 0)))
+    log = LogSegment("log", np.array(times), np.array(rows), np.zeros((len(times), 0)))
     free, signals = (
         (("geom/floor.friction[0]", "0.05..1"), ("joint/hip.damping", "0..1")),
         ["qpos/x", "qpos/z", "qpos/hip"],

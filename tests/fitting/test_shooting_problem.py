@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.shooting_fit import SHORTEST
 from mjrun.fitting.shooting_problem import with_noise
 from tests.fitting.logs import NOISE, NOMINAL, simulate
@@ -40,7 +40,7 @@ def test_the_model_as_it_was_is_followed_although_its_values_are_beyond_the_boun
     shoot, _ = shooting((("joint/hinge.damping", "log:1e-3..1e-2"), ("delay:qpos/hinge", "0.1..0.2")))
     nominal: dict[str, Any] = NOMINAL
     times, angles = simulate(2.0, **nominal)
-    parts = shoot.cut([Segment("log", times, angles[:, None], np.zeros((len(times), 1)))], 100)
+    parts = shoot.cut([LogSegment("log", times, angles[:, None], np.zeros((len(times), 1)))], 100)
     solution = shoot.follow(parts, None, np.array([NOISE]))
     assert solution.cost < 1e-2
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.fitting.measurements import Segment
+from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.prediction import chunks
 from mjrun.fitting.starting_states import StateGuesses, simulated_starts
 from mjrun.model import state
@@ -18,7 +18,7 @@ from tests.fitting.logs import simulate, write_model
 def guess(model: mujoco.MjModel, signals: list[str], times: np.ndarray, values: np.ndarray) -> mujoco.MjData:
     data = mujoco.MjData(model)
     starting = StateGuesses(model, signals, state.save(model, data))
-    parts = chunks([Segment("log", times, values, np.zeros((len(times), model.nu)))], 30, model.opt.timestep)
+    parts = chunks([LogSegment("log", times, values, np.zeros((len(times), model.nu)))], 30, model.opt.timestep)
     state.restore(model, data, starting.guess(parts[1], model.opt.timestep))
     return data
 

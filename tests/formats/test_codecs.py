@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, MjrunError
-from mjrun.formats.codecs import CODECS, CONTAINERS, Encoding, encoding, is_folder, suffixes
+from mjrun.formats.codecs import CODECS, CONTAINERS, VideoEncoding, encoding, is_folder, suffixes
 from mjrun.formats.ffmpeg import command
 from tests.cases import cases
 
@@ -36,7 +36,7 @@ def test_what_does_not_fit_is_refused_with_what_does(wanted: dict, message: str)
 
 
 def test_an_unknown_suffix_may_be_given_a_format() -> None:
-    assert encoding("film.bin", "mkv") == Encoding("mkv", "h264", 18, "veryfast")
+    assert encoding("film.bin", "mkv") == VideoEncoding("mkv", "h264", 18, "veryfast")
 
 
 @pytest.mark.parametrize("fps", [Fraction(50), Fraction(100, 3), Fraction(25), Fraction(20), Fraction(10), Fraction(1)])

@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats import destinations
-from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput
+from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFrames, StandardOutput
 from tests.formats.file_faults import MOST, fault, killed_at
 from tests.formats.outputs import both_ways, fill, names, no_exchange
 
@@ -26,7 +26,7 @@ def publish(target: Destination, count: int, text: str) -> None:
         target.cleanup()
 
 
-@pytest.mark.parametrize("target", [StagedFile, StagedFolder, StagedFrames])
+@pytest.mark.parametrize("target", [StagedFile, StagedFrameFolder, StagedFrames])
 @pytest.mark.parametrize("name", ["x" * 256, "é" * 128, "x" * 5000, f"{'x' * 256}/a"])
 def test_a_name_that_is_too_long_is_an_unwritable_output(
     tmp_path: Path, target: Callable[[Path], Destination], name: str
@@ -50,7 +50,7 @@ def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("make", "name"),
-    [(StagedFile, "film.mp4"), (StagedFolder, "frames"), (StagedFrames, "frame_%03d.png")],
+    [(StagedFile, "film.mp4"), (StagedFrameFolder, "frames"), (StagedFrames, "frame_%03d.png")],
 )
 def test_what_is_discarded_leaves_no_trace(tmp_path: Path, make: Callable[[Path], Destination], name: str) -> None:
     staged = make(tmp_path / name)
@@ -80,7 +80,7 @@ def test_the_file_has_the_permissions_that_any_new_file_would_have(tmp_path: Pat
     assert (tmp_path / "film.mp4").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
-@pytest.mark.parametrize("make", [StagedFile, StagedFolder])
+@pytest.mark.parametrize("make", [StagedFile, StagedFrameFolder])
 def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, make: Callable[[Path], Destination]) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match="is not a folder"):
@@ -110,7 +110,7 @@ def test_a_read_only_folder_or_video_is_refused_before_anything_is_drawn(tmp_pat
 
 def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
     for count, text in ((5, "old"), (3, "new")):
-        staged = StagedFolder(tmp_path / "frames")
+        staged = StagedFrameFolder(tmp_path / "frames")
         fill(staged, count, text)
         staged.publish()
         staged.cleanup()
@@ -125,7 +125,7 @@ def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
 ) -> None:
     monkeypatch.setattr(destinations, "exchange", exchange)
     for text in ("old", "new"):
-        publish(StagedFolder(tmp_path / "frames"), 1, text)
+        publish(StagedFrameFolder(tmp_path / "frames"), 1, text)
         assert (tmp_path / "frames/000000.png").read_text() == f"{text} 0"
         assert names(tmp_path) == ["frames"]
 
@@ -138,7 +138,7 @@ def contents(folder: Path) -> list[str]:
 OLD, NEW = [f"old {i}" for i in range(3)], [f"new {i}" for i in range(2)]
 OUTPUTS = [  # how it is made, its name, where its frames are, and what is there at the end
     pytest.param(StagedFile, "film", ".", ["old"], ["new"], id="file"),
-    pytest.param(StagedFolder, "frames", "frames", OLD, NEW, id="folder"),
+    pytest.param(StagedFrameFolder, "frames", "frames", OLD, NEW, id="folder"),
     pytest.param(StagedFrames, "f_%02d.png", ".", OLD, [*NEW, OLD[2]], id="pattern"),
 ]
 
@@ -165,7 +165,7 @@ def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_
         here.mkdir()
         publish(make(here / name), 3, "old")
         killed = killed_at(number, lambda here=here: publish(make(here / name), 2, "new"))
-        if exchange is not no_exchange or make is not StagedFolder:
+        if exchange is not no_exchange or make is not StagedFrameFolder:
             assert len(contents(here / folder)) in (len(old), len(new))  # nothing is missing, not even for a moment
 
         make(here / name).cleanup()  # the next run finishes or undoes it
@@ -185,7 +185,7 @@ def test_a_name_may_be_as_long_as_the_system_allows(tmp_path: Path, name: str) -
 
 def test_what_killed_runs_have_left_is_removed_by_the_next_output_to_their_folder(tmp_path: Path) -> None:
     live = StagedFile(tmp_path / "film")
-    for make, name in ((StagedFile, "film"), (StagedFolder, "frames"), (StagedFrames, "%d.png")):
+    for make, name in ((StagedFile, "film"), (StagedFrameFolder, "frames"), (StagedFrames, "%d.png")):
         left = make(tmp_path / name)
         fill(left, 3, "half")
         left._temporary.release()
@@ -237,9 +237,9 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
     assert not message
 
 
-@pytest.mark.parametrize("make", [StagedFolder, StagedFrames])
+@pytest.mark.parametrize("make", [StagedFrameFolder, StagedFrames])
 def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[Path], Destination]) -> None:
-    target = tmp_path / ("frames" if make is StagedFolder else "f_%d.png")
+    target = tmp_path / ("frames" if make is StagedFrameFolder else "f_%d.png")
     staged = make(target)
     numbers = [999_998, 999_999, 1_000_000, 1_000_001]
     for number in numbers:  # six digits, then seven
@@ -251,7 +251,7 @@ def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[P
 def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
     with pytest.raises(FileError, match=r"holds other files \('thesis.tex'\)"):
-        StagedFolder(tmp_path)
+        StagedFrameFolder(tmp_path)
     assert names(tmp_path) == ["thesis.tex"]
 
 
@@ -285,7 +285,7 @@ def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
 
 def test_a_percent_sign_in_the_folder_s_own_name_is_no_pattern(tmp_path: Path) -> None:
     (tmp_path / "100%d").mkdir()
-    staged = StagedFolder(tmp_path / "100%d/frames")
+    staged = StagedFrameFolder(tmp_path / "100%d/frames")
     assert (staged.path % 7).endswith("000007.png")
     assert (Path(staged.path % 7)).parent.is_dir()
     staged.cleanup()

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
 from mjrun.formats import destinations
-from mjrun.formats.destinations import StagedFile, StagedFolder, StagedFrames
+from mjrun.formats.destinations import StagedFile, StagedFrameFolder, StagedFrames
 from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
 from tests.formats.file_faults import MOST, fault
 from tests.formats.outputs import both_ways, fill, names
@@ -17,7 +17,7 @@ from tests.formats.outputs import both_ways, fill, names
 TOGETHER = [
     (StagedFile, "a"),
     (StagedFile, "b"),
-    (StagedFolder, "frames"),
+    (StagedFrameFolder, "frames"),
     (StagedFrames, "f_%d.png"),
     (StagedFile, "c"),
 ]

@@ -11,13 +11,13 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats import parent_folders
-from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames
+from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFrames
 from mjrun.formats.temporary_output import TemporaryOutput
 from tests.formats.outputs import fill, names
 from tests.processes import PATIENCE
 
 KINDS = pytest.mark.parametrize(
-    ("make", "name"), [(StagedFile, "film"), (StagedFolder, "frames"), (StagedFrames, "f_%02d.png")]
+    ("make", "name"), [(StagedFile, "film"), (StagedFrameFolder, "frames"), (StagedFrames, "f_%02d.png")]
 )
 needs_permissions = pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 MANY = 40  # openings of each of several processes
@@ -88,7 +88,7 @@ def test_folders_go_with_an_output_that_cannot_be_opened(tmp_path: Path, monkeyp
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(TemporaryOutput, "__init__", refused)
-    for make in (StagedFile, StagedFolder):
+    for make in (StagedFile, StagedFrameFolder):
         with pytest.raises(FileError, match="No space left"):
             make(tmp_path / "a/b/film")
         assert names(tmp_path) == []

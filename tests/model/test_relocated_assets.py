@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.model import model_files
-from mjrun.model.model_files import AbsolutePathModel, installed_packages, packages_in, placed
+from mjrun.model.model_files import AbsolutePathMjcf, installed_packages, packages_in, placed
 
 MESH = "/home/someone/lib/robosuite/models/assets/arenas/../robots/arm/link.obj"
 
@@ -35,7 +35,7 @@ def touch(path: Path) -> Path:
 def test_a_folder_is_searched_for_any_end_of_a_path(tmp_path: Path, given: str, place: str) -> None:
     file = touch(tmp_path / place)
     found = placed(model(MESH), tmp_path, [tmp_path / given])
-    assert found == AbsolutePathModel(model(str(file)), [file], [])
+    assert found == AbsolutePathMjcf(model(str(file)), [file], [])
 
 
 def test_the_longest_end_of_a_path_counts(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_the_longest_end_of_a_path_counts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("place", ["elsewhere/link.obj", "robots/other/link.obj", "a/b/c/d/robots/arm/link.obj"])
 def test_other_files_of_the_same_name_do_not_count(tmp_path: Path, place: str) -> None:
     touch(tmp_path / place)
-    assert placed(model(MESH), tmp_path, [tmp_path]) == AbsolutePathModel(model(MESH), [], [MESH])
+    assert placed(model(MESH), tmp_path, [tmp_path]) == AbsolutePathMjcf(model(MESH), [], [MESH])
 
 
 def test_folders_that_are_given_come_first_then_the_path_itself_then_packages(
@@ -95,7 +95,7 @@ def test_names_may_be_relative_escaped_or_of_windows(tmp_path: Path) -> None:
 
 def test_comments_name_no_files(tmp_path: Path) -> None:
     text = b'<mujoco><!-- <mesh file="/u/a.obj"/> --></mujoco>'
-    assert placed(text, tmp_path) == AbsolutePathModel(text, [], [])
+    assert placed(text, tmp_path) == AbsolutePathMjcf(text, [], [])
 
 
 @pytest.mark.parametrize(

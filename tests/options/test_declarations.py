@@ -29,9 +29,9 @@ from mjrun.options.output import CODECS as CODEC_LIST
 from mjrun.options.output import LAST_INSTANT, KeyframeOptions, SimulationCommandOptions
 from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
 from mjrun.options.rendering import ViewOptions
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.sweep import EXTRAS, ExecutionOptions, KeepOptions, StudyOptions, VariationOptions
+from mjrun.options.sweep import EXTRAS, ExecutionOptions, KeptFileOptions, StudyOptions, VariationOptions
 from mjrun.options.task import ActionOptions, ObservationOptions, TaskOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import PLOT_SIDES, VideoOptions
@@ -81,7 +81,7 @@ def test_a_name_means_the_same_in_every_command_that_simulates() -> None:
         (ConfinementOptions, FrontEnd.COMMAND),
         (ConsoleOptions, FrontEnd.COMMAND),
         (InfoOptions, FrontEnd.COMMAND),
-        (RunOptions, FrontEnd.COMMAND | FrontEnd.PYTHON),
+        (RunCommandOptions, FrontEnd.COMMAND | FrontEnd.PYTHON),
         (ViewerOptions, FrontEnd.COMMAND | FrontEnd.PYTHON),
     ],
 )
@@ -135,8 +135,8 @@ def test_options_that_exclude_each_other_are_refused(make: Any, values: Mapping[
         (IMAGE, "time", 0.1, Fraction(1, 10)),
         (IMAGE, "time", 0, 0),
         (IMAGE, "time", EVENT, EVENT),
-        (KeepOptions, "keep", "trace,video", ("trace", "video")),
-        (KeepOptions, "keep", ("recording",), ("recording",)),
+        (KeptFileOptions, "keep", "trace,video", ("trace", "video")),
+        (KeptFileOptions, "keep", ("recording",), ("recording",)),
         (KEYFRAME, "manifest", Path("a.json"), "a.json"),
         (ModelOptions, "timestep", 0.1, Fraction(1, 10)),
         (ModelOptions, "timestep", "1/480", Fraction(1, 480)),
@@ -185,7 +185,7 @@ def test_values_become_exact_and_immutable(make: Any, name: str, value: object, 
         (FitOptions, "loss", "l2", "loss"),
         (IMAGE, "time", -1, "^time: '-1' is not a number of at least 0"),
         (IMAGE, "legend", 1, "^legend: '1' is not true or false"),
-        (KeepOptions, "keep", "movie", "trace, recording, video"),
+        (KeptFileOptions, "keep", "movie", "trace, recording, video"),
         (VariationOptions, "samples", 0, "samples"),
         (VariationOptions, "design", "star", "design"),
         (VariationOptions, "sampler", "dice", "sampler"),
@@ -220,7 +220,7 @@ def test_classes_have_these_options_and_no_others(cls: type[Options], names: set
     ("cls", "like", "names"),
     [
         (BenchOptions, ViewOptions, {"size", "camera", "view", "quality", "renderer", "gl"}),
-        (RunOptions, VideoOptions, {"quality", "jobs"}),
+        (RunCommandOptions, VideoOptions, {"quality", "jobs"}),
         (PlotOptions, FigureOptions, {each.name for each in options_of(FigureOptions)}),
         (TablePlotOptions, FigureOptions, {each.name for each in options_of(FigureOptions)}),
     ],
@@ -233,7 +233,7 @@ def test_commands_share_the_forms_of_values(cls: type[Options], like: type[Optio
 
 
 def test_left_out_options_of_run_change_nothing() -> None:
-    options = RunOptions()
+    options = RunCommandOptions()
     assert (options.output, options.quality, options.jobs, options.gl, options.controller) == (".", *[None] * 4)
     assert KEYFRAME().name == LAST_INSTANT
     assert ViewerOptions().browser is None

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjrun.options.evaluation import LowestValues
+from mjrun.options.evaluation import LowestValuesKind
 from mjrun.options.schema_validation import InvalidValueError
 
 
@@ -11,11 +11,11 @@ from mjrun.options.schema_validation import InvalidValueError
     [("success=90%", ("success", 0.9)), ("return=-200", ("return", -200.0)), ("success_low=0.8", ("success_low", 0.8))],
 )
 def test_a_threshold_is_a_number_or_a_percentage(text: str, expected: tuple[str, float]) -> None:
-    name, (number,) = LowestValues().parse(text)
+    name, (number,) = LowestValuesKind().parse(text)
     assert (name, number) == expected
 
 
 @pytest.mark.parametrize("text", ["0.9", "success", "=3", "success=most", "success=nan", "success=1,2", "a=%"])
 def test_anything_else_is_none(text: str) -> None:
     with pytest.raises(InvalidValueError, match=r"success=90% or return=200"):
-        LowestValues().parse(text)
+        LowestValuesKind().parse(text)

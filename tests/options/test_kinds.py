@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.kinds import CameraKind, Choice, File, Flag, Kind, NameOrIndex, Several, Text, optional
+from mjrun.options.kinds import CameraKind, Choice, Flag, Kind, NameOrIndex, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import (
     GROUPS,
     ExactNumber,
@@ -16,7 +16,7 @@ from mjrun.options.number_kinds import (
     Instant,
     Integer,
     Percent,
-    Processes,
+    ProcessCount,
     Range,
     Real,
     Size,
@@ -49,15 +49,15 @@ from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Setting
         (Size(), [640, 480], (640, 480)),
         (Size(), np.array([640, 480]), (640, 480)),
         (Range(), (0.5, 4), (0.5, 4.0)),
-        (Processes(), "auto", "auto"),
-        (Processes(), 4, 4),
+        (ProcessCount(), "auto", "auto"),
+        (ProcessCount(), 4, 4),
         (Percent(), 0.1, 0.1),
         (Groups(), "all", GROUPS),
         (Groups(), "none", ()),
         (Groups(), [2, 0], (2, 0)),
         (NameOrIndex(), 3, "3"),
-        (File(), Path("a/b.npz"), "a/b.npz"),
-        (File(written=True, streamed=True), "-", "-"),
+        (PathKind(), Path("a/b.npz"), "a/b.npz"),
+        (PathKind(written=True, streamed=True), "-", "-"),
         (CameraKind(), 0, "0"),
         (NamedNumbers(), {"hip": 0.3, "root": [0, 0, 1]}, {"hip": (0.3,), "root": (0.0, 0.0, 1.0)}),
         (NamedNumbers(), {"root": np.zeros(2)}, {"root": (0.0, 0.0)}),
@@ -70,10 +70,10 @@ from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Setting
         (ColumnDefinitions(), Path("a/names.map"), ("@a/names.map",)),
         (ColumnDefinitions(), {"time": "t/1e3", "qpos/hip": 0.5}, ("time=t/1e3", "qpos/hip=0.5")),
         (ColumnDefinitions(), ["time=t", "@names.map"], ("time=t", "@names.map")),
-        (Several(Text()), "one", ("one",)),
-        (Several(Text()), ["one", "two"], ("one", "two")),
-        (Several(Size()), (640, 480), ((640, 480),)),
-        (Several(Size()), [(640, 480), (320, 240)], ((640, 480), (320, 240))),
+        (OneOrMore(Text()), "one", ("one",)),
+        (OneOrMore(Text()), ["one", "two"], ("one", "two")),
+        (OneOrMore(Size()), (640, 480), ((640, 480),)),
+        (OneOrMore(Size()), [(640, 480), (320, 240)], ((640, 480), (320, 240))),
     ],
 )
 def test_python_gives_a_value_and_a_kind_makes_it_immutable(
@@ -105,12 +105,12 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (ExactNumber("SECONDS"), "s", "a positive number"),
         (ExactNumber("SECONDS"), "-1s", "a positive number"),
         (ExactNumber(zero=True), -1, "a number of at least 0"),
-        (File(), "", "the name of a file"),
-        (File(written=True), "-", "the name of a file or folder; it cannot be standard output"),
+        (PathKind(), "", "the name of a file"),
+        (PathKind(written=True), "-", "the name of a file or folder; it cannot be standard output"),
         (Size(), "640x480", "a width and a height in pixels, as in (640, 480)"),
         (Size(), (640, 0), "a width and a height in pixels, as in (640, 480)"),
         (Range(), (4, 0.5), "two numbers, the smaller first"),
-        (Processes(), 0, "a number of processes, at least 1, or auto"),
+        (ProcessCount(), 0, "a number of processes, at least 1, or auto"),
         (Groups(), [6], "a list of groups from 0 to 5, all or none"),
         (ColumnDefinitions(), ["time=t", "time"], "COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180, or @FILE"),
         (ColumnDefinitions(), {"time": True}, "an expression or a number"),
@@ -131,16 +131,16 @@ def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object,
         (ExactNumber(), "0.25", Fraction(1, 4)),
         (Real(), "1e-3", 0.001),
         (Integer(), "12", 12),
-        (Processes(), "2", 2),
-        (Processes(), "auto", "auto"),
+        (ProcessCount(), "2", 2),
+        (ProcessCount(), "auto", "auto"),
         (Percent(), "10%", 0.1),
         (Groups(), "0,1", (0, 1)),
         (Groups(), "all", GROUPS),
         (NamedNumbers(), "root/z=1", ("root/z", (1.0,))),
         (NamedNumbers(), "a=b=1,2", ("a=b", (1.0, 2.0))),
         (Settings(), "opt.gravity=0,0,10", ("opt.gravity", "0,0,10")),
-        (Several(Text(), commas=True), "a, b,,c", ("a", "b", "c")),
-        (Several(Text()), "a,b", "a,b"),
+        (OneOrMore(Text(), commas=True), "a, b,,c", ("a", "b", "c")),
+        (OneOrMore(Text()), "a,b", "a,b"),
     ],
 )
 def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: object) -> None:
@@ -160,7 +160,7 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
         (Real(), "nan"),
         (Integer(), "1.5"),
         (Integer(), "9" * 31),
-        (Processes(), "0"),
+        (ProcessCount(), "0"),
         (Percent(), "10"),
         (Percent(), "x%"),
         (Groups(), "6"),
@@ -205,6 +205,6 @@ def test_a_setting_that_has_no_text_is_refused(value: object) -> None:
         setting_text(value)
 
 
-@pytest.mark.parametrize("make", [lambda: Several(Size()), lambda: optional(Choice(("a", "b"))), lambda: Integer()])
+@pytest.mark.parametrize("make", [lambda: OneOrMore(Size()), lambda: optional(Choice(("a", "b"))), lambda: Integer()])
 def test_a_kind_says_what_stands_for_its_value(make: Callable[[], Kind[Any, Any]]) -> None:
     assert make().metavar in ("WxH", "a|b", "N")

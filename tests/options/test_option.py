@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.options.kinds import Flag, Several, Text, optional
+from mjrun.options.kinds import Flag, OneOrMore, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import (
     Exclusion,
@@ -41,7 +41,7 @@ class Race(Common):
     laps: int | None = option(converter=optional(Integer(1)), default=None, help="How often.")
     length: object = option(converter=optional(ExactNumber()), default=None, help="How far [m].")
     weights: object = option(converter=NamedNumbers(), default={}, help="How heavy [kg].")
-    assert_: tuple[str, ...] = option(converter=Several(Text()), default=(), help="What must hold.")
+    assert_: tuple[str, ...] = option(converter=OneOrMore(Text()), default=(), help="What must hold.")
 
 
 def test_values_are_converted_checked_and_frozen() -> None:

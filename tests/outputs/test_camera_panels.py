@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import MjrunWarning, UsageError
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.camera_panels import CalibrationOutput, output_files, panel_files, panels_of
+from mjrun.outputs.camera_panels import CalibrationFile, output_files, panel_files, panels_of
 from mjrun.outputs.image import Image
 from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform
@@ -209,7 +209,7 @@ def test_a_video_s_calibration_is_what_its_frames_were_drawn_through(
         stepper.advance(step)
         states.append(stepper.state())
     times = [0, 0.05, 0.1, 0.15]
-    courses = [CameraMotion(parse_camera(text, model), model, (32, 24)) for text in ("side", orbit)]
+    courses = [BoundCameraScript(parse_camera(text, model), model, (32, 24)) for text in ("side", orbit)]
     with closing(ClassicRenderer(model, (32, 24), backend, Visual())) as renderer:
         for camera, course in enumerate(courses):
             for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):
@@ -264,11 +264,11 @@ def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     (tmp_path / "c").mkdir()
     model = mujoco.MjModel.from_xml_path(str(swing))
     options = ViewOptions(camera="side", calibration="c/c.json", size=(32, 24))
-    motion = CameraMotion(parse_camera("side", model), model, (32, 24))
+    motion = BoundCameraScript(parse_camera("side", model), model, (32, 24))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     (pose,) = motion.poses([Simulation(swing).stepper(model).state()], [0.0], [0.0], [(0, 1)])
-    calibration = CalibrationOutput(options, [motion], panel_files(options, output), numbers=False)
+    calibration = CalibrationFile(options, [motion], panel_files(options, output), numbers=False)
     with calibration.writer as writer:
         calibration.write([pose], 3, 0.25)
         writer.publish()

@@ -12,11 +12,11 @@ import pytest
 from mjrun.errors import BadValueError, NoRendererError, spelled
 from mjrun.outputs import frame_drawing
 from mjrun.outputs.frame_drawing import estimated_cost, jobs_for, open_frames, plan_frames
-from mjrun.outputs.output import BackendsAndWorkers, Context
+from mjrun.outputs.output import BackendsAndWorkers, PassContext
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
+from mjrun.rendering.compositor import FrameCosts, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
@@ -47,14 +47,14 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     ) -> tuple[VideoResult, str, list[int]]:
         started: list[int] = []
 
-        def assumed(costs: DrawingCosts) -> DrawingCosts:
+        def assumed(costs: FrameCosts) -> FrameCosts:
             """Returns the costs on a machine where frames cost what this test says, however busy this one is."""
-            return DrawingCosts(measured, None if costs.draft is None else draft)
+            return FrameCosts(measured, None if costs.draft is None else draft)
 
         class MeasuredPool(CompositorPool):
             @property
             def answer(self) -> object:  # type: ignore[override]
-                return assumed(self._answer) if isinstance(self._answer, DrawingCosts) else self._answer
+                return assumed(self._answer) if isinstance(self._answer, FrameCosts) else self._answer
 
             @answer.setter
             def answer(self, answer: object) -> None:
@@ -195,7 +195,7 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     simulation = Simulation(swing, duration=frames / 30)
     video = Video(simulation, "v.mkv", size=(640, 480), fps=30, camera="side", jobs=asked)
     model = simulation.load()
-    context = Context(simulation, model, simulation.timeline(model), WarningReporter())
+    context = PassContext(simulation, model, simulation.timeline(model), WarningReporter())
     plan = plan_frames(video, context)
     with ExitStack() as stack, pytest.raises(NoRendererError):
         open_frames(plan, video.schedule(plan.scene, {}), video.encoded_files, stack, BackendsAndWorkers(), asked)

@@ -20,7 +20,7 @@ from mjrun.outputs.frame_drawing import (
     open_frames,
     plan_frames,
 )
-from mjrun.outputs.output import BackendsAndWorkers, Context
+from mjrun.outputs.output import BackendsAndWorkers, PassContext
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
@@ -49,12 +49,12 @@ def planned(swing: Path, **options: Any) -> FramePlan:
     return plan_frames(job, context)
 
 
-def job_and_context(swing: Path, output: str = "v.mkv", steps: int = 50, **options: Any) -> tuple[Video, Context]:
+def job_and_context(swing: Path, output: str = "v.mkv", steps: int = 50, **options: Any) -> tuple[Video, PassContext]:
     """A video of the swinging box that is never made, and the context of its pass."""
     simulation = Simulation(swing, steps=steps)
     model = simulation.load()
     job = Video(simulation, output, size=SIZE, fps=50, **options)
-    return job, Context(simulation, model, simulation.timeline(model), WarningReporter())
+    return job, PassContext(simulation, model, simulation.timeline(model), WarningReporter())
 
 
 def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.state import save
-from mjrun.options.dataset import LabelOptions
-from mjrun.outputs.labelled_images import AcceptConditions, LabelledImage, LabelledRenderer, labelled_objects
+from mjrun.options.dataset import LabelledImageOptions
+from mjrun.outputs.labelled_images import AcceptanceConditions, LabelledImage, LabelledImageRenderer, labelled_objects
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.single_render import render
 
@@ -29,8 +29,8 @@ MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
 
 
 @pytest.fixture
-def renderer() -> Iterator[LabelledRenderer]:
-    made = LabelledRenderer(LabelOptions(size=SIZE, keypoints="middle,corner"), outlines=True)
+def renderer() -> Iterator[LabelledImageRenderer]:
+    made = LabelledImageRenderer(LabelledImageOptions(size=SIZE, keypoints="middle,corner"), outlines=True)
     yield made
     made.close()
 
@@ -39,12 +39,12 @@ def compiled(plate: float = 9.0) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MODEL.format(plate=plate))
 
 
-def pictured(renderer: LabelledRenderer, model: mujoco.MjModel, camera: str = CAMERA) -> LabelledImage:
+def pictured(renderer: LabelledImageRenderer, model: mujoco.MjModel, camera: str = CAMERA) -> LabelledImage:
     (image,) = renderer.images(model, [camera], [save(model, mujoco.MjData(model))], [0.0])
     return image
 
 
-def test_masks_and_depth_are_those_of_mjruns_segmentation(renderer: LabelledRenderer) -> None:
+def test_masks_and_depth_are_those_of_mjruns_segmentation(renderer: LabelledImageRenderer) -> None:
     model = compiled()
     image = pictured(renderer, model)
     data = mujoco.MjData(model)
@@ -72,7 +72,7 @@ SOFT = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
 
 def test_a_flex_is_one_object_pinned_or_interpolated() -> None:
     model = mujoco.MjModel.from_xml_string(SOFT)
-    renderer = LabelledRenderer(LabelOptions(size=SIZE))
+    renderer = LabelledImageRenderer(LabelledImageOptions(size=SIZE))
     image = pictured(renderer, model)
     renderer.close()
     data = mujoco.MjData(model)
@@ -101,14 +101,14 @@ SKINNED = """<mujoco><worldbody><light pos="0 0 3"/>
 
 def test_a_skin_is_part_of_its_object_also_outside_of_the_image() -> None:
     model = mujoco.MjModel.from_xml_string(SKINNED)
-    renderer = LabelledRenderer(LabelOptions(size=SIZE))
+    renderer = LabelledImageRenderer(LabelledImageOptions(size=SIZE))
     (view,) = pictured(renderer, model, "half").views
     renderer.close()
     np.testing.assert_allclose(view.box.size, [0.4, 0.2, 0], atol=1e-6)
     assert view.truncated == pytest.approx(0.5, abs=0.02)
 
 
-def test_colours_are_those_of_a_rendering_of_each_model_in_turn(renderer: LabelledRenderer) -> None:
+def test_colours_are_those_of_a_rendering_of_each_model_in_turn(renderer: LabelledImageRenderer) -> None:
     model = compiled()
     first = pictured(renderer, model)
     np.testing.assert_array_equal(first.rgb, render(model, mujoco.MjData(model), CAMERA, SIZE))
@@ -120,7 +120,7 @@ def test_colours_are_those_of_a_rendering_of_each_model_in_turn(renderer: Labell
         assert (image.rgb != first.rgb).any()
 
 
-def test_corners_of_boxes_project_to_within_half_a_pixel(renderer: LabelledRenderer) -> None:
+def test_corners_of_boxes_project_to_within_half_a_pixel(renderer: LabelledImageRenderer) -> None:
     image = pictured(renderer, compiled())
     view = image.views[0]
     u, v = image.calibration.project(view.box.corners(image.calibration.pose @ view.pose))[:, :2].T
@@ -130,7 +130,7 @@ def test_corners_of_boxes_project_to_within_half_a_pixel(renderer: LabelledRende
     assert np.abs(np.stack([u, v], axis=1) - corner[:2]).max(axis=1).min() < 1e-6
 
 
-def test_covered_objects_are_less_visible_than_their_silhouettes(renderer: LabelledRenderer) -> None:
+def test_covered_objects_are_less_visible_than_their_silhouettes(renderer: LabelledImageRenderer) -> None:
     open_view = pictured(renderer, compiled()).views[1]
     assert open_view.visible == 1
     assert open_view.keypoints[0, 2] == 2
@@ -142,7 +142,7 @@ def test_covered_objects_are_less_visible_than_their_silhouettes(renderer: Label
     assert covered.alone.sum() == open_view.pixels
 
 
-def test_half_of_a_ball_at_the_edge_of_the_image_is_truncated(renderer: LabelledRenderer) -> None:
+def test_half_of_a_ball_at_the_edge_of_the_image_is_truncated(renderer: LabelledImageRenderer) -> None:
     # The camera looks along y at x = a, such that the centre of the ball is on the right edge.
     model = compiled()
     half_width = np.tan(np.radians(model.vis.global_.fovy) / 2) * SIZE[0] / SIZE[1]
@@ -157,7 +157,7 @@ def test_half_of_a_ball_at_the_edge_of_the_image_is_truncated(renderer: Labelled
     assert x + width / 2 == pytest.approx(SIZE[0], abs=1.5)
 
 
-def test_the_share_within_the_image_is_that_of_its_pixels(renderer: LabelledRenderer) -> None:
+def test_the_share_within_the_image_is_that_of_its_pixels(renderer: LabelledImageRenderer) -> None:
     # From so close, the image shows a sliver of the ball, which is narrower than a pixel of a view of the whole ball.
     views = pictured(renderer, compiled(), "look:from=.13/.195/.5,at=.13/2/.5").views
     assert views[1].pixels > 0
@@ -168,7 +168,7 @@ def test_the_share_within_the_image_is_that_of_its_pixels(renderer: LabelledRend
         assert view.pixels <= view.alone.sum() <= view.silhouette
 
 
-def test_poses_are_those_of_bodies_seen_from_the_camera(renderer: LabelledRenderer) -> None:
+def test_poses_are_those_of_bodies_seen_from_the_camera(renderer: LabelledImageRenderer) -> None:
     model = compiled()
     image = pictured(renderer, model)
     data = mujoco.MjData(model)
@@ -179,7 +179,7 @@ def test_poses_are_those_of_bodies_seen_from_the_camera(renderer: LabelledRender
         np.testing.assert_allclose(world[:3, :3].ravel(), data.xmat[view.object.body], atol=1e-12)
 
 
-def test_several_cameras_and_times_are_rendered_in_order(renderer: LabelledRenderer) -> None:
+def test_several_cameras_and_times_are_rendered_in_order(renderer: LabelledImageRenderer) -> None:
     model, data = compiled(), mujoco.MjData(compiled())
     states = list[np.ndarray]()
     for _ in range(2):
@@ -206,13 +206,13 @@ def _at(model: mujoco.MjModel, state: np.ndarray) -> mujoco.MjData:
     ],
 )
 def test_objects_are_chosen_by_name(options: dict[str, str], expected: list[tuple[str, str]]) -> None:
-    objects = labelled_objects(LabelOptions(**options), compiled())  # type: ignore[arg-type]
+    objects = labelled_objects(LabelledImageOptions(**options), compiled())  # type: ignore[arg-type]
     assert [(each.name, each.category) for each in objects] == expected
 
 
 @pytest.mark.parametrize("pattern", ["pinned", "pinned_*", "pinned_4"])
 def test_a_flex_is_chosen_by_its_name_or_by_bodies_that_carry_it(pattern: str) -> None:
-    objects = labelled_objects(LabelOptions(objects=f"{pattern}=cloth"), mujoco.MjModel.from_xml_string(SOFT))
+    objects = labelled_objects(LabelledImageOptions(objects=f"{pattern}=cloth"), mujoco.MjModel.from_xml_string(SOFT))
     assert [(each.name, each.category) for each in objects] == [("pinned", "cloth")]
 
 
@@ -227,7 +227,7 @@ def test_a_flex_is_chosen_by_its_name_or_by_bodies_that_carry_it(pattern: str) -
 )
 def test_wrong_objects_are_refused(options: dict[str, str], error: type[Exception], message: str) -> None:
     with pytest.raises(error) as caught:
-        labelled_objects(LabelOptions(**options), compiled())  # type: ignore[arg-type]
+        labelled_objects(LabelledImageOptions(**options), compiled())  # type: ignore[arg-type]
     assert message in str(caught.value)
 
 
@@ -240,14 +240,14 @@ def test_wrong_objects_are_refused(options: dict[str, str], error: type[Exceptio
         ("truncated/box > 0", False),
     ],
 )
-def test_conditions_decide_on_images(renderer: LabelledRenderer, condition: str, holds: bool) -> None:
+def test_conditions_decide_on_images(renderer: LabelledImageRenderer, condition: str, holds: bool) -> None:
     model = compiled()
     views = pictured(renderer, model).views
-    options = LabelOptions(accept=condition)
-    assert AcceptConditions(options, labelled_objects(options, model)).hold(views) is holds
+    options = LabelledImageOptions(accept=condition)
+    assert AcceptanceConditions(options, labelled_objects(options, model)).hold(views) is holds
 
 
 def test_unknown_names_in_conditions_are_refused() -> None:
-    options = LabelOptions(accept="visible/bal > 0")
+    options = LabelledImageOptions(accept="visible/bal > 0")
     with pytest.raises(UnknownNameError, match="visible/ball"):
-        AcceptConditions(options, labelled_objects(options, compiled()))
+        AcceptanceConditions(options, labelled_objects(options, compiled()))

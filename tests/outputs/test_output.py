@@ -17,7 +17,14 @@ from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
-from mjrun.outputs.output import BackendsAndWorkers, Context, OpenBlockOutput, OpenOutput, OutputRequest, metadata_tags
+from mjrun.outputs.output import (
+    BackendsAndWorkers,
+    OpenBlockOutput,
+    OpenOutput,
+    OutputRequest,
+    PassContext,
+    metadata_tags,
+)
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
@@ -50,9 +57,9 @@ def visible(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if not path.name.endswith(".part"))
 
 
-def context_of(simulation: Simulation) -> Context:
+def context_of(simulation: Simulation) -> PassContext:
     model = simulation.load()
-    return Context(simulation, model, simulation.timeline(model), WarningReporter())
+    return PassContext(simulation, model, simulation.timeline(model), WarningReporter())
 
 
 def simulate(output: OpenOutput[Any], stepper: Stepper, until: int) -> None:

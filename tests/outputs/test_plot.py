@@ -12,16 +12,16 @@ from PIL import Image as Pillow
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, MissingExtraError, MjrunError, UnknownNameError, UsageError
 from mjrun.outputs.plot import Plot
-from mjrun.plotting.figure_data import Drawing
+from mjrun.plotting.figure_data import DrawnFigure
 from mjrun.simulation.simulation import Simulation
 
 SIZE = (320, 200)
 
 
 @pytest.fixture
-def drawings(monkeypatch: pytest.MonkeyPatch) -> list[Drawing]:
+def drawings(monkeypatch: pytest.MonkeyPatch) -> list[DrawnFigure]:
     """Everything that is drawn."""
-    drawn: list[Drawing] = []
+    drawn: list[DrawnFigure] = []
     encoded = mjrun.plotting.figure_writer.encoded
     monkeypatch.setattr(
         mjrun.plotting.figure_writer, "encoded", lambda drawing, *rest: drawn.append(drawing) or encoded(drawing, *rest)
@@ -31,7 +31,7 @@ def drawings(monkeypatch: pytest.MonkeyPatch) -> list[Drawing]:
 
 @pytest.mark.parametrize(("every", "steps"), [(1, [*range(101)]), (7, [*range(0, 101, 7), 100])])
 def test_a_plot_is_the_curves_of_a_bare_loop(
-    swing: Path, tmp_path: Path, drawings: list[Drawing], every: int, steps: list[int]
+    swing: Path, tmp_path: Path, drawings: list[DrawnFigure], every: int, steps: list[int]
 ) -> None:
     simulation = Simulation(swing, duration=0.2, qvel={"hinge": 3})
     options = {"y": ["qpos/hinge", "up [°]=qpos/hinge*180/pi"], "size": SIZE, "every": every}

@@ -11,7 +11,7 @@ import mjrun
 from mjrun.errors import MjrunError
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
-from mjrun.outputs.output import Context
+from mjrun.outputs.output import PassContext
 from mjrun.outputs.recorded_scene import (
     PlacedScene,
     camera_motions,
@@ -30,7 +30,7 @@ def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> Pl
     simulation = mjrun.Simulation(model, duration=0.5)
     job = Export(simulation, "a.glb", fps=10, **options)  # type: ignore[arg-type]
     loaded = simulation.load()
-    context = Context(simulation, loaded, simulation.timeline(loaded), WarningReporter())
+    context = PassContext(simulation, loaded, simulation.timeline(loaded), WarningReporter())
     plan = plan_scene(job, context, job.cameras)
     schedule, states = job.schedule(plan, {}), open_states(plan, stack)
     run_with_taps(simulation.stepper(loaded), state_taps(plan, schedule, states), until)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, spelled
-from mjrun.options.setting_kinds import Angle, Length
+from mjrun.options.setting_kinds import AngleWithUnit, LengthWithUnit
 from mjrun.physics.initial_state import InitialState
 from tests.cases import cases
 
@@ -198,11 +198,11 @@ HINGED = mujoco.MjModel.from_xml_string("""
 @pytest.mark.parametrize(
     ("name", "values", "wanted"),
     [
-        ("hip", (Length(0.1),), "an angle"),
-        ("rail", (Angle(0.1),), "a length"),
-        ("root/z", (Angle(0.1),), "a length"),
-        ("root/qw", (Angle(1),), "a number without a unit"),
-        ("root", (0.0, 0.0, 1.0, Length(1.0), 0.0, 0.0, 0.0), "a number without a unit"),
+        ("hip", (LengthWithUnit(0.1),), "an angle"),
+        ("rail", (AngleWithUnit(0.1),), "a length"),
+        ("root/z", (AngleWithUnit(0.1),), "a length"),
+        ("root/qw", (AngleWithUnit(1),), "a number without a unit"),
+        ("root", (0.0, 0.0, 1.0, LengthWithUnit(1.0), 0.0, 0.0, 0.0), "a number without a unit"),
     ],
 )
 def test_units_fit_the_joint(name: str, values: tuple[float, ...], wanted: str) -> None:
@@ -212,8 +212,12 @@ def test_units_fit_the_joint(name: str, values: tuple[float, ...], wanted: str) 
 
 def test_units_are_those_of_mujoco_once_they_are_read() -> None:
     start = InitialState(
-        qpos={"hip": (Angle(0.5),), "rail": (Length(0.2),), "root": (0.0, Length(0.1), 1.0, 1.0, 0.0, 0.0, 0.0)},
-        qvel={"root/wx": (Angle(2.0),), "root/vz": (Length(3.0),)},
+        qpos={
+            "hip": (AngleWithUnit(0.5),),
+            "rail": (LengthWithUnit(0.2),),
+            "root": (0.0, LengthWithUnit(0.1), 1.0, 1.0, 0.0, 0.0, 0.0),
+        },
+        qvel={"root/wx": (AngleWithUnit(2.0),), "root/vz": (LengthWithUnit(3.0),)},
     ).data(HINGED)
     assert start.qpos.tolist() == [0, 0.1, 1, 1, 0, 0, 0, 0.5, 0.2]
     assert start.qvel.tolist() == [0, 0, 3, 2, 0, 0, 0, 0]
@@ -224,5 +228,5 @@ def test_an_angle_beyond_a_turn_is_questioned_unless_its_unit_is_given() -> None
     assert spelled(text) == (
         "qpos hip=90 is 14.3 turns, as angles are in radians; 90deg is 90 degrees, and 90rad means the turns"
     )
-    assert InitialState(qpos={"hip": (Angle(90.0),)}).remarks(HINGED) == []
+    assert InitialState(qpos={"hip": (AngleWithUnit(90.0),)}).remarks(HINGED) == []
     assert InitialState(qpos={"hip": (6.28,)}).remarks(HINGED) == []

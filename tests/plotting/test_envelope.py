@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.plotting.envelope import GROUP, GROUPS, Envelope, Points, RangeFilter
+from mjrun.plotting.envelope import GROUP, GROUPS, CurvePoints, Envelope, RangeFilter
 
 BINS = 64
 
 
-def envelope(x: np.ndarray, y: np.ndarray, block: int = 1000, **how: bool) -> list[Points]:
+def envelope(x: np.ndarray, y: np.ndarray, block: int = 1000, **how: bool) -> list[CurvePoints]:
     made = Envelope(y.shape[1], BINS, **how)
     for start in range(0, len(x), block):
         made.feed(x[start : start + block], y[start : start + block])

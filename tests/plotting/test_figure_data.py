@@ -7,13 +7,13 @@ import pytest
 
 from mjrun.errors import BadValueError
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.envelope import Points
-from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel, ParameterAxis, scale
+from mjrun.plotting.envelope import CurvePoints
+from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, ParameterAxis, scale
 from mjrun.plotting.study.figure_data import (
+    DrawnStudyFigure,
     GraphPanel,
-    ParallelPanel,
+    ParallelCoordinatesPanel,
     SensitivityPanel,
-    StudyDrawing,
     cell_scale,
     is_even_in_ratios,
     is_geometric,
@@ -23,7 +23,7 @@ from mjrun.plotting.study.figure_data import (
 
 
 def panel(*values: float, log: bool = False, marks: tuple[float, ...] = ()) -> DrawnPanel:
-    points = Points(np.arange(float(len(values))), np.array(values, float))
+    points = CurvePoints(np.arange(float(len(values))), np.array(values, float))
     return DrawnPanel("a", [DrawnCurve("a", points, 0)], log, [ReferenceLine("m", value) for value in marks])
 
 
@@ -58,13 +58,13 @@ def test_marks_are_within_the_range() -> None:
 
 
 def test_x_is_from_the_first_to_the_last_sample() -> None:
-    drawing = Drawing("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [ReferenceLine("m", 99, vertical=True)])
+    drawing = DrawnFigure("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [ReferenceLine("m", 99, vertical=True)])
     wide = replace(drawing, x_margin=0.1).x
     assert drawing.x == ParameterAxis("t", 0, 3)
     assert (wide.low, wide.high) == pytest.approx((-0.3, 3.3))
-    assert Drawing("", "t", False, [panel(1)], []).x == ParameterAxis("t", -0.5, 0.5)
-    assert Drawing("", "t", True, [panel()], []).x == ParameterAxis("t", 0.1, 1, True)
-    assert Drawing("", "t", False, [panel()], []).x == ParameterAxis("t", 0, 1)
+    assert DrawnFigure("", "t", False, [panel(1)], []).x == ParameterAxis("t", -0.5, 0.5)
+    assert DrawnFigure("", "t", True, [panel()], []).x == ParameterAxis("t", 0.1, 1, True)
+    assert DrawnFigure("", "t", False, [panel()], []).x == ParameterAxis("t", 0, 1)
 
 
 def test_counts_are_whole_and_nothing_else_is() -> None:
@@ -129,20 +129,20 @@ GRAPH = GraphPanel(ParameterAxis("x", 0, 1), ParameterAxis("z", 0, 1), [], [])
 
 
 def test_panels_have_the_columns_that_suit_or_those_asked_for() -> None:
-    assert study_grid(StudyDrawing("", [GRAPH] * 2), None).columns == 1
-    assert study_grid(StudyDrawing("", [GRAPH] * 6), None).columns == 3
-    assert study_grid(StudyDrawing("", [GRAPH] * 4), None).columns == 2
-    assert study_grid(StudyDrawing("", [GRAPH] * 6), (640, 2000)).columns == 1
-    assert study_grid(StudyDrawing("", [GRAPH] * 6, columns=2), None).columns == 2
+    assert study_grid(DrawnStudyFigure("", [GRAPH] * 2), None).columns == 1
+    assert study_grid(DrawnStudyFigure("", [GRAPH] * 6), None).columns == 3
+    assert study_grid(DrawnStudyFigure("", [GRAPH] * 4), None).columns == 2
+    assert study_grid(DrawnStudyFigure("", [GRAPH] * 6), (640, 2000)).columns == 1
+    assert study_grid(DrawnStudyFigure("", [GRAPH] * 6, columns=2), None).columns == 2
 
 
 def test_parallel_coordinates_take_room_above() -> None:
     ranks = SensitivityPanel("z", ["a"], np.array([0.5]), np.array([0.5]))
-    above = ParallelPanel([], np.empty((0, 0)), np.empty(0, bool))
-    grid = study_grid(StudyDrawing("", [ranks] * 3, 3, above), None)
+    above = ParallelCoordinatesPanel([], np.empty((0, 0)), np.empty(0, bool))
+    grid = study_grid(DrawnStudyFigure("", [ranks] * 3, 3, above), None)
     assert (grid.columns, grid.rows) == (3, 2)
 
 
 def test_a_size_too_small_is_reported() -> None:
     with pytest.raises(BadValueError, match="at least"):
-        study_grid(StudyDrawing("", [GRAPH] * 4), (100, 100))
+        study_grid(DrawnStudyFigure("", [GRAPH] * 4), (100, 100))

@@ -11,10 +11,10 @@ import pytest
 
 from mjrun.options.plot import STYLES
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.envelope import Envelope, Points
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, FigureCounts, panel_grid
-from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
-from mjrun.plotting.matplotlib_figure import FigureLayout, settings
+from mjrun.plotting.envelope import CurvePoints, Envelope
+from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, panel_grid
+from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveLabel, arranged, paint
+from mjrun.plotting.matplotlib_figure import MatplotlibFigure, settings
 from mjrun.plotting.theme import THEMES
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ TIME = np.linspace(0, 2, 50)
 def panel(
     *names: str, label: str = "qpos [rad]", log: bool = False, marks: tuple[ReferenceLine, ...] = ()
 ) -> DrawnPanel:
-    curves = [DrawnCurve(name, Points(TIME, np.sin(TIME + i) + 2), i) for i, name in enumerate(names)]
+    curves = [DrawnCurve(name, CurvePoints(TIME, np.sin(TIME + i) + 2), i) for i, name in enumerate(names)]
     return DrawnPanel(label, curves, log, marks)
 
 
@@ -45,8 +45,8 @@ def figure(
     grid = panel_grid(FigureCounts(len(panels), most, bool(title)), size, columns)
     with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
-        canvas = FigureLayout(grid, THEMES[style])
-        paint(Drawing(title, "time [s]", log_x, panels, marks), grid, canvas)
+        canvas = MatplotlibFigure(grid, THEMES[style])
+        paint(DrawnFigure(title, "time [s]", log_x, panels, marks), grid, canvas)
         canvas.pixels()
         return canvas.figure
 
@@ -143,7 +143,7 @@ def test_curves_are_the_points_and_the_first_is_on_top() -> None:
 
 def test_a_value_between_two_gaps_is_a_dot() -> None:
     y = np.array([np.nan, 1, np.nan, 2, 3])
-    made = figure(DrawnPanel("a", [DrawnCurve("a", Points(np.arange(5.0), y), 0)], False, ()))
+    made = figure(DrawnPanel("a", [DrawnCurve("a", CurvePoints(np.arange(5.0), y), 0)], False, ()))
     dots = [line for line in made.axes[0].lines if line.get_marker() == "o"]
     assert [np.asarray(line.get_ydata()).tolist() for line in dots] == [[1.0]]
 
@@ -163,7 +163,7 @@ def test_letters_that_the_font_lacks_are_reported_by_their_numbers() -> None:
 def test_a_constant_is_in_the_middle_of_a_range(value: float) -> None:
     y = np.full(50, value)
     y[::2] *= 1 + 1e-15  # as a quaternion's norm
-    made = figure(DrawnPanel("a", [DrawnCurve("a", Points(TIME, y), 0)], False, ()))
+    made = figure(DrawnPanel("a", [DrawnCurve("a", CurvePoints(TIME, y), 0)], False, ()))
     low, high = made.axes[0].get_ylim()
     assert low < value < high
     assert high - low >= 0.1 * abs(value)
@@ -173,20 +173,20 @@ def test_a_constant_is_in_the_middle_of_a_range(value: float) -> None:
 
 def test_axes_have_no_offsets() -> None:
     y = 0.3 + 1e-5 * np.sin(TIME)
-    made = figure(DrawnPanel("a", [DrawnCurve("a", Points(TIME, y), 0)], False, ()))
+    made = figure(DrawnPanel("a", [DrawnCurve("a", CurvePoints(TIME, y), 0)], False, ()))
     labels = [label.get_text() for label in made.axes[0].get_yticklabels()]
     assert all(label.startswith("0.3") for label in labels)
     assert not made.axes[0].yaxis.get_offset_text().get_text()
 
 
 def test_counts_have_whole_ticks() -> None:
-    made = figure(DrawnPanel("n", [DrawnCurve("n", Points(TIME, np.arange(50) % 3.0), 0)], False, ()))
+    made = figure(DrawnPanel("n", [DrawnCurve("n", CurvePoints(TIME, np.arange(50) % 3.0), 0)], False, ()))
     assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["0", "1", "2"]
 
 
 def test_logarithmic_axes_have_plain_labels() -> None:
     y = np.geomspace(1e-6, 1e3, 50)
-    made = figure(DrawnPanel("f [N]", [DrawnCurve("f", Points(TIME + 1, y), 0)], True, ()), log_x=True)
+    made = figure(DrawnPanel("f [N]", [DrawnCurve("f", CurvePoints(TIME + 1, y), 0)], True, ()), log_x=True)
     axes = made.axes[0]
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert "10⁻⁶" in words(made)
@@ -238,7 +238,7 @@ def test_one_sample_of_a_million_is_seen(width: int) -> None:
 
 def test_a_figure_without_any_value_is_empty_and_not_an_error() -> None:
     gap = np.full(3, np.nan)
-    made = figure(DrawnPanel("a", [DrawnCurve("a", Points(np.arange(3.0), gap), 0)], True, ()))
+    made = figure(DrawnPanel("a", [DrawnCurve("a", CurvePoints(np.arange(3.0), gap), 0)], True, ()))
     from matplotlib.axes import Axes
 
     assert isinstance(made.axes[0], Axes)
@@ -247,10 +247,10 @@ def test_a_figure_without_any_value_is_empty_and_not_an_error() -> None:
 LINE = 10.0
 
 
-def entries(heights: list[float]) -> list[CurveName]:
+def entries(heights: list[float]) -> list[CurveLabel]:
     from matplotlib.lines import Line2D
 
-    return [CurveName(str(i), Line2D([], []), y) for i, y in enumerate(heights)]
+    return [CurveLabel(str(i), Line2D([], []), y) for i, y in enumerate(heights)]
 
 
 @pytest.mark.parametrize("heights", [[50, 51, 52], [0, 0, 100, 100], [99, 1, 50], [50] * BESIDE, [-40, 140]])

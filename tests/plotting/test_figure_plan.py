@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.figure_data import Drawing
+from mjrun.plotting.figure_data import DrawnFigure
 from mjrun.plotting.figure_plan import EVENTS, PANELS, FigurePlan, TableColumns
 
 UNITS = {"time": "s", "qpos/a": "rad", "qpos/b": "rad", "contact/ncon": ""}
@@ -19,7 +19,7 @@ def rows(count: int = 10) -> dict[str, np.ndarray]:
     return {"time": time, "qpos/a": time**2, "qpos/b": 1 - time, "contact/ncon": np.arange(count) % 4.0}
 
 
-def drawn(options: FigureOptions, values: dict[str, np.ndarray]) -> tuple[Drawing, list[str]]:
+def drawn(options: FigureOptions, values: dict[str, np.ndarray]) -> tuple[DrawnFigure, list[str]]:
     plan = FigurePlan(options, [TableColumns("run", {name: UNITS.get(name, "") for name in values})])
     collector = plan.collector(0)
     half = len(values["time"]) // 2 if "time" in values else 1

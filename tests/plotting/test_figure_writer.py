@@ -11,15 +11,17 @@ from PIL import Image
 
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, FileError, MissingExtraError
-from mjrun.plotting.envelope import Points
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, FigureCounts, panel_grid
+from mjrun.plotting.envelope import CurvePoints
+from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, panel_grid
 from mjrun.plotting.figure_writer import FigureWriter, encoded, require_matplotlib, svg_text
 
 SIZE = (480, 320)
 GRID = panel_grid(FigureCounts(2, 2, True), SIZE, None)
 TIME = np.linspace(0, 1, 30)
-CURVES = [DrawnCurve(name, Points(TIME, TIME**i), i) for i, name in enumerate(["α_1", "位置 <&>"])]
-DRAWING = Drawing("Title & more", "time [s]", False, [DrawnPanel(f"p{i} [m]", CURVES, False, ()) for i in range(2)], ())
+CURVES = [DrawnCurve(name, CurvePoints(TIME, TIME**i), i) for i, name in enumerate(["α_1", "位置 <&>"])]
+DRAWING = DrawnFigure(
+    "Title & more", "time [s]", False, [DrawnPanel(f"p{i} [m]", CURVES, False, ()) for i in range(2)], ()
+)
 TAGS = {"title": "a title", "comment": "mjrun 1", "description": "{}"}
 
 

@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import BadValueError
 from mjrun.options.plot import STYLES
 from mjrun.plotting.figure_data import FigureCounts, PanelGrid, panel_grid
-from mjrun.plotting.matplotlib_figure import FigureLayout, settings
+from mjrun.plotting.matplotlib_figure import MatplotlibFigure, settings
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 
@@ -18,8 +18,8 @@ LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
 
 
 @cache
-def canvas() -> FigureLayout:
-    return FigureLayout(GRID, LIGHT)
+def canvas() -> MatplotlibFigure:
+    return MatplotlibFigure(GRID, LIGHT)
 
 
 @pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 100, "一" * 40])
@@ -43,7 +43,7 @@ def test_bold_text_is_wider_and_larger_text_too() -> None:
 
 def test_letters_without_a_shape_are_left_to_who_shows_them_if_asked() -> None:
     assert canvas().shown("位\n") == "\\u4f4d\\n"
-    assert FigureLayout(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
+    assert MatplotlibFigure(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
 
 
 def test_settings_are_ours_and_the_user_s_come_back() -> None:

@@ -15,7 +15,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from mjrun.errors import FileError, MissingExtraError, UsageError
-from mjrun.policy.loaders.onnx import OnnxModel, OnnxPolicy, Tensor, state_pairs
+from mjrun.policy.loaders.onnx import OnnxModel, OnnxPolicy, TensorSpec, state_pairs
 from tests.policy.networks import LEFT_RIGHT, Shape, integrator, linear, value, write
 
 WEIGHTS = np.array([[1, 2, 3, 4], [0, 1, 0, -1]], np.float32)
@@ -333,11 +333,11 @@ def test_a_fault_while_computing_is_an_error_of_the_policy(tmp_path: Path) -> No
         OnnxModel(path).run({"obs": np.ones((1, 3), np.float32)}, ["actions"])
 
 
-def tensors(*names: str, shape: tuple[int | None, ...] = (1, 1, 8)) -> list[Tensor]:
-    return [Tensor(name, "tensor(float)", shape) for name in names]
+def tensors(*names: str, shape: tuple[int | None, ...] = (1, 1, 8)) -> list[TensorSpec]:
+    return [TensorSpec(name, "tensor(float)", shape) for name in names]
 
 
-def pairs(inputs: list[Tensor], outputs: list[Tensor]) -> list[tuple[str, str]]:
+def pairs(inputs: list[TensorSpec], outputs: list[TensorSpec]) -> list[tuple[str, str]]:
     return [(start.name, end.name) for start, end in state_pairs(inputs, outputs)]
 
 
@@ -363,7 +363,7 @@ def test_pairs_agree_in_shape_and_type() -> None:
     assert pairs(tensors("h_in"), tensors("h_out", shape=(1, 1, 9))) == []
     assert pairs(tensors("h_in"), tensors("h_out", shape=(1, 8))) == []
     assert pairs(tensors("h_in"), tensors("h_out", shape=(1, None, 8))) == [("h_in", "h_out")]
-    assert pairs(tensors("h_in"), [Tensor("h_out", "tensor(double)", (1, 1, 8))]) == []
+    assert pairs(tensors("h_in"), [TensorSpec("h_out", "tensor(double)", (1, 1, 8))]) == []
 
 
 def test_where_several_could_be_meant_none_is() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mjrun.errors import UsageError
 from mjrun.probe.aggregate import CHUNK, ChunkBuffer, RowChunk, ShareAccumulator, accumulator, shown
 from mjrun.probe.expression import AGGREGATES
-from mjrun.probe.metric import MetricEvaluation, parse_metric
+from mjrun.probe.metric import MetricEvaluator, parse_metric
 from tests.probe.expression_oracle import ODD, VALUES, aggregate, judged
 
 OF_VALUES = [name for name in AGGREGATES if name not in ("share", "quantile")]  # take a value and nothing else
@@ -79,7 +79,7 @@ def test_the_chunks_do_not_depend_on_the_blocks(sizes: list[int]) -> None:
 
 
 def value(text: str) -> float:
-    evaluation = MetricEvaluation([parse_metric(text, list(TABLE), "metric")], list(TABLE))
+    evaluation = MetricEvaluator([parse_metric(text, list(TABLE), "metric")], list(TABLE))
     evaluation.feed(np.stack(list(TABLE.values()), axis=1))
     return evaluation.values()[0]
 

@@ -10,7 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_copier, contact_rows, copy_contacts, pair
 from mjrun.probe.derived import contact_force
 from mjrun.probe.row_expression import parse_condition
-from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.probe.vocabularies import ModelVocabulary
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
 PILE = """
@@ -402,7 +402,7 @@ def test_the_bare_name_of_a_flex_is_answered_with_its_full_name() -> None:
         pair("low/floor", model)
     for text in ("contact(low, floor)", "'contact/low/floor' > 0"):
         with pytest.raises(UnknownNameError, match=r"character \d+ \(did you mean 'flex:low'\?\)"):
-            parse_condition(text, AvailableProbes(model), "when")
+            parse_condition(text, ModelVocabulary(model), "when")
 
 
 def test_a_flex_counts_for_the_bodies_that_carry_all_of_it_and_a_vertex_for_its_own() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.fields import InstantProbe, Probe
+from mjrun.probe.fields import MjDataProbe, Probe
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -35,7 +35,7 @@ def at(seconds: float) -> mujoco.MjData:
 def values_of(
     probe: Probe, model: mujoco.MjModel, data: mujoco.MjData, initial: mujoco.MjData | None = None
 ) -> np.ndarray:
-    if isinstance(probe, InstantProbe):
+    if isinstance(probe, MjDataProbe):
         return probe.measure(model, data)
     now, first = ({name: np.array(getattr(one, name)) for name in probe.fields} for one in (data, initial or data))
     return probe.compute(now, first)
@@ -125,7 +125,7 @@ def test_warnings_are_counted_up_to_the_instant() -> None:
         '<actuator><motor joint="joint0"/></actuator></mujoco>'.replace("<joint/>", '<joint name="joint0"/>')
     )
     data, probe = mujoco.MjData(model), DERIVED["warning"](model)
-    assert isinstance(probe, InstantProbe)
+    assert isinstance(probe, MjDataProbe)
     named = dict(zip([column.name for column in probe.columns], range(99), strict=False))
     data.ctrl[0] = 1e11  # MuJoCo takes it for bad, and warns
     for count in (1, 2, 3):

@@ -9,7 +9,7 @@ from mjrun.probe.assertion import parse
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe, EpisodeValues
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.select import available_columns, select
-from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
+from mjrun.probe.vocabularies import ModelVocabulary, TraceVocabulary
 
 MODEL = mujoco.MjModel.from_xml_string(
     '<mujoco><worldbody><body><joint name="hip"/><geom size=".1"/></body></worldbody></mujoco>'
@@ -64,12 +64,12 @@ def test_without_a_policy_an_error_says_so(text: str) -> None:
 
 def test_expressions_read_them() -> None:
     expression = parse_condition(
-        "reward/alive > 1 and norm('obs/position/*') < action(hip)", AvailableProbes(MODEL, EPISODE.names), "when"
+        "reward/alive > 1 and norm('obs/position/*') < action(hip)", ModelVocabulary(MODEL, EPISODE.names), "when"
     )
     assert expression.columns == ("reward/alive", "obs/position/x", "obs/position/y", "action/hip")
     with pytest.raises(UsageError, match="'return' can only be measured if a policy acts"):
-        parse_condition("return > 1", AvailableProbes(MODEL), "when")
+        parse_condition("return > 1", ModelVocabulary(MODEL), "when")
     with pytest.raises(UnknownNameError, match=r"no column .reward/alife. .*did you mean .reward/alive."):
-        parse("last(reward/alife) > 1", AvailableProbes(MODEL, EPISODE.names))
+        parse("last(reward/alife) > 1", ModelVocabulary(MODEL, EPISODE.names))
     with pytest.raises(UsageError, match="the model offers it: add probe return"):
         parse("last(return) > 1", TraceVocabulary(["time"], MODEL, EPISODE.names))

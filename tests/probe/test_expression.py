@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mjrun.probe.assertion import parse
-from mjrun.probe.metric import MetricEvaluation, parse_metric
+from mjrun.probe.metric import MetricEvaluator, parse_metric
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.row_expression import parse_row_expression
 from tests.probe.expression_oracle import COLUMNS, TABLES, TRUTHS, judged, truth, written
@@ -65,7 +65,7 @@ FORCE = WIDE[:, 1:]
 def test_functions_of_vectors_and_choices_are_numpys(text: str, expected: np.ndarray) -> None:
     values = parse_row_expression(text, WIDE_NAMES, "y").values(dict(zip(WIDE_NAMES, WIDE.T, strict=True)))
     np.testing.assert_allclose(values, expected, rtol=1e-15, atol=1e-15)
-    total = MetricEvaluation([parse_metric(f"sum({text})", WIDE_NAMES, "metric")], WIDE_NAMES)
+    total = MetricEvaluator([parse_metric(f"sum({text})", WIDE_NAMES, "metric")], WIDE_NAMES)
     total.feed(WIDE)
     assert total.values() == (math.fsum(values),)
 

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.model import state
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.fields import LAZY, InstantProbe, Probe, extents, field_probe, offered, state_columns
+from mjrun.probe.fields import LAZY, MjDataProbe, Probe, extents, field_probe, offered, state_columns
 from mjrun.probe.select import available_columns
 from tests.cases import cases
 from tests.model.test_state import CROWDED
@@ -63,7 +63,7 @@ def row(probe: Probe, data: mujoco.MjData) -> np.ndarray:
 
 
 def row_of(model: mujoco.MjModel, probe: Probe, data: mujoco.MjData) -> np.ndarray:
-    if isinstance(probe, InstantProbe):
+    if isinstance(probe, MjDataProbe):
         return probe.measure(model, data)
     return probe.compute({name: np.array(getattr(data, name)) for name in probe.fields}, {})
 
@@ -195,7 +195,7 @@ def test_a_probe_may_be_cut_to_some_of_its_columns() -> None:
     probe = field_probe(MODEL, "xpos").only([4, 0])
     assert [column.name for column in probe.columns] == ["xpos/free/y", "xpos/world/x"]
     assert row(probe, data).tolist() == [data.xpos[1, 1], 0]
-    lone = InstantProbe(probe.columns, lambda model, data: np.array([1.0, 2.0])).only([1])
+    lone = MjDataProbe(probe.columns, lambda model, data: np.array([1.0, 2.0])).only([1])
     assert row(lone, data).tolist() == [2.0]
 
 
@@ -249,7 +249,7 @@ def test_blocks_of_simulations_are_measured_as_each_instant_alone() -> None:
     probes = [field_probe(MODEL, name) for name in offered(MODEL)] + [make(MODEL) for make in DERIVED.values()]
     compared = 0
     for probe in probes:
-        if isinstance(probe, InstantProbe):
+        if isinstance(probe, MjDataProbe):
             continue
         fields = {name: np.array([[getattr(data, name) for data in row] for row in instants]) for name in probe.fields}
         values = probe.compute(fields, {name: part[:, :1] for name, part in fields.items()})

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.metric import MetricBatch, MetricEvaluation, parse_metric
+from mjrun.probe.metric import BatchMetricEvaluator, MetricEvaluator, parse_metric
 
 RNG = np.random.default_rng(4)
 X, Y = RNG.normal(size=1500), RNG.normal(size=1500)
 
 
 def value(text: str, sizes: tuple[int, ...] = (1500,)) -> float:
-    evaluation = MetricEvaluation([parse_metric(text, ["x", "y"], "metric")], ["y", "x"])
+    evaluation = MetricEvaluator([parse_metric(text, ["x", "y"], "metric")], ["y", "x"])
     start = 0
     for size in sizes:
         evaluation.feed(np.stack([Y, X], axis=1)[start : start + size])
@@ -54,8 +54,8 @@ def test_tables_side_by_side_have_the_values_of_each_alone(sizes: tuple[int, ...
     tables[1, 5, 0] = tables[3, 700, 0] = math.nan
     tables[2, :, 0], tables[4, 3, 0], tables[4, :, 1] = math.inf, -math.inf, 5
     metrics = [parse_metric(text, ["x", "y"], "metric") for text in SIDE_BY_SIDE]
-    batch = MetricBatch(metrics, ["x", "y"], 5)
-    alone = [MetricEvaluation(metrics, ["x", "y"]) for _ in tables]
+    batch = BatchMetricEvaluator(metrics, ["x", "y"], 5)
+    alone = [MetricEvaluator(metrics, ["x", "y"]) for _ in tables]
     start = 0
     for size in sizes:
         batch.feed(tables[:, start : start + size], np.full(5, size))

@@ -16,7 +16,7 @@ from mjrun.probe.expression import (
     ColumnReference,
     ColumnVector,
     NumberLiteral,
-    Reduction,
+    RowwiseReduction,
 )
 from mjrun.probe.parser import DEEPEST, LONGEST, NodeBuilder, Parser
 from mjrun.probe.scanner import SourceText, Token, Vocabulary
@@ -199,7 +199,7 @@ ONE, MAX = NumberLiteral(0, 1, FIXED, 1.0), Token("word", "max", 0, 3)
 
 def test_a_function_of_vectors_reduces_them_and_of_one_value_aggregates() -> None:
     reduced = builder().call(MAX, [X, VECTOR], 13)
-    assert isinstance(reduced, Reduction)
+    assert isinstance(reduced, RowwiseReduction)
     assert (reduced.kind, reduced.width, reduced.operands) == (ROW, 0, (X, VECTOR))
     assert builder().call(MAX, [X], 13).kind == TABLE  # type: ignore[union-attr]
     assert builder().call(MAX, [X, ONE], 13).kind == ROW  # type: ignore[union-attr]

@@ -21,7 +21,7 @@ from mjrun.probe.parser import LONGEST
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition, parse_row_expression
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, available_columns
-from mjrun.probe.vocabularies import AvailableProbes, TableVocabulary
+from mjrun.probe.vocabularies import ModelVocabulary, TableVocabulary
 from mjrun.timeline import Timeline, rational
 from tests.cases import cases
 
@@ -93,7 +93,7 @@ SCENE = mujoco.MjModel.from_xml_string(
 NAN, INF = math.nan, math.inf
 
 
-vocabulary = cache(AvailableProbes)
+vocabulary = cache(ModelVocabulary)
 
 
 def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Condition:

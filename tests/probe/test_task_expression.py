@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_condition, parse_task_value
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 
 DT = 0.05
 MODEL = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><body name="cart"><joint name="slide" type="slide"/><geom size=".1"/>
     <body name="pole"><joint name="hinge"/><geom size=".1" pos="0 0 1"/></body></body></worldbody></mujoco>"""
 )
-COLUMNS = TaskColumns(MODEL, ["action/a", "action/b", "action/c", "command/goal/0", "command/goal/1"], DT)
+COLUMNS = TaskVocabulary(MODEL, ["action/a", "action/b", "action/c", "command/goal/0", "command/goal/1"], DT)
 NAMES = ["time", "qpos/slide", "qpos/hinge", "xpos/pole/x", "xpos/pole/z"]
 NAMES += ["action/a", "action/b", "action/c", "command/goal/0", "command/goal/1"]
 SERIES = np.random.default_rng(4).normal(size=(9, 130, len(NAMES)))  # instants, worlds, columns

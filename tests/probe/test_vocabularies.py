@@ -7,7 +7,7 @@ from mjrun.errors import UsageError
 from mjrun.probe.assertion import parse
 from mjrun.probe.scanner import is_bare
 from mjrun.probe.select import select
-from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
+from mjrun.probe.vocabularies import ModelVocabulary, TraceVocabulary
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -89,9 +89,9 @@ def test_what_is_not_there_is_reported_as_ever(text: str, message: str) -> None:
 
 
 def test_names_looked_up_one_by_one_are_those_of_the_whole_list() -> None:
-    listed = AvailableProbes(MODEL, ["obs/a b", "return"]).columns
+    listed = ModelVocabulary(MODEL, ["obs/a b", "return"]).columns
     assert {*listed} >= {"time", "return", "obs/a b", "xpos/skin/z", "contact/ncon"}
-    single = AvailableProbes(MODEL, ["obs/a b", "return"])
+    single = ModelVocabulary(MODEL, ["obs/a b", "return"])
     assert {name: single.column(name) for name in listed} == listed
     for name in filter(is_bare, listed):
         assert name in {f"{name} > 1"[:end] for end in single.ends(f"{name} > 1", 0)}

@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.camera.pose import Pose
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
@@ -49,7 +49,7 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
-    return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state_of(model, data))
+    return BoundCameraScript(parse_camera(camera, model), model, SIZE).pose(state_of(model, data))
 
 
 def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual: object) -> np.ndarray:

@@ -11,14 +11,21 @@ import numpy as np
 import pytest
 
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
 from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.added_geoms import Decoration, Ghost
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
-from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor, compose_panels
+from mjrun.rendering.compositor import (
+    CameraPanel,
+    FrameComposition,
+    FrameStream,
+    Overlay,
+    SceneCompositor,
+    compose_panels,
+)
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
@@ -43,7 +50,7 @@ class Swing:
         self.states = [save(self.model, data) for data in self.instants]
 
     def compositor(self, *streams: FrameStream, **changes: object) -> SceneCompositor:
-        motions = [CameraMotion(parse_camera(name, self.model), self.model, SIZE) for name in CAMERAS]
+        motions = [BoundCameraScript(parse_camera(name, self.model), self.model, SIZE) for name in CAMERAS]
         poses = [[motion.pose(state) for motion in motions] for state in self.states]
         compositor = SceneCompositor(
             self.model, self.backend, SIZE, Visual(), CAMERAS, streams, poses, Segmentation(self.model)
@@ -64,7 +71,7 @@ def scene(swing: Path, backend: Backend) -> Swing:
 
 
 def stream(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameStream:
-    return FrameStream(panels, SIZE, FrameStyle(**style), exact)  # type: ignore[arg-type]
+    return FrameStream(panels, SIZE, FrameComposition(**style), exact)  # type: ignore[arg-type]
 
 
 # --- sizes ------------------------------------------------------------------------------------------
@@ -221,7 +228,7 @@ def test_plots_are_drawn_under_the_frame_at_its_time(scene: Swing) -> None:
 
 def test_a_legend_names_what_is_in_view_and_leaves_the_rest_as_it_is(scene: Swing) -> None:
     large = (320, 240)
-    streams = [FrameStream([SEG], large, FrameStyle(legend=legend)) for legend in (False, True)]
+    streams = [FrameStream([SEG], large, FrameComposition(legend=legend)) for legend in (False, True)]
     compositor = scene.compositor(*streams, size=large)
     plain, keyed = scene.frames(compositor)
     compositor.close()

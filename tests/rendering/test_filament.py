@@ -17,7 +17,7 @@ import pytest
 
 from mjrun.camera.pose import Pose
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import save
@@ -87,7 +87,7 @@ def after(model: mujoco.MjModel, steps: int) -> mujoco.MjData:
 
 
 def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
-    return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state)
+    return BoundCameraScript(parse_camera(camera, model), model, SIZE).pose(state)
 
 
 class ReusedProcess:
@@ -397,7 +397,7 @@ def test_reflections_that_are_left_out_are_reported(shape: str, told: bool) -> N
 
 MIRROR = """
 import mujoco, numpy as np
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.rendering.filament_worker import FilamentScene, PixelFormat
 from mjrun.camera.script import parse_camera
 from mjrun.model.state import save
@@ -407,7 +407,7 @@ model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror"
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
 scene = FilamentScene(model, mujoco.MjvOption())
-seen = CameraMotion(parse_camera("0", model), model, (96, 64)).pose(save(model, data))
+seen = BoundCameraScript(parse_camera("0", model), model, (96, 64)).pose(save(model, data))
 scene.update(data)
 colours = PixelFormat("RGB8", "DEFAULT", 3, np.uint8)
 shown = [scene.draw((96, 64), seen, colours, reflections=on).astype(int) for on in (0, 1)]

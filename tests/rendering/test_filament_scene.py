@@ -77,7 +77,7 @@ import sys
 import mujoco
 import numpy as np
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import UsageError
 from mjrun.model.state import save
 from mjrun.rendering.filament_worker import FilamentScene, PixelFormat
@@ -92,7 +92,7 @@ model = mujoco.MjModel.from_xml_string('''<mujoco>
 SIZE = (48, 32)
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
-pose = CameraMotion(parse_camera("above", model), model, SIZE).pose(save(model, data))
+pose = BoundCameraScript(parse_camera("above", model), model, SIZE).pose(save(model, data))
 colors, segments = PixelFormat("RGB8", "DEFAULT", 3, np.uint8), PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 scene = FilamentScene(model, mujoco.MjvOption())
 scene.update(data)

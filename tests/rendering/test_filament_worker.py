@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mjrun.camera.pose import Frustum
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.filament_worker import planar_depth
@@ -48,7 +48,7 @@ def test_a_state_is_drawn_as_rays_meet_it(vulkan: Backend) -> None:
     data.qpos[:3] = 0.3, 0.2, 0.2
     mujoco.mj_forward(model, data)
     state, segmentation = save(model, data), Segmentation(model)
-    pose = CameraMotion(parse_camera("above", model), model, SIZE).pose(state)
+    pose = BoundCameraScript(parse_camera("above", model), model, SIZE).pose(state)
 
     with closing(
         Worker("mjrun.rendering.filament_worker:FilamentServer", environment={"MUJOCO_GL": "disable"})

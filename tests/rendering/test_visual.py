@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.camera.script import parse_camera
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.state import save
@@ -112,7 +112,7 @@ def test_a_scene_grows_until_everything_is_in_it_and_nobody_is_reported_to_incre
     model = crowd()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    pose = CameraMotion(parse_camera("free", model), model, (64, 48)).pose(save(model, data))
+    pose = BoundCameraScript(parse_camera("free", model), model, (64, 48)).pose(save(model, data))
     scene = mujoco.MjvScene(model, maxgeom)
     scene.flags[0] = 1 - scene.flags[0]
     with collected_warnings() as texts, warnings.catch_warnings():

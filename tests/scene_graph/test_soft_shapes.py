@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.scene_graph.soft_shapes import Segments, SoftShapes, TriangleSurface
+from mjrun.scene_graph.soft_shapes import LineSegments, SoftShapes, TriangleSurface
 
 
-def shapes(xml: str, steps: int = 0, **options: int) -> tuple[mujoco.MjData, list[TriangleSurface | Segments]]:
+def shapes(xml: str, steps: int = 0, **options: int) -> tuple[mujoco.MjData, list[TriangleSurface | LineSegments]]:
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     data, option = mujoco.MjData(model), mujoco.MjvOption()
     for name, value in options.items():
@@ -48,7 +48,7 @@ def test_a_solid_has_a_closed_surface_around_its_volume() -> None:
 def test_a_cable_of_edges_is_segments() -> None:
     xml = CLOTH.replace('type="grid" dim="2" count="3 4 1"', 'type="grid" dim="1" count="5 1 1"')
     _, (cable,) = shapes(xml)
-    assert isinstance(cable, Segments)
+    assert isinstance(cable, LineSegments)
     assert np.linalg.norm(cable.ends[:, 1] - cable.ends[:, 0], axis=1) == pytest.approx([0.1] * 4)
     assert cable.width == pytest.approx(0.002)
 
@@ -74,7 +74,7 @@ ROPE = """<worldbody><site name="a" pos="-.5 0 1"/>
 
 def test_a_rope_is_as_long_as_its_tendon_and_ends_at_its_sites() -> None:
     data, (rope,) = shapes(ROPE, 20)
-    assert isinstance(rope, Segments)
+    assert isinstance(rope, LineSegments)
     lengths = np.linalg.norm(rope.ends[:, 1] - rope.ends[:, 0], axis=1)
     assert lengths.sum() == pytest.approx(data.ten_length[0], rel=0.01)
     for site in data.site_xpos:

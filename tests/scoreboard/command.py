@@ -258,7 +258,7 @@ def _refuse_landlock() -> None:
         (seccomp.RETURN, 0, 0, seccomp.UNKNOWN),
         (seccomp.RETURN, 0, 0, seccomp.ALLOW),
     ]
-    program = seccomp.Program(len(steps), b"".join(struct.pack("HBBI", *step) for step in steps))
+    program = seccomp.BpfProgram(len(steps), b"".join(struct.pack("HBBI", *step) for step in steps))
     library = ctypes.CDLL(None, use_errno=True)
     library.prctl(landlock.NO_NEW_PRIVILEGES, 1, 0, 0, 0)
     if library.prctl(seccomp.SET_SECCOMP, seccomp.FILTER, ctypes.byref(program), 0, 0):

@@ -22,7 +22,7 @@ from mjrun.formats.table_reader import read_table
 from mjrun.model import state
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.dm import ControlSuiteSource
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.perform import perform
 from mjrun.outputs.recording import Recording
@@ -288,7 +288,7 @@ def test_a_run_document_makes_all_outputs_of_an_episode(task: Path, tmp_path: Pa
         "traces: [{output: a.csv, probe: [return]}, {output: b.csv, probe: [obs]}]\nrecordings: [c.npz]\n"
     )
     (tmp_path / "out").mkdir()
-    requests = read_run(tmp_path / "run.yaml", [], RunOptions(output=str(tmp_path / "out")), "")
+    requests = read_run(tmp_path / "run.yaml", [], RunCommandOptions(output=str(tmp_path / "out")), "")
     results = perform(requests.outputs)
     assert len({str(result.episode) for result in results}) == 1
     alone = Trace(
@@ -300,7 +300,7 @@ def test_a_run_document_makes_all_outputs_of_an_episode(task: Path, tmp_path: Pa
     assert (tmp_path / "d.csv").read_bytes() == (tmp_path / "out" / "a.csv").read_bytes()
     (tmp_path / "run.yaml").write_text("model: arm.yaml\npolicy: policy.py:act\ntraces: [a.csv]\n")
     with pytest.raises(DocumentError, match=r"run.yaml:2:9: policy: a document cannot contain code"):
-        read_run(tmp_path / "run.yaml", [], RunOptions(), "")
+        read_run(tmp_path / "run.yaml", [], RunCommandOptions(), "")
 
 
 def test_an_event_of_the_episode_decides_when_an_image_is_taken(task: Path, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from mjrun.errors import FileError, UsageError
 from mjrun.model.fingerprint import content_fingerprint
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
@@ -49,7 +49,7 @@ def robot(tmp_path: Path) -> Path:
     return path
 
 
-def copied(source: Source) -> tuple[InputSnapshot, Source]:
+def copied(source: ModelSource) -> tuple[InputSnapshot, ModelSource]:
     snapshot = InputSnapshot.empty().with_files(source.files)
     return snapshot, source.stored_at(snapshot.place)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mjrun.study.chunk_files import SharedParts
+from mjrun.study.chunk_files import PartPublisher
 from mjrun.study.clusters import LostJobError
 from mjrun.study.spec import ChunkResult
 
@@ -101,7 +101,7 @@ class Neighbour(Executor):
       replies: results of the chunks.
     """
 
-    def __init__(self, view: Callable[[SharedParts], SharedParts]) -> None:
+    def __init__(self, view: Callable[[PartPublisher], PartPublisher]) -> None:
         self._view, self.replies = view, list[ChunkResult]()
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":

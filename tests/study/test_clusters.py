@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.python_code import SealedCode
+from mjrun.python_code import SealedValue
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study import clusters
-from mjrun.study.clusters import Cluster, open_cluster
+from mjrun.study.clusters import ClusterExecutor, open_cluster
 from mjrun.study.executors import QUEUED, EngineEndedError, completed, open_executor
 from mjrun.study.spec import PointChunk, ShippedStudy
 
@@ -40,8 +40,8 @@ def test_a_cluster_that_loses_its_workers_is_reported_and_left_when_the_budget_i
     now, present, notes, is_spent = [0.0], [2], list[str](), list[bool]()
     monkeypatch.setattr(clusters, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0)
-    cluster = Cluster("engine dask://host:1", lambda *_: Future(), lambda: present[0], notes.append)
-    chunk = PointChunk(ShippedStudy(SealedCode(b"", ()), 1, InputSnapshot.empty()), ())
+    cluster = ClusterExecutor("engine dask://host:1", lambda *_: Future(), lambda: present[0], notes.append)
+    chunk = PointChunk(ShippedStudy(SealedValue(b"", ()), 1, InputSnapshot.empty()), ())
     arriving = completed(cluster, iter([chunk]), 3, lambda _: "", lambda: bool(is_spent))
 
     def seconds(count: int, workers: int) -> None:

@@ -12,7 +12,7 @@ import pytest
 from mjrun.errors import BadValueError, FailedPointsError, UnknownNameError, UnmadeFilesError, UsageError
 from mjrun.formats.study_reader import read_point, read_study
 from mjrun.formats.video_reader import read_video
-from mjrun.options.sweep import KEPT, KeepOptions
+from mjrun.options.sweep import KEPT, KeptFileOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_files
@@ -21,7 +21,7 @@ from mjrun.study.study import Study
 
 
 def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointFileRequest:
-    kept = KeepOptions(**options)  # type: ignore[arg-type]
+    kept = KeptFileOptions(**options)  # type: ignore[arg-type]
     return PointFileRequest(folder, ball, key, kinds, kept, 2, {"values": {"seed": "1"}})
 
 
@@ -73,7 +73,7 @@ def test_a_process_that_dies_and_an_error_are_told(ball: Simulation, tmp_path: P
 
 
 def test_options_and_length_are_taken_over() -> None:
-    assert keep_options(KeepOptions(fps=25)).fps == 25
+    assert keep_options(KeptFileOptions(fps=25)).fps == 25
     shorter = up_to(Simulation("a.xml", duration=3), 7)
     assert (shorter.steps, shorter.duration) == (7, None)
 
@@ -181,7 +181,7 @@ FRAME: Any = pd.DataFrame(COLUMNS).assign(status=STATUS)[ABLE]
 
 
 def points(**options: object) -> list[int]:
-    kept = KeepOptions(**{"keep": ("trace",), **options})  # type: ignore[arg-type]
+    kept = KeptFileOptions(**{"keep": ("trace",), **options})  # type: ignore[arg-type]
     return PointChoice(kept, ["geom/box.mass", "model"], ["drift"]).points(COLUMNS, np.array(STATUS), ABLE)
 
 

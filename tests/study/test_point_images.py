@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 import mjrun
-from mjrun.options.dataset import LabelOptions
+from mjrun.options.dataset import LabelledImageOptions
 from mjrun.study.dataset_specs import ImageSpec, record_path
 from mjrun.study.point_images import PointImageMaker
 
@@ -17,7 +17,7 @@ MODEL = '<mujoco><worldbody><body name="ball"><joint type="slide"/><geom size=".
 def test_files_of_bop_are_masks_of_each_object_and_the_record_comes_last(tmp_path: Path) -> None:
     model = tmp_path / "m.xml"
     model.write_text(MODEL)
-    options = LabelOptions(size=(32, 24), camera="free:distance=.5")
+    options = LabelledImageOptions(size=(32, 24), camera="free:distance=.5")
     split = mjrun.Dataset(mjrun.Simulation("m.xml"), "set", split="test=1").split
     images = PointImageMaker(ImageSpec(options, split, ("ball",), "bop"))
     simulation = mjrun.Simulation(model)

@@ -14,7 +14,7 @@ import pytest
 from mjrun.errors import DeviceMemoryError, UnstableError
 from mjrun.experiment.design_points import ABSENT
 from mjrun.model.model_arrays import VariedModel
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from mjrun.outputs.recording import Recording
 from mjrun.physics.c_engine import CEngine
@@ -152,7 +152,7 @@ def test_the_time_of_a_point_includes_that_of_its_compilation(
 ) -> None:
     now = 0.0
 
-    def load(self: VariantLoader, source: Source) -> ModelVariant:
+    def load(self: VariantLoader, source: ModelSource) -> ModelVariant:
         nonlocal now
         now += 5.0
         return real(self, source)

@@ -25,7 +25,7 @@ from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors, isolation
-from mjrun.study.chunk_files import ChunkFiles, SharedParts
+from mjrun.study.chunk_files import ChunkFiles, PartPublisher
 from mjrun.study.executors import open_executor
 from mjrun.study.isolation import run_chunk
 from mjrun.study.job_plan import plan, run_task
@@ -238,7 +238,7 @@ def test_processes_that_see_the_folder_publish_their_results_and_others_return_t
     with pytest.raises(FailedPointsError):
         study(simulation, tmp_path / "here", **options).run()
 
-    def seen(parts: SharedParts) -> SharedParts:
+    def seen(parts: PartPublisher) -> PartPublisher:
         if view == "copy":  # made before this study began
             return replace(parts, folder=str(other))
         if view == "overlay":  # reads this folder, and writes to another one

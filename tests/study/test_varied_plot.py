@@ -9,18 +9,18 @@ import pytest
 
 import mjrun.plotting.figure_writer
 from mjrun.errors import UnstableError, UsageError
-from mjrun.plotting.figure_data import Drawing
+from mjrun.plotting.figure_data import DrawnFigure
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.varied_plot import VariedPlot
 from tests.study.models import PENDULUM
 
-Drawn = Callable[..., Drawing]
+Drawn = Callable[..., DrawnFigure]
 
 
 @pytest.fixture
 def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drawn:
     """Makes a plot of a pendulum in a small size, and returns what is drawn."""
-    drawings: list[Drawing] = []
+    drawings: list[DrawnFigure] = []
     encoded = mjrun.plotting.figure_writer.encoded
     monkeypatch.setattr(
         mjrun.plotting.figure_writer,
@@ -30,7 +30,7 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drawn:
     monkeypatch.chdir(tmp_path)
     Path("pendulum.xml").write_text(PENDULUM)
 
-    def draw(simulation: Simulation | None = None, **options: object) -> Drawing:
+    def draw(simulation: Simulation | None = None, **options: object) -> DrawnFigure:
         default = Simulation("pendulum.xml", duration=0.4, qvel={"hinge": 1})
         VariedPlot(simulation or default, "p.png", size=(320, 200), **options).run()  # type: ignore[arg-type]
         return drawings[-1]

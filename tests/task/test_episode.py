@@ -9,7 +9,7 @@ import pytest
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
-from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, ReplayedEpisode, recorded
+from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, EpisodeReplayStepper, recorded
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task_stepper import TaskStepper
 from tests.task.test_task_stepper import MODEL, Wave, arm
@@ -55,7 +55,7 @@ def test_what_held_at_control_instants_holds_again() -> None:
         ]
         run_with_taps(stepper, taps, 30)
         replay = instants.replay(MODEL, states)
-        assert isinstance(replay, ReplayedEpisode)
+        assert isinstance(replay, EpisodeReplayStepper)
         assert (replay.periods, replay.names) == (7, stepper.names)
         for step in (0, 3, 4, 17, 30):
             replay.advance(step)

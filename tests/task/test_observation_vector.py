@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.probe.task_expression import TaskColumns
-from mjrun.task.expressions import Inputs
-from mjrun.task.observation_plan import ObservationPlan, ObservationVector
+from mjrun.probe.task_expression import TaskVocabulary
+from mjrun.task.expressions import ExpressionInputs
+from mjrun.task.observation_plan import BatchObservations, ObservationPlan
 from mjrun.task.random_streams import BLOCK, OBSERVATIONS, CommandSignals, stream
 from mjrun.task.task import Command, Observation
 
@@ -23,16 +23,18 @@ DT = Fraction(1, 50)
 
 def plan(*terms: Observation) -> ObservationPlan:
     commands = CommandSignals({"goal": Command(constant=[1, 2, 3])}, DT, 10, 3)
-    return ObservationPlan(terms, MODEL, TaskColumns(MODEL, [], float(DT)), ["m"], commands)
+    return ObservationPlan(terms, MODEL, TaskVocabulary(MODEL, [], float(DT)), ["m"], commands)
 
 
-def vector(made: ObservationPlan, count: int = 3) -> ObservationVector:
+def vector(made: ObservationPlan, count: int = 3) -> BatchObservations:
     rotations = np.random.default_rng(1).normal(size=(count, MODEL.nbody, 9))
-    return ObservationVector(made, count, DT, rotations)
+    return BatchObservations(made, count, DT, rotations)
 
 
-def inputs(instant: int, count: int) -> Inputs:
-    return Inputs(np.full(count, instant), np.arange(count)[:, None] + 0.5, np.tile([1.0, 2.0, 3.0], (count, 1)))
+def inputs(instant: int, count: int) -> ExpressionInputs:
+    return ExpressionInputs(
+        np.full(count, instant), np.arange(count)[:, None] + 0.5, np.tile([1.0, 2.0, 3.0], (count, 1))
+    )
 
 
 def test_terms_stand_in_their_order_and_joints_in_that_which_is_said() -> None:

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_condition, parse_task_value
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 from mjrun.task.single_world_expressions import RowProgram
 from tests.task.test_worlds import MODEL
 
 NAMES = [*(f"action/{i}" for i in range(20)), "command/goal/0", "command/goal/1", "qpos/slide", "qpos/hinge"]
-COLUMNS = TaskColumns(MODEL, NAMES[:22], 0.05)
+COLUMNS = TaskVocabulary(MODEL, NAMES[:22], 0.05)
 SCALES = 10.0 ** np.random.default_rng(5).integers(-9, 9, (4, 12, len(NAMES)))
 SERIES = np.random.default_rng(4).normal(size=SCALES.shape) * SCALES  # instants, worlds, columns
 SERIES[:, 1] = np.where(SERIES[:, 1] > 0, 0.0, -0.0)

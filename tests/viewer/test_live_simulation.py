@@ -14,7 +14,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Action, Observation, Task
 from mjrun.viewer.viewer import RECORDED, REPLAY, LiveSimulation, SessionRecording
-from mjrun.viewer.window import Edit, Pull
+from mjrun.viewer.window import EditState, PullBodies
 from tests.reporters import RecordingReporter
 
 ARM = """<mujoco><option timestep=".002"/><worldbody>
@@ -51,11 +51,11 @@ def forces(model: mujoco.MjModel, body: str, *wrench: float) -> np.ndarray:
     return array
 
 
-def edit_of(live: LiveSimulation, field: str, values: list[float]) -> Edit:
+def edit_of(live: LiveSimulation, field: str, values: list[float]) -> EditState:
     layout = state.fields(state.sizes(live.model))
     numbers, changed = np.zeros((2, state.size(live.model)))
     numbers[layout[field]], changed[layout[field]] = values, 1
-    return Edit(numbers, changed.astype(bool))
+    return EditState(numbers, changed.astype(bool))
 
 
 def test_undisturbed_it_is_a_bare_loop(arm: mujoco.MjModel) -> None:
@@ -73,9 +73,9 @@ def test_forces_of_the_mouse_act_from_step_to_step_and_no_longer(arm: mujoco.MjM
     pull = forces(arm, "hand", 0, 0, 3, 0.1, 0, 0)
     live, data = live_of(arm), mujoco.MjData(arm)
     take(live, 10)
-    live.pull(Pull(pull))
+    live.pull(PullBodies(pull))
     take(live, 30)
-    live.pull(Pull(np.zeros_like(pull)))
+    live.pull(PullBodies(np.zeros_like(pull)))
     take(live, 10)
 
     mujoco.mj_step(arm, data, nstep=10)
@@ -93,7 +93,7 @@ def test_they_come_on_top_of_those_of_a_controller(arm: mujoco.MjModel) -> None:
         data.xfrc_applied[1] = own[1] * (1 + np.sin(data.time))
 
     live, data = live_of(arm, controller=act), mujoco.MjData(arm)
-    live.pull(Pull(pull))
+    live.pull(PullBodies(pull))
     take(live, 50)
     for _ in range(50):
         act(arm, data)
@@ -101,7 +101,7 @@ def test_they_come_on_top_of_those_of_a_controller(arm: mujoco.MjModel) -> None:
         data.xfrc_applied += pull
         mujoco.mj_step(arm, data)
         data.xfrc_applied[:] = applied
-    live.pull(Pull(0 * pull))
+    live.pull(PullBodies(0 * pull))
     take(live, 20)
     for _ in range(20):
         act(arm, data)
@@ -129,7 +129,7 @@ def test_what_is_recorded_is_physics_and_replays_bit_for_bit(arm: mujoco.MjModel
         take(live, 5)
         live.reset()
         take(live, 10)
-        live.pull(Pull(forces(arm, "hand", 0, 1, 3, 0, 0.2, 0)))
+        live.pull(PullBodies(forces(arm, "hand", 0, 1, 3, 0, 0.2, 0)))
         take(live, 10)
         live.edit(edit_of(live, "ctrl", [0.5, -0.5]))
         live.edit(edit_of(live, "qpos", [0.7, 0.1]))  # refused
@@ -198,7 +198,7 @@ def test_a_replay_steps_and_resets_and_cannot_be_changed(arm: mujoco.MjModel, tm
     states = np.load(path)["states"]
     for row in states:
         assert position(live) == row[1 : 1 + arm.nq].tobytes()
-        live.pull(Pull(forces(arm, "hand", 0, 0, 9, 0, 0, 0)))
+        live.pull(PullBodies(forces(arm, "hand", 0, 0, 9, 0, 0, 0)))
         live.edit(edit_of(live, "qpos", [1, 1]))
         live.take_step()
     assert live.is_over
@@ -263,7 +263,7 @@ def test_the_mouse_pulls_against_a_policy(arm: mujoco.MjModel) -> None:
         if step % 5 == 0:
             data.ctrl[:] = against(data.qpos)
         data.xfrc_applied[:] = pull if 7 <= step < 19 else 0
-        live.pull(Pull(data.xfrc_applied.copy()))
+        live.pull(PullBodies(data.xfrc_applied.copy()))
         live.take_step()
         mujoco.mj_step(arm, data)
         assert position(live) == data.qpos.tobytes()

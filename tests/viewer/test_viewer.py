@@ -14,8 +14,17 @@ from mjrun.errors import NoWindowError, UnstableError, UsageError
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
-from mjrun.viewer.viewer import WATCHED, Pace, Viewer
-from mjrun.viewer.window import Action, Pull, ResetSimulation, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
+from mjrun.viewer.viewer import WATCHED, Pacer, Viewer
+from mjrun.viewer.window import (
+    Action,
+    PullBodies,
+    ResetSimulation,
+    SetPaused,
+    SetSpeed,
+    SimulationStatus,
+    TakeStep,
+    UnsupportedAction,
+)
 from tests.reporters import RecordingReporter
 
 
@@ -30,7 +39,7 @@ class ScriptedWindow:
 
     def __init__(self, script: Sequence[Sequence[Action] | None], seen_at: int = 0) -> None:
         self._script, self._seen_at = list(script), seen_at
-        self.statuses: list[Status] = []
+        self.statuses: list[SimulationStatus] = []
         self.positions: list[bytes] = []
         self.is_open, self.is_closed = True, False
 
@@ -38,7 +47,7 @@ class ScriptedWindow:
     def is_seen(self) -> bool:
         return len(self.statuses) > self._seen_at
 
-    def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
+    def show(self, instant: mujoco.MjData, status: SimulationStatus) -> list[Action]:
         self.statuses.append(status)
         self.positions.append(instant.qpos.tobytes())
         actions = self._script.pop(0) if self._script else []
@@ -104,7 +113,7 @@ def test_nothing_happens_before_anybody_sees_it(window: Opened, swing: Path) -> 
 def test_a_force_of_the_mouse_is_in_the_recording(window: Opened, swing: Path, tmp_path: Path) -> None:
     forces = np.zeros((3, 6))
     forces[2, 2] = 50  # the ball is lifted
-    window([Pull(forces), TakeStep()], [TakeStep()], [Pull(0 * forces), TakeStep()], None)
+    window([PullBodies(forces), TakeStep()], [TakeStep()], [PullBodies(0 * forces), TakeStep()], None)
     Viewer(Simulation(str(swing)), paused=True, recording=str(tmp_path / "seen.npz")).run()
     model = mujoco.MjModel.from_xml_path(str(swing))
     data, states = mujoco.MjData(model), np.load(tmp_path / "seen.npz")["states"]
@@ -154,7 +163,7 @@ def test_whatever_ends_it_the_recording_is_kept_and_the_window_closed(
     shown = window()
     show = shown.show
 
-    def interrupted(instant: mujoco.MjData, status: Status) -> list[Action]:
+    def interrupted(instant: mujoco.MjData, status: SimulationStatus) -> list[Action]:
         if len(shown.statuses) == 4:
             raise KeyboardInterrupt
         return [*show(instant, status), TakeStep()]
@@ -191,14 +200,14 @@ def test_what_cannot_be_together_is_refused(swing: Path, tmp_path: Path) -> None
 
 @given(st.integers(0, 1000), st.floats(0, 100), st.sampled_from([0.25, 1.0, 4.0]))
 def test_the_step_that_is_due_is_the_last_whose_time_has_come(first: int, elapsed: float, speed: float) -> None:
-    pace = Pace(Fraction(1, 64), speed)  # exact in floats
+    pace = Pacer(Fraction(1, 64), speed)  # exact in floats
     pace.start(first, 1024.0)
     due = pace.due(1024.0 + elapsed) - first
     assert due / 64 <= (1024.0 + elapsed - 1024.0) * speed < (due + 1) / 64
 
 
 def test_what_is_given_up_is_not_caught_up_with() -> None:
-    pace = Pace(Fraction(1, 100), 1.0)
+    pace = Pacer(Fraction(1, 100), 1.0)
     pace.start(0, 10.0)
     assert pace.due(12.0) == 200
     pace.give_up(50, 12.0)
@@ -208,7 +217,7 @@ def test_what_is_given_up_is_not_caught_up_with() -> None:
 
 @pytest.mark.parametrize(("reached", "slow"), [(1000, False), (950, False), (400, True)])
 def test_it_is_too_slow_when_a_good_share_was_given_up(reached: int, slow: bool) -> None:
-    pace = Pace(Fraction(1, 100), 1.0)
+    pace = Pacer(Fraction(1, 100), 1.0)
     pace.start(0, 0.0)
     pace.give_up(reached, 10.0)
     assert pace.is_too_slow(10.0) == slow
@@ -216,7 +225,7 @@ def test_it_is_too_slow_when_a_good_share_was_given_up(reached: int, slow: bool)
 
 
 def test_nothing_is_reported_of_a_short_stall_at_the_beginning() -> None:
-    pace = Pace(Fraction(1, 100), 1.0)
+    pace = Pacer(Fraction(1, 100), 1.0)
     pace.start(0, 0.0)
     pace.give_up(0, WATCHED / 2)
     assert not pace.is_too_slow(WATCHED / 2)

@@ -8,12 +8,12 @@ import pytest
 
 from mjrun.errors import UsageError, spelled
 from mjrun.viewer import window
-from mjrun.viewer.window import PHYSICS_SETTINGS, BrowserWindow, Pull, ResetSimulation
+from mjrun.viewer.window import PHYSICS_SETTINGS, BrowserWindow, PullBodies, ResetSimulation
 
 
 def test_actions_are_values() -> None:
     forces = np.zeros((2, 6))
-    assert Pull(forces).forces is forces
+    assert PullBodies(forces).forces is forces
     assert ResetSimulation() == ResetSimulation(None) != ResetSimulation(0)
 
 

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose, around, turn
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.camera.settings import EASINGS, EasedNumber, ObjectName, PlaceKind, RampKind
-from mjrun.camera.targets import Place, Target, Vector, find_target
+from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.kinds import Choice, Flag, optional
@@ -38,7 +38,7 @@ class FreeRig(Rig):
     azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
     elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundAroundRig":
         azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
@@ -66,7 +66,7 @@ class OrbitRig(Rig):
         help="Easing of the full circle; an azimuth has a separate ease.",
     )
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundAroundRig":
         start = cameras.free.azimuth
         azimuth = self.azimuth or EasedNumber(start, start + 360, self.ease)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
@@ -107,7 +107,7 @@ class TrackRig(Rig):
         help="Offset of the focus from the target [m], in world axes; turned with the object if heading is true.",
     )
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundAroundRig":
         azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
         return _bound("target", self.target, self.distance, azimuth, self.elevation, cameras, self.heading, self.offset)
 
@@ -121,7 +121,7 @@ class BoundAroundRig:
       offset: offset of the focus from the target `(3,)` [m].
     """
 
-    target: Target
+    target: BoundPlace
     distance: EasedNumber
     azimuth: EasedNumber
     elevation: EasedNumber
@@ -142,7 +142,7 @@ def _bound(
     distance: EasedNumber | None,
     azimuth: EasedNumber,
     elevation: EasedNumber | None,
-    cameras: ModelCameras,
+    cameras: MujocoCameras,
     heading: bool = False,
     offset: Vector = (0.0, 0.0, 0.0),
 ) -> BoundAroundRig:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose, around, contains, fitted
 from mjrun.camera.rigs.around import AZIMUTH, ELEVATION
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.camera.targets import MovingParts, moving_parts
 from mjrun.options.kinds import optional
 from mjrun.options.number_kinds import Real
@@ -30,7 +30,7 @@ class AutoRig(Rig):
     azimuth: float | None = option(converter=optional(Real(least=None)), default=None, kw_only=False, help=AZIMUTH)
     elevation: float | None = option(converter=optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundAutoRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundAutoRig":
         free, direction = cameras.free, (cameras.free.azimuth, cameras.free.elevation)
         if cameras.is_framed and direction == FREE_VIEW:
             direction = CLOSE_VIEW

@@ -6,9 +6,9 @@ from typing import ClassVar
 import mujoco
 
 from mjrun.camera.pose import Frustum, Pose
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
 from mjrun.camera.settings import PlaceKind
-from mjrun.camera.targets import Place, Target, find_target
+from mjrun.camera.targets import BoundPlace, Place, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.option import options, required
@@ -29,7 +29,7 @@ class LookRig(Rig):
         converter=PlaceKind(), key="at", kw_only=False, help="Point to look at: an object, or a point [m]."
     )
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundLookRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundLookRig":
         with concerning("from"):
             eye = find_target(self.eye, cameras.model)
         with concerning("at"):
@@ -46,8 +46,8 @@ class LookRig(Rig):
 class BoundLookRig:
     """A camera at one place that looks at another, upright, with resolved places."""
 
-    eye: Target
-    target: Target
+    eye: BoundPlace
+    target: BoundPlace
     frustum: Frustum
     where: str
 

@@ -5,7 +5,7 @@ from typing import ClassVar
 import mujoco
 
 from mjrun.camera.pose import Pose
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.model.names import identify
 from mjrun.options.kinds import AnyKind, Kind, NameOrIndex, ReadingContext
 from mjrun.options.option import options, required
@@ -23,7 +23,7 @@ class ModelRig(Rig):
 
     camera: str = required(converter=_KEY, kw_only=False, help="The name or index of the camera.")
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundModelRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundModelRig":
         return BoundModelRig(cameras, identify(cameras.model, "camera", self.camera))
 
     @classmethod
@@ -47,7 +47,7 @@ class _CameraForm(Kind[ModelRig, ModelRig]):
 class BoundModelRig:
     """A camera of the model. Its distance reaches to the point of its axis that is nearest to the model's centre."""
 
-    def __init__(self, cameras: ModelCameras, camera: int) -> None:
+    def __init__(self, cameras: MujocoCameras, camera: int) -> None:
         self._cameras, self._camera = cameras, mujoco.MjvCamera()
         self._camera.type, self._camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, camera
         self.frustum = cameras.pose(cameras.data, self._camera).frustum

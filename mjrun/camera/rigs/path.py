@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose, around, heading, rotation
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
 from mjrun.camera.settings import EASINGS, PlaceKind
-from mjrun.camera.targets import Place, Target, Vector, find_target
+from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
 from mjrun.errors import UsageError, concerning
 from mjrun.options.kinds import Choice, optional
 from mjrun.options.number_kinds import Point, Real
@@ -130,7 +130,7 @@ def orbital_lengths(points: np.ndarray) -> np.ndarray:
     return np.sqrt(radial**2 + (distance * tilt) ** 2 + (distance * np.cos(np.radians(elevation)) * azimuth) ** 2)
 
 
-class ArcLength:
+class ArcLengthParametrization:
     """The relation between a curve's knots and its length, accurate to a thousandth.
 
     Args:
@@ -233,7 +233,7 @@ class PathRig(Rig):
         help="Easing of start and stop; with pace: constant only.",
     )
 
-    def bind(self, cameras: ModelCameras, where: str) -> "BoundPathRig":
+    def bind(self, cameras: MujocoCameras, where: str) -> "BoundPathRig":
         return BoundPathRig(self, cameras, where)
 
     @classmethod
@@ -279,7 +279,7 @@ class BoundPathRig:
     relative to them.
     """
 
-    def __init__(self, rig: PathRig, cameras: ModelCameras, where: str) -> None:
+    def __init__(self, rig: PathRig, cameras: MujocoCameras, where: str) -> None:
         self._rig, self._where, self.frustum = rig, where, cameras.frustum
         self._around = rig.waypoints[0].eye is None
         self._lookats = _lookats(rig, cameras.model)
@@ -288,7 +288,9 @@ class BoundPathRig:
         knots = np.array(times, float) if rig.pace == "time" else self._centripetal(points, cameras.data)
         self._straight = rig.curve == "linear"
         self._curve = Curve(knots, points, self._straight, bounded=(0,) if self._around else ())
-        self._arc_length = None if rig.pace == "time" else ArcLength(knots, lambda x: self._eyes(x, cameras.data))
+        self._arc_length = (
+            None if rig.pace == "time" else ArcLengthParametrization(knots, lambda x: self._eyes(x, cameras.data))
+        )
         if not self._lookats and (points == points[0]).all():
             raise UsageError(f"{where}: no direction of view: the waypoints coincide, and there is no lookat")
 
@@ -337,9 +339,9 @@ def _coordinates(point: Waypoint) -> Sequence[float]:
     return point.distance, point.azimuth, point.elevation
 
 
-def _lookats(rig: PathRig, model: mujoco.MjModel) -> list[Target]:
+def _lookats(rig: PathRig, model: mujoco.MjModel) -> list[BoundPlace]:
     """Returns the target of each waypoint; empty if the camera looks along the path."""
-    targets: list[Target] = []
+    targets: list[BoundPlace] = []
     for i, point in enumerate(rig.waypoints):
         place = rig.lookat if point.lookat is None else point.lookat
         if place is not None:

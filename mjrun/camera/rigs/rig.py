@@ -48,7 +48,7 @@ class BoundRig(Protocol):
         ...
 
 
-class ModelCameras:
+class MujocoCameras:
     """The cameras that MuJoCo provides for a model.
 
     Args:
@@ -97,7 +97,7 @@ class Rig(Options, ABC):
     eased: ClassVar[bool] = False
 
     @abstractmethod
-    def bind(self, cameras: ModelCameras, where: str) -> BoundRig:
+    def bind(self, cameras: MujocoCameras, where: str) -> BoundRig:
         """Resolves the objects of the rig in a model.
 
         Args:

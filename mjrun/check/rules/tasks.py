@@ -11,7 +11,7 @@ from mjrun.model.names import names
 from mjrun.options.task import CONTROL
 
 if TYPE_CHECKING:  # the rules are loaded for every check, tasks and policies for few
-    from mjrun.check.task_checker import NotFinite, TaskEpisodeFaults, TaskPlaces
+    from mjrun.check.task_checker import NonFiniteOccurrence, TaskEpisodeFaults, TaskPlaces
     from mjrun.task.worlds import TaskWorlds
 
 MISTAKE = Rule("MJ801", "error", "mistake in a task document")
@@ -79,7 +79,7 @@ def _at_once(episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Iterator[Fi
         )
 
 
-def _not_finite(fault: "NotFinite", episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Finding:
+def _not_finite(fault: "NonFiniteOccurrence", episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Finding:
     message = f"{quoted(fault.name)} is {fault.value} {fault.time:.6g} s into the episode of seed {fault.seed}"
     remedy = f"with {episodes.acting}; guard it in the expression: where(isfinite(x), x, 0)"
     if fault.kind == "rewards":

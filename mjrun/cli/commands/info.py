@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from mjrun.model.info import InfoResult
-    from mjrun.model.source import CollectionModelSource, Source
+    from mjrun.model.source import CollectionModelSource, ModelSource
 
 ENVIRONMENT = "gym:"  # prefix of sources that are also tasks
 TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
@@ -110,7 +110,7 @@ def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[
     )
 
 
-def _print_xml(console: Console, model: "Source") -> None:
+def _print_xml(console: Console, model: "ModelSource") -> None:
     """Prints the MJCF within a demonstration."""
     from mjrun.model.sources.demonstration import DemonstrationSource
 

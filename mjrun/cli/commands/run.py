@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
-from mjrun.cli.console import Case, Console, Report
+from mjrun.cli.console import CiVerdict, Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
     load_controller,
@@ -19,7 +19,7 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.errors import clean
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
-from mjrun.options.run import RunOptions
+from mjrun.options.run import RunCommandOptions
 
 if TYPE_CHECKING:
     from mjrun.document.run import RunRequest
@@ -32,7 +32,7 @@ ARGUMENTS = (
 
 
 @command(
-    RunOptions,
+    RunCommandOptions,
     ReportFormatOptions,
     *ON_FILES,
     arguments=ARGUMENTS,
@@ -53,7 +53,7 @@ def run(console: Console, command_line: CommandLine) -> None:
     from mjrun.outputs.perform import perform, preview
     from mjrun.outputs.up_to_date_check import UpToDateCheck
 
-    options = command_line.with_converted("controller", load_controller).make(RunOptions)
+    options = command_line.with_converted("controller", load_controller).make(RunCommandOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
     request = read_run(document, assignments, options, console.command)
     with request.located():
@@ -105,14 +105,14 @@ def _document(results: Sequence[Any]) -> dict[str, object]:
     return RunResult(results).document()
 
 
-def _cases(results: Sequence[Any]) -> Iterator[Case]:
+def _cases(results: Sequence[Any]) -> Iterator[CiVerdict]:
     """Yields a case for each assertion."""
     from mjrun.outputs.trace import TraceResult
 
     for result in results:
         for verdict in result.assertions if isinstance(result, TraceResult) else ():
             level, title = "" if verdict.passed else "error", f"mjrun run: {result.path}"
-            yield Case(verdict.text, level, title, verdict.message)
+            yield CiVerdict(verdict.text, level, title, verdict.message)
 
 
 def _plan_lines(plan: "PassPreview") -> Iterator[str]:

@@ -33,7 +33,7 @@ from mjrun.options.sweep import (
     PLANS,
     STOPPING,
     ExecutionOptions,
-    KeepOptions,
+    KeptFileOptions,
     StudyCommandOptions,
     StudyOptions,
 )
@@ -41,7 +41,7 @@ from mjrun.platform.cores import available_cores
 from mjrun.suffixes import is_url, is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.study.job_plan import StudyPlan
+    from mjrun.study.job_plan import JobPlan
     from mjrun.study.study import Study, StudyResult
 
     Located = Callable[[], AbstractContextManager[None]]
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 WITH_RESULTS = (
     "require",
     "confidence",
-    *(each.attribute for cls in (KeepOptions, PageOptions) for each in options_of(cls)),
+    *(each.attribute for cls in (KeptFileOptions, PageOptions) for each in options_of(cls)),
 )
 UNFINISHED = 1  # exit code of --status
 ARGUMENTS = (
@@ -181,7 +181,7 @@ def _is_plan(path: str) -> bool:
     return Path(path).suffix.lower() in PLANS
 
 
-def _plan(command_line: CommandLine) -> "StudyPlan":
+def _plan(command_line: CommandLine) -> "JobPlan":
     from mjrun.document.study import read_plan
 
     path = command_line.argument("model")

@@ -89,12 +89,12 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
     from mjrun.cli.table_cells import numbers, texts
     from mjrun.cli.terminal_layout import TerminalLayout
     from mjrun.outputs.trace import Trace
-    from mjrun.plotting.table_statistics import ColumnCounter
+    from mjrun.plotting.table_statistics import ColumnStatisticsAccumulator
 
-    measured: list[tuple[ColumnCounter, list[str]]] = []
+    measured: list[tuple[ColumnStatisticsAccumulator, list[str]]] = []
 
     def begin(columns: "Sequence[Column]") -> "Callable[[np.ndarray], object]":
-        counter = ColumnCounter([column.name for column in columns])
+        counter = ColumnStatisticsAccumulator([column.name for column in columns])
         measured.append((counter, [column.unit for column in columns]))
         return counter.feed
 

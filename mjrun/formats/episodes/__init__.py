@@ -21,7 +21,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.codecs import Encoding
+from mjrun.formats.codecs import VideoEncoding
 from mjrun.model.table_column import Column
 
 NUMBERS = "numbers.npz"  # the archive of an episode that is stored before it joins a dataset
@@ -30,7 +30,7 @@ FIELDS = ("observations", "actions", "rewards")
 
 
 @dataclass(frozen=True)
-class CameraVideos:
+class CameraVideoLayout:
     """The videos of a camera, one for each episode.
 
     Attributes:
@@ -40,7 +40,7 @@ class CameraVideos:
 
     name: str
     size: tuple[int, int]
-    encoding: Encoding
+    encoding: VideoEncoding
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class EpisodeLayout:
     actions: Sequence[Column]
     action_low: Sequence[float]
     action_high: Sequence[float]
-    cameras: Sequence[CameraVideos] = ()
+    cameras: Sequence[CameraVideoLayout] = ()
     has_rewards: bool = True
     robot: str = ""
     environment: str = ""

@@ -21,8 +21,8 @@ import pyarrow.parquet
 
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
-from mjrun.formats.episodes.statistics import MOST, NumberStatistics, RowStatistics, color_statistics
+from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
+from mjrun.formats.episodes.statistics import MOST, RowStatistics, RunningStatistics, color_statistics
 from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
 from mjrun.formats.output_writer import OutputWriter, written_file
 
@@ -98,7 +98,7 @@ def _feature(dtype: str, count: int = 1, names: Sequence[str] | None = None) -> 
     return {"dtype": dtype, "shape": [count], "names": names}
 
 
-def _video_feature(camera: CameraVideos, fps: Fraction) -> dict[str, Any]:
+def _video_feature(camera: CameraVideoLayout, fps: Fraction) -> dict[str, Any]:
     width, height = camera.size
     encoding = camera.encoding
     info = {
@@ -136,7 +136,7 @@ class _Dataset:
         self._schema = _schema(layout)
         self._tasks = list[str]()
         self._episodes = self._frames = 0
-        self._statistics = {name: NumberStatistics() for name in self._schema.names}
+        self._statistics = {name: RunningStatistics() for name in self._schema.names}
         self._colors = {camera.name: np.zeros((3, MOST + 1), np.int64) for camera in layout.cameras}
         self._data = _TableFiles(stack, folder, DATA, self._schema)
         self._videos = {camera.name: _VideoFiles(stack, folder, camera, layout.fps) for camera in layout.cameras}
@@ -179,7 +179,7 @@ class _Dataset:
             key = f"videos/{IMAGES}{name}"
             row |= {**_place(key, place), **_times(key, first, count, layout.fps)}
         for name, values in columns.items():
-            alone = NumberStatistics()
+            alone = RunningStatistics()
             alone.add(values)
             row |= _row_statistics(name, alone.result())
             self._statistics[name].add(values)
@@ -374,7 +374,7 @@ class _EpisodeRows:
 class _VideoFiles:
     """Video files of a camera; a new file is begun before one is too large or too long, or if the codec differs."""
 
-    def __init__(self, stack: ExitStack, folder: Path, camera: CameraVideos, fps: Fraction) -> None:
+    def __init__(self, stack: ExitStack, folder: Path, camera: CameraVideoLayout, fps: Fraction) -> None:
         self._stack, self._folder, self._fps = stack, folder, fps
         self._key = f"{IMAGES}{camera.name}"
         self._number = self._size = self._frames = 0

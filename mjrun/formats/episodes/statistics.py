@@ -27,7 +27,7 @@ class RowStatistics:
     quantiles: dict[str, np.ndarray]
 
 
-class NumberStatistics:
+class RunningStatistics:
     """Statistics of rows that arrive piece by piece.
 
     Quantiles are those of all rows, or of `SAMPLED` rows at most at equal distances. Memory does not grow with the

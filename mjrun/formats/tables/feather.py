@@ -17,7 +17,7 @@ from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
-from mjrun.formats.table_writer import GroupWriter
+from mjrun.formats.table_writer import RowGroupWriter
 from mjrun.model.table_column import Column
 
 MAGIC = b"ARROW1"
@@ -26,7 +26,7 @@ DICTIONARY_BATCH = 2  # type of a message
 LENGTH = 8  # bytes before a compressed buffer with its size; -1 if the buffer is stored uncompressed
 
 
-class FeatherWriter(GroupWriter):
+class FeatherWriter(RowGroupWriter):
     """A writer of record batches of bounded size."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
@@ -39,7 +39,7 @@ class FeatherWriter(GroupWriter):
         self.writer.write_batch(arrow.record_batch(group, self.columns, self._schema))
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
     """Reads the accepted columns."""
     with decoding(path):
         require_expandable(path, max(batch_sizes(file)), file)  # dictionaries, or a batch, are whole in memory
@@ -48,7 +48,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     indices = arrow.select_columns(path, schema, wanted, cells)
     rows = decoded(path, arrow.blocks(path, list(indices), _batches(file, list(indices.values())), cells))
     manifest = parse_manifest((schema.metadata or {}).get(arrow.MANIFEST.encode()))
-    return tables.OpenTable(list(indices), rows, arrow.units(schema, indices), manifest)
+    return tables.TableContents(list(indices), rows, arrow.units(schema, indices), manifest)
 
 
 def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]:

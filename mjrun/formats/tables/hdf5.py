@@ -90,7 +90,7 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
     """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")

@@ -93,7 +93,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
     """Reads the accepted columns. A variable is whole in memory, as it may be compressed."""
     with decoding(path):
         mat = MatParser(file)
@@ -110,7 +110,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     return tables.array_contents(path, columns, cells, opened, units, manifest)
 
 
-def _shape(matrix: "Matrix") -> tuple[int, ...]:
+def _shape(matrix: "MatlabArray") -> tuple[int, ...]:
     """Returns the shape of a matrix of numbers; empty for a row or column vector, and for anything else."""
     return matrix.shape if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else ()
 
@@ -131,7 +131,7 @@ class _MatrixReader:
         return self._values[start : start + count]
 
 
-def _numbers(path: Path, name: str, matrix: "Matrix") -> np.ndarray:
+def _numbers(path: Path, name: str, matrix: "MatlabArray") -> np.ndarray:
     """Returns the columns of a matrix of numbers of any type, `(n, columns)`."""
     if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
         content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")
@@ -145,7 +145,7 @@ def _numbers(path: Path, name: str, matrix: "Matrix") -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Matrix:
+class MatlabArray:
     """A MATLAB array: the fields of its header, and the type and content of each part after it."""
 
     kind: int
@@ -202,11 +202,11 @@ class MatParser:
         matrix = self.read(self._names.index("manifest"))
         return "".join(map(self._text, matrix.parts)) if matrix.kind == 4 else None
 
-    def header(self, index: int) -> "Matrix":
+    def header(self, index: int) -> "MatlabArray":
         """Returns the variable with this index, of which only the beginning is read."""
         return self._matrix(self._body(index, BEGIN))
 
-    def read(self, index: int) -> "Matrix":
+    def read(self, index: int) -> "MatlabArray":
         """Returns the variable with this index, whole."""
         return self._matrix(self._body(index))
 
@@ -222,7 +222,7 @@ class MatParser:
         cell = self.read(len(self._names) - 1 - self._names[::-1].index(name))  # MATLAB takes the last of a name
         return self.texts(cell) or []
 
-    def texts(self, cell: "Matrix") -> list[str] | None:
+    def texts(self, cell: "MatlabArray") -> list[str] | None:
         """Returns the texts in a cell array; None if it is something else, or holds something else."""
         if cell.kind != 1:
             return None
@@ -252,13 +252,13 @@ class MatParser:
             raise ValueError("a variable is cut off")
         return body[:limit]
 
-    def _matrix(self, body: bytes | np.ndarray) -> "Matrix":
+    def _matrix(self, body: bytes | np.ndarray) -> "MatlabArray":
         parts = self._parts(np.frombuffer(body, np.uint8))
         _, (flags, *_) = next(parts)
         kind = int(flags) & 0xFF
         shape = () if kind == OPAQUE else tuple(next(parts)[1].tolist())
         _, name = next(parts)
-        return Matrix(kind, bool(flags & IMAGINARY), shape, name.tobytes().decode("utf-8", "replace"), parts)
+        return MatlabArray(kind, bool(flags & IMAGINARY), shape, name.tobytes().decode("utf-8", "replace"), parts)
 
     def _parts(self, body: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
         """Yields type and content of each data element in `body`."""

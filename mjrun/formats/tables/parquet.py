@@ -15,13 +15,13 @@ from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
-from mjrun.formats.table_writer import GroupWriter
+from mjrun.formats.table_writer import RowGroupWriter
 from mjrun.model.table_column import Column
 
 BUFFER = 2**16  # bytes of a column that are read at a time; without it, a whole row group
 
 
-class ParquetWriter(GroupWriter):
+class ParquetWriter(RowGroupWriter):
     """A writer of row groups of bounded size."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
@@ -43,7 +43,7 @@ class ParquetWriter(GroupWriter):
         self.writer.is_open = False  # otherwise its finalizer would try once more
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.OpenTable:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
     """Reads the accepted columns."""
     with decoding(path):
         parquet = pyarrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
@@ -57,4 +57,4 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     batches = parquet.iter_batches(arrow.block_rows(len(names)), columns=names)
     rows = decoded(path, arrow.blocks(path, names, (batch.select(names) for batch in batches), cells))
     manifest = parse_manifest(metadata.get(arrow.MANIFEST.encode()))
-    return tables.OpenTable(names, rows, arrow.units(schema, indices), manifest)
+    return tables.TableContents(names, rows, arrow.units(schema, indices), manifest)

@@ -230,7 +230,7 @@ def _users(model: mujoco.MjModel, instance: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Plugin(ModelObject):
+class PluginInstance(ModelObject):
     """A plugin instance.
 
     Attributes:

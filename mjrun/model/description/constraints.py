@@ -85,7 +85,7 @@ class Tendon(ModelObject):
 
 
 @dataclass(frozen=True)
-class Equality(ModelObject):
+class EqualityConstraint(ModelObject):
     """An equality constraint.
 
     Attributes:
@@ -133,7 +133,7 @@ class ContactPair(ModelObject):
 
 
 @dataclass(frozen=True)
-class Exclude(ModelObject):
+class ContactExclusion(ModelObject):
     """Two bodies whose geoms never touch.
 
     Attributes:

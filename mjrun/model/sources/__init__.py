@@ -13,18 +13,18 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, CompiledOverrideError
 from mjrun.model.override import Override
-from mjrun.model.source import CollectionModelSource, Source
+from mjrun.model.source import CollectionModelSource, ModelSource
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.demonstration import DemonstrationSource
 from mjrun.model.sources.file import CollectionFileSource, FileSource
 from mjrun.model.sources.stdin import StdinSource
 from mjrun.suffixes import REFERRING, is_hdf5, is_yaml, split_episode
 
-ModelLike = mujoco.MjModel | Source | str | PathLike[str]
+ModelLike = mujoco.MjModel | ModelSource | str | PathLike[str]
 
 
 @dataclass(frozen=True)
-class CompiledSource(Source):
+class CompiledSource(ModelSource):
     """A compiled model, used unchanged."""
 
     model: mujoco.MjModel
@@ -43,7 +43,7 @@ class CompiledSource(Source):
         return None, self.model
 
 
-def parse_source(text: str, overrides: Sequence[Override] = ()) -> Source:
+def parse_source(text: str, overrides: Sequence[Override] = ()) -> ModelSource:
     """Returns the source that `text` names.
 
     It is `PREFIX:NAME` of a collection, `-` for standard input, `demo.hdf5:demo_3` for a demonstration, or else a file.
@@ -94,14 +94,14 @@ def names_model(text: str) -> bool:
     return text != "-" and (bool(episode) or not is_file(text) or Path(file).suffix.lower() in REFERRING)
 
 
-def source_of(model: ModelLike) -> Source:
+def source_of(model: ModelLike) -> ModelSource:
     """Returns the source of `model`: text is parsed, a path is a file, a compiled model represents itself.
 
     Raises:
       BadValueError: it is something else.
     """
     match model:
-        case Source():
+        case ModelSource():
             return model
         case mujoco.MjModel():
             return CompiledSource(model)
@@ -113,7 +113,7 @@ def source_of(model: ModelLike) -> Source:
 
 
 @lru_cache(64)
-def _parsed(text: str) -> Source:
+def _parsed(text: str) -> ModelSource:
     return parse_source(text)
 
 

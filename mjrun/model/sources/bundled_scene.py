@@ -16,7 +16,7 @@ SCHEMA_COMMENT = "# yaml-language-server:"  # the comment in a document that sel
 
 
 @dataclass(frozen=True)
-class BundledScene(CollectionFileSource):
+class BundledSceneSource(CollectionFileSource):
     """A scene of mjrun's gallery; its tasks, which are not models, are listed too."""
 
     PREFIX: ClassVar[str] = "scene"
@@ -39,7 +39,7 @@ class BundledScene(CollectionFileSource):
 def bundled_task(text: str) -> Path | None:
     """Returns the document of the task that `text` names, as `scene:car_drive` does; None for other texts."""
     prefix, _, name = text.partition(":")
-    return _tasks().get(name) if prefix == BundledScene.PREFIX else None
+    return _tasks().get(name) if prefix == BundledSceneSource.PREFIX else None
 
 
 @cache

@@ -16,9 +16,9 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
 from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList
 from mjrun.model.compilation import compile_spec, refusals_named
-from mjrun.model.model_files import AbsolutePathModel, file_content, installed_packages, packages_in, placed
+from mjrun.model.model_files import AbsolutePathMjcf, file_content, installed_packages, packages_in, placed
 from mjrun.model.override import ASSETS
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources.file import parsing_checked
 from mjrun.model.xml_source import is_regular
 from mjrun.packages import require
@@ -107,7 +107,7 @@ def errors_of_models() -> Generator[None]:
 
 
 @dataclass(frozen=True)
-class DemonstrationSource(Source):
+class DemonstrationSource(ModelSource):
     """The model of a demonstration.
 
     Attributes:
@@ -144,7 +144,7 @@ class DemonstrationSource(Source):
             return HIDDEN_IN_ROBOSUITE if file.origin(file.named(self.episode)).is_robosuite else {}
         return {}
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> ModelSource:
         return replace(self, path=place(self.path), label=self.text)
 
     def mjcf(self) -> str:
@@ -179,7 +179,7 @@ class DemonstrationSource(Source):
             spec = mujoco.MjSpec.from_string(text)
         return compile_spec(spec, overrides, name, advice)
 
-    def _model(self) -> tuple[AbsolutePathModel, DemonstrationFileOrigin]:
+    def _model(self) -> tuple[AbsolutePathMjcf, DemonstrationFileOrigin]:
         """Reads the text of the model, in which files have their places on this machine."""
         with open_demonstrations(self.path) as file:
             name = file.named(self.episode)
@@ -188,7 +188,7 @@ class DemonstrationSource(Source):
         return placed(text, self.path.parent, given), origin
 
 
-def _missing_files(name: Path, model: AbsolutePathModel, origin: DemonstrationFileOrigin) -> BrokenModelError:
+def _missing_files(name: Path, model: AbsolutePathMjcf, origin: DemonstrationFileOrigin) -> BrokenModelError:
     """Returns an error that lists the missing files by folder, and states how to provide them."""
     paths = [PurePosixPath(posixpath.normpath(file)) for file in model.missing]
     folders = {path.parent for path in paths}

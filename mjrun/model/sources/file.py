@@ -22,13 +22,13 @@ from mjrun.model.model_files import existing_files, foreign_file, require_regula
 from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override
 from mjrun.model.parser_hazards import require_finite_nesting
-from mjrun.model.source import CollectionModelSource, Source
+from mjrun.model.source import CollectionModelSource, ModelSource
 from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
 
 @dataclass(frozen=True)
-class FileSource(Source):
+class FileSource(ModelSource):
     """A model file: .xml, .urdf, .mjz, .zip or .mjb.
 
     Attributes:
@@ -54,7 +54,7 @@ class FileSource(Source):
     def files(self) -> tuple[Path, ...]:
         return (self.path, *existing_files(self.path, *model_files.main_text(self.path), self.overrides))
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> ModelSource:
         return replace(self, path=place(self.path), label=self.text)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
@@ -157,7 +157,7 @@ class CollectionFileSource(CollectionModelSource):
     def files(self) -> tuple[Path, ...]:
         return FileSource(self.main_file, overrides=self.overrides).files
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> ModelSource:
         return FileSource(place(self.main_file), self.text, overrides=self.overrides)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:

@@ -32,7 +32,7 @@ from mjrun.errors import (
 )
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import CollectionModelSource, Source
+from mjrun.model.source import CollectionModelSource, ModelSource
 from mjrun.model.sources.file import FileSource
 from mjrun.packages import require
 
@@ -96,7 +96,7 @@ class GymSource(CollectionModelSource):
     def files(self) -> tuple[Path, ...]:
         return FileSource(file, overrides=self.overrides).files if (file := self.main_file) else ()
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> ModelSource:
         return replace(self, copy=place(file)) if (file := self.main_file) else self
 
     @property

@@ -13,7 +13,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_spec, refusals_named
 from mjrun.model.model_files import existing_files
-from mjrun.model.source import Source
+from mjrun.model.source import ModelSource
 from mjrun.model.sources.file import FileSource, parsing_checked
 
 LABEL = Path("<stdin>")
@@ -21,7 +21,7 @@ DEVICE = Path("/dev/stdin")
 
 
 @dataclass(frozen=True)
-class StdinSource(Source):
+class StdinSource(ModelSource):
     """MJCF or URDF on standard input; its assets and includes are relative to the working directory.
 
     Standard input is read when the model is first loaded, and once per process.
@@ -46,7 +46,7 @@ class StdinSource(Source):
             return (DEVICE, *existing_files(LABEL, self._read().encode(), overrides=self.overrides))
         return (DEVICE,)
 
-    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+    def stored_at(self, place: Callable[[Path], Path]) -> ModelSource:
         path = place(Path("-.xml"))  # next to the copies of its assets, as its paths are relative
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.packages import require
 
 if TYPE_CHECKING:
-    from mjrun.outputs.export import ExportedScene
+    from mjrun.outputs.export import SceneToExport
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ExportFormat:
     name: str
     suffixes: Sequence[str]
     description: str
-    write: "Callable[[ExportedScene, BinaryIO], object] | None" = None
+    write: "Callable[[SceneToExport, BinaryIO], object] | None" = None
     cameras: Sequence[str] = ("free",)
     draws: bool = False
     columns: str = ""

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, BinaryIO
 from mjrun.outputs.exports import ExportFormat
 
 if TYPE_CHECKING:
-    from mjrun.outputs.export import ExportedScene
+    from mjrun.outputs.export import SceneToExport
 
 
-def write(scene: "ExportedScene", file: BinaryIO) -> None:
+def write(scene: "SceneToExport", file: BinaryIO) -> None:
     """Writes the scene with its motion."""
     from mjrun.formats.glb import write_glb
 

@@ -7,11 +7,11 @@ from mjrun.outputs.exports import ExportFormat
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from mjrun.outputs.export import ExportedScene
+    from mjrun.outputs.export import SceneToExport
     from mjrun.plotting.replay_page import ReplayPanel
 
 
-def write(scene: "ExportedScene", file: BinaryIO) -> None:
+def write(scene: "SceneToExport", file: BinaryIO) -> None:
     """Writes the page."""
     import io
     from pathlib import Path
@@ -41,14 +41,14 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
     file.write(replay_page(replay, glb.getvalue()))
 
 
-def _subtitle(scene: "ExportedScene") -> str:
+def _subtitle(scene: "SceneToExport") -> str:
     if len(scene.frames.times) == 1:
         return ""
     rate = float(scene.request.fps / scene.request.speed)
     return f"{float(scene.context.timeline.duration):g} s, {rate:g} frames per second"
 
 
-def _direction(scene: "ExportedScene") -> tuple[float, float] | None:
+def _direction(scene: "SceneToExport") -> tuple[float, float] | None:
     """Returns azimuth and elevation of the model's free camera [rad], unless they are MuJoCo's defaults."""
     import math
 
@@ -61,7 +61,7 @@ def _direction(scene: "ExportedScene") -> tuple[float, float] | None:
     return math.radians(chosen.azimuth), math.radians(chosen.elevation)
 
 
-def _panels(scene: "ExportedScene") -> "Iterator[ReplayPanel]":
+def _panels(scene: "SceneToExport") -> "Iterator[ReplayPanel]":
     """Yields a panel for each use of the option plot, with the columns that it selects."""
     from mjrun.plotting.replay_page import ReplayCurve, ReplayPanel
     from mjrun.probe.select import select, split
@@ -79,7 +79,7 @@ def _panels(scene: "ExportedScene") -> "Iterator[ReplayPanel]":
         yield ReplayPanel(", ".join(groups), units.pop() if len(units) == 1 else "", curves)
 
 
-def _facts(scene: "ExportedScene") -> "Sequence[tuple[str, str]]":
+def _facts(scene: "SceneToExport") -> "Sequence[tuple[str, str]]":
     """Returns the main facts of the manifest, as a reader needs them."""
     from typing import cast
 

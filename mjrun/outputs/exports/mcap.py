@@ -6,10 +6,10 @@ from mjrun.options.trace import PROBES
 from mjrun.outputs.exports import ExportFormat
 
 if TYPE_CHECKING:
-    from mjrun.outputs.export import ExportedScene
+    from mjrun.outputs.export import SceneToExport
 
 
-def write(scene: "ExportedScene", file: BinaryIO) -> None:
+def write(scene: "SceneToExport", file: BinaryIO) -> None:
     """Writes the simulation as messages."""
     from mjrun.outputs.mcap_export import write_mcap
 

@@ -80,7 +80,7 @@ class GraphPanel:
 
 
 @dataclass(frozen=True)
-class HeatPanel:
+class HeatmapPanel:
     """A metric over two parameters: a cell for each pair of values.
 
     Attributes:
@@ -102,7 +102,7 @@ class HeatPanel:
 
 
 @dataclass(frozen=True)
-class ParallelPanel:
+class ParallelCoordinatesPanel:
     """Parallel coordinates: an axis for each parameter, the last for the metric that colours the lines.
 
     Attributes:
@@ -141,11 +141,11 @@ class SensitivityPanel:
     curves = 0
 
 
-StudyPanel = GraphPanel | HeatPanel | SensitivityPanel
+StudyPanel = GraphPanel | HeatmapPanel | SensitivityPanel
 
 
 @dataclass(frozen=True)
-class StudyDrawing:
+class DrawnStudyFigure:
     """A figure of a study.
 
     Attributes:
@@ -158,7 +158,7 @@ class StudyDrawing:
     title: str
     panels: Sequence[StudyPanel]
     columns: int | None = None
-    above: ParallelPanel | None = None
+    above: ParallelCoordinatesPanel | None = None
     legend_title: str = ""
 
 
@@ -202,7 +202,7 @@ def is_even_in_ratios(values: np.ndarray) -> bool:
 
 
 def study_grid(
-    drawing: StudyDrawing, size: tuple[int, int] | None, font_size: float | None = None, *, in_page: bool = False
+    drawing: DrawnStudyFigure, size: tuple[int, int] | None, font_size: float | None = None, *, in_page: bool = False
 ) -> PanelGrid:
     """Returns the size of a figure and the positions of its panels.
 
@@ -214,7 +214,7 @@ def study_grid(
     """
     panels = len(drawing.panels)
     most = 2 if panels == 4 else 3  # four are two by two
-    is_heat = isinstance(drawing.panels[0], HeatPanel)
+    is_heat = isinstance(drawing.panels[0], HeatmapPanel)
     side = drawing.columns or (1 if panels < 3 and not is_heat else min(most, panels))
     if drawing.columns is None and size and size[0] < 900:
         side = 1

@@ -20,7 +20,7 @@ from mjrun.plotting.figure_data import POINT, PanelGrid, ParameterAxis
 from mjrun.plotting.matplotlib_figure import (
     SMALL,
     TITLE,
-    FigureLayout,
+    MatplotlibFigure,
     curve_line,
     number_ticks,
     rgb,
@@ -28,12 +28,12 @@ from mjrun.plotting.matplotlib_figure import (
     set_scales,
 )
 from mjrun.plotting.study.figure_data import (
+    DrawnStudyFigure,
     GraphPanel,
-    HeatPanel,
-    ParallelPanel,
+    HeatmapPanel,
+    ParallelCoordinatesPanel,
     SensitivityPanel,
     Series,
-    StudyDrawing,
 )
 from mjrun.plotting.tick_labels import value_labels
 
@@ -56,7 +56,7 @@ DIGITS = "{:.4g}"  # of these values
 VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an image
 
 
-def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) -> None:
+def paint_study(drawing: DrawnStudyFigure, grid: PanelGrid, canvas: MatplotlibFigure) -> None:
     """Draws the figure of a study on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
     panels, side = drawing.panels, grid.columns
     rows = -(-len(panels) // side)
@@ -70,7 +70,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) ->
     host = canvas.figure.add_subplot(parts[0]) if drawing.above else None
     if drawing.above and host:
         draw_parallel(canvas, drawing.above, host)
-    maps = list[tuple[HeatPanel, Axes]]()
+    maps = list[tuple[HeatmapPanel, Axes]]()
     for index, panel in enumerate(panels):
         axes = canvas.figure.add_subplot(spec[divmod(index, side)])
         axes.set_title(panel.label)
@@ -78,7 +78,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) ->
             case GraphPanel():
                 _draw_graph(canvas, panel, axes)
                 label = panel.x.name
-            case HeatPanel():
+            case HeatmapPanel():
                 draw_heat_map(canvas, panel, axes)
                 maps.append((panel, axes))
                 axes.set_ylabel("" if index % side else panel.rows.name)
@@ -99,9 +99,9 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: FigureLayout) ->
         plate_labels(canvas, host)
 
 
-def _key(drawing: StudyDrawing, canvas: FigureLayout) -> dict[str, Artist]:
+def _key(drawing: DrawnStudyFigure, canvas: MatplotlibFigure) -> dict[str, Artist]:
     graphs = [panel for panel in drawing.panels if isinstance(panel, GraphPanel)]
-    maps = [panel for panel in drawing.panels if isinstance(panel, HeatPanel)]
+    maps = [panel for panel in drawing.panels if isinstance(panel, HeatmapPanel)]
     ranked = next((panel for panel in drawing.panels if isinstance(panel, SensitivityPanel)), None)
     return {
         **(heat_key(canvas, maps) if maps else {}),
@@ -110,7 +110,7 @@ def _key(drawing: StudyDrawing, canvas: FigureLayout) -> dict[str, Artist]:
     }
 
 
-def _add_key(canvas: FigureLayout, key: Mapping[str, Artist], title: str, legend_title: str) -> None:
+def _add_key(canvas: MatplotlibFigure, key: Mapping[str, Artist], title: str, legend_title: str) -> None:
     """Adds a key above all panels, with the title above it: in one line if it fits, otherwise in columns.
 
     The title of the key comes first in it.
@@ -132,7 +132,7 @@ def _add_key(canvas: FigureLayout, key: Mapping[str, Artist], title: str, legend
     )
 
 
-def _rank_key(canvas: FigureLayout, panel: SensitivityPanel) -> dict[str, Artist]:
+def _rank_key(canvas: MatplotlibFigure, panel: SensitivityPanel) -> dict[str, Artist]:
     """Returns samples of the two measures of a relation, by name."""
     bar = Patch(facecolor=rgb(canvas.theme.colour(0)), linewidth=0)
     key = dict[str, Artist](zip(panel.names, (bar, _dot(canvas)), strict=True))
@@ -141,7 +141,7 @@ def _rank_key(canvas: FigureLayout, panel: SensitivityPanel) -> dict[str, Artist
     return key
 
 
-def _draw_intervals(canvas: FigureLayout, panel: SensitivityPanel, axes: Axes) -> None:
+def _draw_intervals(canvas: MatplotlibFigure, panel: SensitivityPanel, axes: Axes) -> None:
     """Draws confidence intervals as lines: those of bars in their lower part, those of rings through them."""
     if panel.intervals is None:
         return
@@ -153,7 +153,7 @@ def _draw_intervals(canvas: FigureLayout, panel: SensitivityPanel, axes: Axes) -
         )
 
 
-def _dot(canvas: FigureLayout) -> Line2D:
+def _dot(canvas: MatplotlibFigure) -> Line2D:
     """Returns a ring, which marks a share of mutual information."""
     ring = Line2D([], [], linestyle="none", marker="o", zorder=3, markersize=0.45 * canvas.em * POINT)
     ring.set(markerfacecolor=rgb(canvas.theme.ground), markeredgecolor=rgb(canvas.theme.ink))
@@ -161,7 +161,7 @@ def _dot(canvas: FigureLayout) -> Line2D:
     return ring
 
 
-def _draw_rank_bars(canvas: FigureLayout, panel: SensitivityPanel, axes: Axes, *, named: bool) -> None:
+def _draw_rank_bars(canvas: MatplotlibFigure, panel: SensitivityPanel, axes: Axes, *, named: bool) -> None:
     """Draws rank correlations as bars, each with its number on the other side of zero, which is always free.
 
     Indices of sensitivity are bars to the right, apart from errors of estimates.
@@ -203,7 +203,7 @@ def _draw_rank_bars(canvas: FigureLayout, panel: SensitivityPanel, axes: Axes, *
         )
 
 
-def _is_lowest(drawing: StudyDrawing, index: int, side: int) -> bool:
+def _is_lowest(drawing: DrawnStudyFigure, index: int, side: int) -> bool:
     """Returns whether a panel shows its x axis: the last of a column does, and one above a panel with another axis."""
     panels, below = drawing.panels, index + side
     if below >= len(panels):
@@ -214,7 +214,7 @@ def _is_lowest(drawing: StudyDrawing, index: int, side: int) -> bool:
     return type(mine) is not type(other)
 
 
-def _graph_key(canvas: FigureLayout, panels: Sequence[GraphPanel]) -> dict[str, Artist]:
+def _graph_key(canvas: MatplotlibFigure, panels: Sequence[GraphPanel]) -> dict[str, Artist]:
     """Returns samples of the lines, bands and marks of panels by name, once for all of them."""
     theme, first = canvas.theme, panels[0]
     key: dict[str, Artist] = {}
@@ -240,7 +240,7 @@ def _graph_key(canvas: FigureLayout, panels: Sequence[GraphPanel]) -> dict[str, 
     return key
 
 
-def _draw_graph(canvas: FigureLayout, panel: GraphPanel, axes: Axes) -> None:
+def _draw_graph(canvas: MatplotlibFigure, panel: GraphPanel, axes: Axes) -> None:
     """Draws a panel."""
     set_scales(canvas, axes, panel.x, panel.y)
     for series in reversed(panel.series):  # the first on top
@@ -262,7 +262,7 @@ def _draw_graph(canvas: FigureLayout, panel: GraphPanel, axes: Axes) -> None:
         )
 
 
-def _mark(canvas: FigureLayout, axes: Axes, mark: ReferenceLine) -> None:
+def _mark(canvas: MatplotlibFigure, axes: Axes, mark: ReferenceLine) -> None:
     """Draws a line at a value of either axis, with its label at the end of the line."""
     low, high = axes.get_xlim() if mark.vertical else axes.get_ylim()
     if not low <= mark.value <= high:
@@ -286,7 +286,7 @@ def _mark(canvas: FigureLayout, axes: Axes, mark: ReferenceLine) -> None:
     )
 
 
-def _series(canvas: FigureLayout, axes: Axes, series: Series) -> None:
+def _series(canvas: MatplotlibFigure, axes: Axes, series: Series) -> None:
     colour = rgb(canvas.theme.colour(series.colour))
     if series.joined:
         for band, opacity in zip(series.bands, OPACITIES, strict=False):
@@ -312,12 +312,12 @@ def _series(canvas: FigureLayout, axes: Axes, series: Series) -> None:
         )
 
 
-def _failure_colour(canvas: FigureLayout, panel: GraphPanel, index: int) -> tuple[float, float, float]:
+def _failure_colour(canvas: MatplotlibFigure, panel: GraphPanel, index: int) -> tuple[float, float, float]:
     """Returns the colour of a status, which differs from those of the series."""
     return rgb(canvas.theme.colour(len(panel.series) + index))
 
 
-def draw_heat_map(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
+def draw_heat_map(canvas: MatplotlibFigure, panel: HeatmapPanel, axes: Axes) -> None:
     """Draws a panel, with its colour bar to the right of it."""
     height, width = panel.values.shape
     across, up = _edges(panel.columns, width), _edges(panel.rows, height)
@@ -336,7 +336,7 @@ def draw_heat_map(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
     _colour_bar(canvas, axes, panel.colours, GAP)
 
 
-def _write_values(canvas: FigureLayout, panel: HeatPanel, axes: Axes) -> None:
+def _write_values(canvas: MatplotlibFigure, panel: HeatmapPanel, axes: Axes) -> None:
     """Writes the values into the cells of a heat map, if all of them have room."""
     rows, columns = panel.values.shape
     size, box = 0.85 * SMALL * canvas.em, axes.get_window_extent()
@@ -364,7 +364,7 @@ def _middles(scale: ParameterAxis, count: int) -> np.ndarray:
     return middles
 
 
-def heat_key(canvas: FigureLayout, panels: Sequence[HeatPanel]) -> dict[str, Artist]:
+def heat_key(canvas: MatplotlibFigure, panels: Sequence[HeatmapPanel]) -> dict[str, Artist]:
     """Returns samples of the kinds of cells without a colour that occur, by name."""
     key: dict[str, Artist] = {}
     if any(panel.failed.any() for panel in panels):
@@ -374,7 +374,7 @@ def heat_key(canvas: FigureLayout, panels: Sequence[HeatPanel]) -> dict[str, Art
     return key
 
 
-def draw_parallel(canvas: FigureLayout, panel: ParallelPanel, host: Axes) -> None:
+def draw_parallel(canvas: MatplotlibFigure, panel: ParallelCoordinatesPanel, host: Axes) -> None:
     """Draws a line for each point; the axis of the metric is the colour bar."""
     theme, em = canvas.theme, canvas.em
     *scales, metric = panel.scales
@@ -407,7 +407,7 @@ def draw_parallel(canvas: FigureLayout, panel: ParallelPanel, host: Axes) -> Non
         _name(host, canvas.fitted(name, span, em), index, em)
 
 
-def plate_labels(canvas: FigureLayout, host: Axes) -> None:
+def plate_labels(canvas: MatplotlibFigure, host: Axes) -> None:
     """Adds backgrounds to the labels of parallel axes, whose positions are known, so that lines do not hide them."""
     plate = {"facecolor": rgb(canvas.theme.ground), "edgecolor": "none", "alpha": 0.8, "pad": 0.1 * SMALL * canvas.em}
     for axes in canvas.figure.axes:
@@ -422,7 +422,7 @@ def _name(axes: Axes, name: str, x: float, em: float) -> Annotation:
     return axes.annotate(name, (x, 1), xycoords=("data", "axes fraction"), va="bottom", fontsize=em * POINT, **place)
 
 
-def _colour_bar(canvas: FigureLayout, axes: Axes, colours: ParameterAxis, gap: float) -> Axes:
+def _colour_bar(canvas: MatplotlibFigure, axes: Axes, colours: ParameterAxis, gap: float) -> Axes:
     """Draws a colour bar to the right of axes, after a gap [em]."""
     box = axes.get_window_extent()
     pad, aspect = gap * canvas.em / box.width, box.height / (BAR * canvas.em)
@@ -442,7 +442,7 @@ def _norm(scale: ParameterAxis) -> Normalize:
 
 
 def _empty_cell(
-    canvas: FigureLayout, corner: tuple[float, float], size: tuple[float, float], *, failed: bool
+    canvas: MatplotlibFigure, corner: tuple[float, float], size: tuple[float, float], *, failed: bool
 ) -> Rectangle:
     """Returns a cell without a value, hatched if its points failed."""
     theme = canvas.theme

@@ -27,13 +27,13 @@ from mjrun.plotting.curve_syntax import (
 )
 from mjrun.plotting.figure_data import MARGIN, ParameterAxis, scale
 from mjrun.plotting.study.figure_data import (
+    DrawnStudyFigure,
     FailedPoints,
     GraphPanel,
-    HeatPanel,
-    ParallelPanel,
+    HeatmapPanel,
+    ParallelCoordinatesPanel,
     SensitivityPanel,
     Series,
-    StudyDrawing,
     StudyPanel,
     spans_decades,
 )
@@ -97,7 +97,7 @@ class StudyFigurePlan:
         self.notes: list[str] = []
         varying = [parameter_of(results, name) for name in results.parameters]
         self._parameters = [each for each in varying if len(each.levels) > 1]
-        self._trajectories, self._over_time = Trajectories(results), list[CurveSpec]()
+        self._trajectories, self._over_time = PointTraces(results), list[CurveSpec]()
         self._metrics = self._chosen_metrics()
         self._log_x, _ = parse_log(options.log, len(self._metrics))
         self._marks = parse_marks(options.mark, len(self._metrics) + len(self._over_time))
@@ -108,7 +108,7 @@ class StudyFigurePlan:
             raise UsageError(f"{option('xlim')}: a logarithmic axis starts above 0")
 
     @cached_property
-    def drawing(self) -> StudyDrawing:
+    def drawing(self) -> DrawnStudyFigure:
         """The data of the figure."""
         curves = self._over_time if self._options.y else self._trajectories.usual
         over_time = self._trajectories.panels(curves)
@@ -118,7 +118,7 @@ class StudyFigurePlan:
         summary = self._summary()
         return replace(summary, panels=[*summary.panels, *over_time])
 
-    def _summary(self) -> StudyDrawing:
+    def _summary(self) -> DrawnStudyFigure:
         """Chooses the figure of the metrics of all points."""
         x = self._x()
         main = [each for each in self._parameters if each.name != SEED] or self._parameters
@@ -211,7 +211,7 @@ class StudyFigurePlan:
 
     # --- kinds of figures ----------------------------------------------------------------------------
 
-    def _over(self, x: Parameter) -> StudyDrawing:
+    def _over(self, x: Parameter) -> DrawnStudyFigure:
         """Plans curves over one parameter, with bands if points share its values; otherwise dots."""
         others = [each for each in self._parameters if each.name not in (x.name, SEED)]
         if x.name == SEED and others:
@@ -260,7 +260,7 @@ class StudyFigurePlan:
         drawn = [each for s in series for each in (s.y, *(end for band in s.bands for end in (band.low, band.high)))]
         return self._panel(axis, metric, np.concatenate(drawn), series, x.values)
 
-    def _scatter(self, parameters: Sequence[Parameter]) -> StudyDrawing:
+    def _scatter(self, parameters: Sequence[Parameter]) -> DrawnStudyFigure:
         """Plans dots, in a column of panels for each parameter."""
         metrics = self._metrics[: max(1, GRAPHS // len(parameters))]
         panels: list[StudyPanel] = []
@@ -270,7 +270,7 @@ class StudyFigurePlan:
                 panels.append(self._panel(self._axis(x), metric, metric.values, [dots], x.values))
         return self._drawn(panels, len(parameters))
 
-    def _heat_maps(self, across: Parameter, up: Parameter) -> StudyDrawing:
+    def _heat_maps(self, across: Parameter, up: Parameter) -> DrawnStudyFigure:
         """Plans a cell for each pair of values: the median of its points."""
         self._refuse_curve_options("heat maps")
         shape = (len(up.levels), len(across.levels))
@@ -283,10 +283,10 @@ class StudyFigurePlan:
             ends = scale(metric.name, values, log=metric.log, edge=0.0)
             colours = replace(ends, log=metric.log and ends.low > 0)
             grid = values.reshape(shape), failed.reshape(shape)
-            panels.append(HeatPanel(metric.name, across.cells(), up.cells(), *grid, colours))
+            panels.append(HeatmapPanel(metric.name, across.cells(), up.cells(), *grid, colours))
         return self._drawn(panels)
 
-    def _parallel(self, parameters: Sequence[Parameter]) -> StudyDrawing:
+    def _parallel(self, parameters: Sequence[Parameter]) -> DrawnStudyFigure:
         """Plans parallel coordinates, and how much each metric depends on each parameter."""
         self._refuse_curve_options("parallel coordinates")
         first = self._metrics[0]
@@ -298,7 +298,7 @@ class StudyFigurePlan:
             order = order[np.linspace(0, len(order) - 1, DRAWN).round().astype(int)]
         scales = [each.scale() for each in parameters]
         last = scale(first.name, first.values, log=first.log, edge=0.0)
-        above = ParallelPanel([*scales, last], values[order], np.isnan(values[order, -1]))
+        above = ParallelCoordinatesPanel([*scales, last], values[order], np.isnan(values[order, -1]))
 
         ordinal = [each for each in parameters if len(each.categories) <= 2]
         left = [each.name for each in parameters if each not in ordinal]
@@ -357,11 +357,11 @@ class StudyFigurePlan:
     # --- parts ---------------------------------------------------------------------------------------
 
     def _drawn(
-        self, panels: Sequence[StudyPanel], columns: int | None = None, above: ParallelPanel | None = None
-    ) -> StudyDrawing:
+        self, panels: Sequence[StudyPanel], columns: int | None = None, above: ParallelCoordinatesPanel | None = None
+    ) -> DrawnStudyFigure:
         options = self._options
         columns = options.columns or columns
-        return StudyDrawing(options.title or "", panels, columns, above, options.legend_title or "")
+        return DrawnStudyFigure(options.title or "", panels, columns, above, options.legend_title or "")
 
     def _refuse_curve_options(self, kind: str) -> None:
         """Raises UsageError if an option is given that applies to curves and dots only."""
@@ -403,7 +403,7 @@ class _Curve:
         return float(magnitudes[np.isfinite(magnitudes)].max(initial=0.0))
 
 
-class Trajectories:
+class PointTraces:
     """The stored traces of a study's points.
 
     Attributes:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option
 from mjrun.options.task import POSITION, TORQUE, VELOCITY
-from mjrun.policy.leapp_package import LeappNetwork, LeappTensor, files_beside, find_package, read_package
+from mjrun.policy.leapp_package import LeappNetwork, LeappTensorSpec, files_beside, find_package, read_package
 from mjrun.policy.loaders.onnx import LOADER as ONNX
 from mjrun.policy.loaders.onnx import OnnxModel
 from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyLoader
@@ -133,7 +133,7 @@ class LeappPolicy(Policy):
         return answers[0]
 
 
-def _part(tensor: LeappTensor) -> ObservationFacts:
+def _part(tensor: LeappTensorSpec) -> ObservationFacts:
     """Returns the facts of an input. States of joints are in SI units; the network scales them."""
     part = ObservationFacts(tensor.name, tensor.size, tensor.kind, tensor.elements)
     return replace(part, offset=(0.0,), scale=(1.0,)) if (tensor.kind or "").startswith(JOINT_STATE) else part
@@ -153,7 +153,7 @@ class _Network:
         )
         return dict(zip(self._outputs, results, strict=True))
 
-    def _named(self, network: LeappNetwork, tensors: Sequence[LeappTensor], names: Sequence[str]) -> dict[str, str]:
+    def _named(self, network: LeappNetwork, tensors: Sequence[LeappTensorSpec], names: Sequence[str]) -> dict[str, str]:
         """Returns the names of tensors in the file of the network, by their places."""
         by_name = {tensor.place: tensor.name for tensor in tensors}
         if sorted(by_name.values()) == sorted(names):

@@ -75,7 +75,7 @@ class _Node(Protocol):
 
 
 @dataclass(frozen=True)
-class Tensor:
+class TensorSpec:
     """An input or output of a model.
 
     Attributes:
@@ -147,7 +147,7 @@ class OnnxModel:
             binding.bind_output(name, "cpu", 0, values.dtype.type, values.shape, values.ctypes.data)
         return partial(self._session.run_with_iobinding, binding)
 
-    def float_type(self, tensor: Tensor) -> type[np.floating]:
+    def float_type(self, tensor: TensorSpec) -> type[np.floating]:
         """Returns the floating-point type of `tensor`.
 
         Raises:
@@ -194,11 +194,11 @@ def _reason(message: str) -> str:
     return clean(" ".join(text.split()))
 
 
-def _tensor(node: "_Node") -> Tensor:
-    return Tensor(node.name, node.type, tuple(each if isinstance(each, int) else None for each in node.shape))
+def _tensor(node: "_Node") -> TensorSpec:
+    return TensorSpec(node.name, node.type, tuple(each if isinstance(each, int) else None for each in node.shape))
 
 
-def names_of(tensors: Sequence[Tensor]) -> str:
+def names_of(tensors: Sequence[TensorSpec]) -> str:
     """Lists `tensors` for messages."""
     return listing([str(tensor) for tensor in tensors])
 
@@ -246,7 +246,7 @@ class OnnxPolicy(Policy):
             raise UsageError(f"{what}, and the task has {len(observation)}: {names_of(self.inputs)}")
         return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self.places}
 
-    def _action_of(self, outputs: Sequence[Tensor]) -> Tensor:
+    def _action_of(self, outputs: Sequence[TensorSpec]) -> TensorSpec:
         """Returns the output that is the action."""
         named = [tensor for tensor in outputs if tensor.name in ACTIONS]
         choices = [tensor for tensor in named if tensor.name.startswith("deterministic")] or named or [*outputs]
@@ -338,10 +338,10 @@ class _Inference:
         return True
 
 
-def state_pairs(inputs: Sequence[Tensor], outputs: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
+def state_pairs(inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec]) -> list[tuple[TensorSpec, TensorSpec]]:
     """Returns inputs, each with the output that it receives in the next call, by their types, shapes and names."""
     ends = [tensor for tensor in outputs if tensor.name not in ACTIONS]
-    pairs: list[tuple[Tensor, Tensor]] = []
+    pairs: list[tuple[TensorSpec, TensorSpec]] = []
     for start in inputs:
         fits = [end for end in ends if _stem(end.name) == _stem(start.name) and _agree(start, end)]
         rivals = [other for other in inputs if _stem(other.name) == _stem(start.name)]
@@ -359,7 +359,7 @@ def _stem(name: str) -> str:
     return "_".join(words)
 
 
-def _agree(start: Tensor, end: Tensor) -> bool:
+def _agree(start: TensorSpec, end: TensorSpec) -> bool:
     sizes = zip(start.shape, end.shape, strict=False)
     return (
         start.type == end.type

@@ -5,7 +5,7 @@ import math
 import mujoco
 
 from mjrun.camera.pose import Pose
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -25,7 +25,7 @@ MODEL = mujoco.MjModel.from_xml_string(
 )
 
 
-CAMERAS_OF_MODEL = ModelCameras(MODEL)
+CAMERAS_OF_MODEL = MujocoCameras(MODEL)
 
 
 STILL = ShotTime(0.0, 0.0, 0.0)

@@ -8,9 +8,9 @@ import pytest
 
 from mjrun.camera.pose import Pose, lens
 from mjrun.camera.rigs.auto import FARTHEST, AutoRig
-from mjrun.camera.rigs.rig import ModelCameras
+from mjrun.camera.rigs.rig import MujocoCameras
 from mjrun.camera.script import CameraScript, EasedNumber, Shot
-from mjrun.camera.script_poses import CameraMotion
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.targets import object_bounds
 from mjrun.model.state import save
 
@@ -48,7 +48,9 @@ def framed(
     is_framed: bool = False,
 ) -> tuple[list[Pose], list[str]]:
     """Returns the pose for each state, and the remarks."""
-    motion = CameraMotion(CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE, is_framed=is_framed)
+    motion = BoundCameraScript(
+        CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE, is_framed=is_framed
+    )
     times = np.arange(len(states), dtype=float).tolist()
     spans = [(0.0, times[-1])]
     remarks = motion.aim_at_motion(states, times, spans)
@@ -92,7 +94,7 @@ def test_every_corner_stays_in_view_of_a_still_camera(
 
 def test_a_motion_that_mujoco_shows_whole_is_seen_by_its_camera() -> None:
     model = compiled()
-    cameras = ModelCameras(model)
+    cameras = MujocoCameras(model)
     expected = cameras.pose(cameras.data, cameras.free)
     poses, remarks = framed(model, states_of(model, (0.1, 0, 0)))
     assert not remarks
@@ -132,7 +134,7 @@ def test_the_camera_stays_within_reach_of_things_that_fly_apart() -> None:
         data.qpos[:] = way, -way
         states.append(save(model, data))
     poses, _ = framed(model, states)
-    cameras = ModelCameras(model)
+    cameras = MujocoCameras(model)
     assert poses[1].distance == pytest.approx(FARTHEST * cameras.free.distance)
 
 
@@ -195,6 +197,6 @@ def test_vertices_of_flexes_are_in_view() -> None:
 def test_a_model_in_which_nothing_moves_is_seen_by_mujocos_camera() -> None:
     model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=".1"/></worldbody></mujoco>')
     poses, remarks = framed(model, [save(model, mujoco.MjData(model))])
-    cameras = ModelCameras(model)
+    cameras = MujocoCameras(model)
     np.testing.assert_allclose(poses[0].position, cameras.pose(cameras.data, cameras.free).position, atol=1e-6)
     assert not remarks

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.camera.pose import Pose, pose_of
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 
 SENSOR = 'resolution="320 240" sensorsize=".0064 .0048"'
 
@@ -42,7 +42,7 @@ MODEL = mujoco.MjModel.from_xml_string(
 )
 
 
-CAMERAS_OF_MODEL = ModelCameras(MODEL)
+CAMERAS_OF_MODEL = MujocoCameras(MODEL)
 
 
 STILL = ShotTime(0.0, 0.0, 0.0)

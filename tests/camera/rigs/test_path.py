@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mjrun.camera.pose import rotation
-from mjrun.camera.rigs.path import ArcLength, Curve, centripetal, orbital_lengths, orbital_position
+from mjrun.camera.rigs.path import ArcLengthParametrization, Curve, centripetal, orbital_lengths, orbital_position
 
 numbers = st.integers(-20, 20).map(lambda i: i / 4)
 ways = st.lists(st.tuples(numbers, numbers, numbers), min_size=2, max_size=7).map(lambda p: np.array(p, float))
@@ -125,7 +125,7 @@ def test_where_a_curve_halts_it_leads_to_where_it_goes_next_or_came_from_at_last
 @given(moving, st.booleans())
 def test_equal_shares_of_a_path_are_equally_long(points: np.ndarray, straight: bool) -> None:
     curve = spline(points, straight)
-    odometer = ArcLength(curve.knots, curve.at)
+    odometer = ArcLengthParametrization(curve.knots, curve.at)
     places = curve.at(np.array([odometer.at(share) for share in np.linspace(0, 1, 2001)]))
     ways = np.diff(places, axis=0)
     steps = chords(places)
@@ -138,7 +138,7 @@ def test_equal_shares_of_a_path_are_equally_long(points: np.ndarray, straight: b
 
 def test_the_length_of_a_straight_path_is_that_of_its_parts() -> None:
     points = np.array([[0, 0, 0], [3, 4, 0], [3, 4, 2.0]])
-    odometer = ArcLength(np.array([0, 1, 5.0]), Curve(np.array([0, 1, 5.0]), points, straight=True).at)
+    odometer = ArcLengthParametrization(np.array([0, 1, 5.0]), Curve(np.array([0, 1, 5.0]), points, straight=True).at)
     assert odometer.length == pytest.approx(7)
     assert [odometer.at(share) for share in (0, 5 / 7, 6 / 7, 1)] == pytest.approx([0, 1, 3, 5])
 

@@ -1,7 +1,7 @@
 """What people read of a fit."""
 
 from mjrun.cli.commands.fit import excitation_report, fit_report
-from mjrun.fitting.excitation import ExcitationResult, ExpectedParameter, MotionExtent
+from mjrun.fitting.excitation import ExcitationResult, ExpectedParameterInterval, MotionExtent
 from mjrun.fitting.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
 
 PARAMETERS = [
@@ -55,7 +55,7 @@ def test_inertias_are_shown_in_their_units() -> None:
 
 
 def test_an_input_is_reported_with_what_to_expect_of_it() -> None:
-    parameter = ExpectedParameter("joint/a.damping", 0.1, 0.09, 0.12, 80.0)
+    parameter = ExpectedParameterInterval("joint/a.damping", 0.1, 0.09, 0.12, 80.0)
     motion = [MotionExtent("qpos/a", "rad", -0.5, 0.7, -1.0, 1.0), MotionExtent("qpos/b", "m", 0.0, 0.1, None, None)]
     text = excitation_report(
         ExcitationResult([parameter], motion, 0.9, 0.001, 2.0, 10.0, 12, 4, [], ["chirp.csv"], 1.5),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideos, EpisodeLayout, EpisodeRows
+from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
 from mjrun.formats.output_writer import publish_together
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.table_column import Column
@@ -24,7 +24,7 @@ LAYOUT = EpisodeLayout(
     actions=[Column("ctrl/m", "N")],
     action_low=[-1.0],
     action_high=[np.inf],
-    cameras=[CameraVideos("front", SIZE, ENCODING)],
+    cameras=[CameraVideoLayout("front", SIZE, ENCODING)],
     robot="<script>arm",
     origin={"command": "mjrun export `x`", "mujoco": "4.0.0"},
 )

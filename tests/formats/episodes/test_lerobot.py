@@ -14,7 +14,7 @@ import pytest
 
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideos, lerobot
+from mjrun.formats.episodes import CameraVideoLayout, lerobot
 from tests.formats.episodes.made_episodes import FPS, LAYOUT, NUMBERS, SIZE, episode, episodes, images, written
 
 LENGTHS = [10, 13, 16, 19]
@@ -137,6 +137,6 @@ def test_unsupported_layouts_are_refused() -> None:
     with pytest.raises(UsageError, match="whole numbers of frames per second, not 66"):
         lerobot.check(replace(LAYOUT, fps=Fraction(200, 3)))
     for size, codec, message in (((33, 16), "h264", "even sides"), (SIZE, "h264rgb", "not of h264rgb")):
-        camera = CameraVideos("front", size, encoding("a.mp4", codec=codec))
+        camera = CameraVideoLayout("front", size, encoding("a.mp4", codec=codec))
         with pytest.raises(UsageError, match=message):
             lerobot.check(replace(LAYOUT, cameras=[camera]))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mjrun.formats.episodes import statistics
-from mjrun.formats.episodes.statistics import QUANTILES, NumberStatistics, color_statistics
+from mjrun.formats.episodes.statistics import QUANTILES, RunningStatistics, color_statistics
 
 
 def test_statistics_of_pieces_are_those_of_all_rows() -> None:
     rows = np.random.default_rng(0).normal(1e6, 1, (1000, 3))
-    made = NumberStatistics()
+    made = RunningStatistics()
     for piece in np.split(rows, [0, 1, 7, 600]):
         made.add(piece)
     result = made.result()
@@ -24,7 +24,7 @@ def test_statistics_of_pieces_are_those_of_all_rows() -> None:
 def test_quantiles_of_many_rows_are_those_of_rows_at_equal_distances(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "SAMPLED", 100)
     rows = np.random.default_rng(1).normal(size=(777, 2))
-    made = NumberStatistics()
+    made = RunningStatistics()
     for piece in np.array_split(rows, 13):
         made.add(piece)
     assert made.result().quantiles["q50"].tolist() == np.median(rows[::8], axis=0).tolist()

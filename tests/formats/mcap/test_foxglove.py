@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mjrun.formats import mcap
 from mjrun.formats.mcap import Schema
 from mjrun.model.rendered_view import CameraCalibration
-from mjrun.scene_graph.soft_shapes import Segments, TriangleSurface
+from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
 from tests.formats.mcap.files import decoded
 
 LATE = 3 * 10**9 + 123_456_789
@@ -84,7 +84,7 @@ def test_no_arrows_replace_those_from_before() -> None:
 
 def test_shapes_have_their_points_and_colours() -> None:
     surface = TriangleSurface(np.eye(4, 3), np.array([[0, 1, 2], [0, 2, 3]]), (1, 0, 0, 1))
-    segments = Segments(np.arange(12.0).reshape(2, 2, 3), 0.01, (0, 0.5, 0, 1))
+    segments = LineSegments(np.arange(12.0).reshape(2, 2, 3), 0.01, (0, 0.5, 0, 1))
     content = mcap.shapes(LATE, "world", "shapes", [surface, segments])
     (entity,) = decoded(mcap.SCENE, content).entities
     assert (entity.id, entity.frame_id, time_of(entity.timestamp)) == ("shapes", "world", LATE)

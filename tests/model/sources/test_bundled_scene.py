@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import ModelNotFoundError, UnknownNameError
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.model.sources.bundled_scene import BundledScene, bundled_task
+from mjrun.model.sources.bundled_scene import BundledSceneSource, bundled_task
 from mjrun.platform.installation import scene_folder
 
 SCENES = Path(__file__).parents[3] / "scenes"
@@ -27,7 +27,7 @@ def test_a_scene_is_the_file_of_its_name(path: Path) -> None:
 
 
 def test_each_scene_has_a_line_about_it_the_first_sentence_of_its_file() -> None:
-    descriptions = BundledScene.descriptions()
+    descriptions = BundledSceneSource.descriptions()
     assert [*descriptions] == sorted({path.stem for path in SCENES.glob("*.xml")} | set(TASKS))
     for name, description in descriptions.items():
         assert description.endswith(".")
@@ -57,7 +57,7 @@ def test_an_unknown_scene_names_the_nearest_and_all() -> None:
         parse_source("scene:domnos").load()
     first, second = str(caught.value).splitlines()
     assert first == "scene:domnos: no such scene (did you mean 'dominos'?)"
-    assert second == f"scenes: {', '.join(BundledScene.descriptions())}"
+    assert second == f"scenes: {', '.join(BundledSceneSource.descriptions())}"
 
 
 @pytest.mark.parametrize("name", ["", "../tests/m", "dominos.xml", "DOMINOS", "/etc/passwd", "README"])

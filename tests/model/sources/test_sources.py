@@ -13,7 +13,7 @@ from mjrun.errors import CompiledOverrideError, UnknownNameError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionModelSource
 from mjrun.model.sources import CompiledSource, listed_collection, load, model_collections, parse_source, source_of
-from mjrun.model.sources.bundled_scene import BundledScene
+from mjrun.model.sources.bundled_scene import BundledSceneSource
 from mjrun.model.sources.file import FileSource
 from mjrun.model.sources.stdin import StdinSource
 from tests.model.model_files import MODEL, write
@@ -42,8 +42,8 @@ class EmptySource(CollectionModelSource):
     ("text", "source"),
     [
         ("-", StdinSource()),
-        ("scene:dominos", BundledScene("dominos")),
-        ("scene:", BundledScene("")),
+        ("scene:dominos", BundledSceneSource("dominos")),
+        ("scene:", BundledSceneSource("")),
         ("./scene:dominos", FileSource(Path("./scene:dominos"))),
         ("scene", FileSource(Path("scene"))),
         ("other:dominos", FileSource(Path("other:dominos"))),
@@ -64,13 +64,14 @@ def test_overrides_are_part_of_a_source(text: str) -> None:
 def test_a_path_is_a_file_whatever_its_name_and_a_source_is_itself() -> None:
     assert source_of(Path("scene:dominos")) == FileSource(Path("scene:dominos"))
     assert source_of(Path("-")) == FileSource(Path("-"))
-    source = BundledScene("car")
+    source = BundledSceneSource("car")
     assert source_of(source) is source
     assert isinstance(source_of(mujoco.MjModel.from_xml_string("<mujoco/>")), CompiledSource)
 
 
 @pytest.mark.parametrize(
-    ("text", "collection"), [("scene:", BundledScene), ("scene", None), ("scene:car", None), (":", None), ("x:", None)]
+    ("text", "collection"),
+    [("scene:", BundledSceneSource), ("scene", None), ("scene:car", None), (":", None), ("x:", None)],
 )
 def test_a_bare_prefix_means_the_whole_collection(text: str, collection: type[CollectionModelSource] | None) -> None:
     assert listed_collection(text) is collection
@@ -89,7 +90,7 @@ def module_beside_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.usefixtures("module_beside_the_others")
 def test_a_module_is_all_that_a_new_kind_of_source_takes() -> None:
     assert parse_source("empty:world").load().nbody == 1
-    assert isinstance(parse_source("scene:car"), BundledScene)
+    assert isinstance(parse_source("scene:car"), BundledSceneSource)
 
 
 COMPILED = mujoco.MjModel.from_xml_string("<mujoco/>")

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from mjrun.plotting.figure_data import ParameterAxis
-from mjrun.plotting.matplotlib_figure import WHOLE, FigureLayout, settings
+from mjrun.plotting.matplotlib_figure import WHOLE, MatplotlibFigure, settings
 from mjrun.plotting.study.figure_data import (
     Band,
+    DrawnStudyFigure,
     FailedPoints,
     GraphPanel,
-    HeatPanel,
-    ParallelPanel,
+    HeatmapPanel,
+    ParallelCoordinatesPanel,
     SensitivityPanel,
     Series,
-    StudyDrawing,
     study_grid,
 )
 from mjrun.plotting.study.figure_painter import BANDS as BAND_NAMES
@@ -39,7 +39,7 @@ OTHER = GraphPanel(ParameterAxis("w", 0, 3), Z, [Series("", X, Y)], [])
 VALUES = np.array([[1.0, 2, np.nan], [4, 5, np.nan]])
 FAILED = np.array([[False, False, True], [False, False, False]])
 CATEGORIES = ParameterAxis("mass", -0.5, 2.5, categories=("1", "2", "3"))
-HEAT = HeatPanel("z", CATEGORIES, ParameterAxis("friction", 0, 2), VALUES, FAILED, ParameterAxis("z", 1, 5))
+HEAT = HeatmapPanel("z", CATEGORIES, ParameterAxis("friction", 0, 2), VALUES, FAILED, ParameterAxis("z", 1, 5))
 RANK = SensitivityPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]), np.array([0.9, 0.6, np.nan]))
 SCALES = [
     ParameterAxis("mass", 0, 2),
@@ -47,24 +47,24 @@ SCALES = [
     ParameterAxis("z", 0.1, 10, log=True),
 ]
 POINTS = np.array([[1.0, 1, np.nan], [0.5, 0, 1.0]])
-ABOVE = ParallelPanel(SCALES, POINTS, np.isnan(POINTS[:, 2]))
+ABOVE = ParallelCoordinatesPanel(SCALES, POINTS, np.isnan(POINTS[:, 2]))
 
 DRAWINGS = {
-    "curves": StudyDrawing("A title " * 9, [GRAPH, GRAPH]),
-    "scatter": StudyDrawing("", [GRAPH, OTHER, GRAPH, OTHER], 2),
-    "maps": StudyDrawing("", [HEAT, HEAT]),
-    "parallel": StudyDrawing("A title", [RANK], 1, ABOVE),
+    "curves": DrawnStudyFigure("A title " * 9, [GRAPH, GRAPH]),
+    "scatter": DrawnStudyFigure("", [GRAPH, OTHER, GRAPH, OTHER], 2),
+    "maps": DrawnStudyFigure("", [HEAT, HEAT]),
+    "parallel": DrawnStudyFigure("A title", [RANK], 1, ABOVE),
 }
 
 
 def figure(
-    drawing: StudyDrawing, size: tuple[int, int] | None = (640, 480), style: str = "light"
+    drawing: DrawnStudyFigure, size: tuple[int, int] | None = (640, 480), style: str = "light"
 ) -> tuple[Figure, Any]:
     """The figure of a study, and its pixels."""
     grid = study_grid(drawing, size)
     with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
-        canvas = FigureLayout(grid, THEMES[style])
+        canvas = MatplotlibFigure(grid, THEMES[style])
         paint_study(drawing, grid, canvas)
         return canvas.figure, canvas.pixels()
 
@@ -90,7 +90,7 @@ def test_x_axes_that_are_the_same_are_labelled_once() -> None:
 
 
 def test_a_curve_its_bands_and_failures_are_where_they_should_be() -> None:
-    (axes,) = figure(StudyDrawing("", [GRAPH]))[0].axes
+    (axes,) = figure(DrawnStudyFigure("", [GRAPH]))[0].axes
     assert any(np.array_equal(line.get_xydata(), np.column_stack([X, Y])) for line in axes.lines)
     bands: list[Any] = [*axes.collections]
     for band, drawn in zip(BANDS, bands, strict=True):
@@ -105,7 +105,7 @@ def test_a_curve_its_bands_and_failures_are_where_they_should_be() -> None:
 
 def test_categories_are_dots_with_lines() -> None:
     axis = ParameterAxis("model", -0.5, 2.5, categories=("a", "b", "c"))
-    (axes,) = figure(StudyDrawing("", [GraphPanel(axis, Z, [Series("", X, Y, BANDS, joined=False)], [])]))[0].axes
+    (axes,) = figure(DrawnStudyFigure("", [GraphPanel(axis, Z, [Series("", X, Y, BANDS, joined=False)], [])]))[0].axes
     assert len(axes.collections) == 2
     assert [label.get_text() for label in axes.get_xticklabels()] == ["a", "b", "c"]
 
@@ -114,15 +114,17 @@ def test_categories_are_dots_with_lines() -> None:
 def test_many_categories_have_some_of_their_names_and_few_have_shorter_ones(count: int, shown: int) -> None:
     names = [f"a_model_with_a_name_{i}.xml" for i in range(count)]
     axis = ParameterAxis("model", -0.5, count - 0.5, categories=names)
-    (axes,) = figure(StudyDrawing("", [GraphPanel(axis, Z, [Series("", X, Y, joined=False)], [])]), (1280, 480))[0].axes
+    (axes,) = figure(DrawnStudyFigure("", [GraphPanel(axis, Z, [Series("", X, Y, joined=False)], [])]), (1280, 480))[
+        0
+    ].axes
     labels = [label.get_text() for label in axes.get_xticklabels()]
     assert 1 < len(labels) <= shown
     assert (labels[0] == names[0]) == (count > WHOLE)
 
 
-def keyed(size: tuple[int, int], *panels: GraphPanel | HeatPanel, title: str = "") -> tuple[list[str], float]:
+def keyed(size: tuple[int, int], *panels: GraphPanel | HeatmapPanel, title: str = "") -> tuple[list[str], float]:
     """The names in the key of a figure, and the height of the key [pixels]."""
-    (legend,) = figure(StudyDrawing(title, panels), size)[0].legends
+    (legend,) = figure(DrawnStudyFigure(title, panels), size)[0].legends
     return [text.get_text() for text in legend.get_texts()], legend.get_window_extent().height
 
 
@@ -132,13 +134,13 @@ def test_the_key_names_lines_bands_and_each_status_with_its_number() -> None:
     assert names == ["model = a", "_b", "median", *BAND_NAMES, "unstable: 2 points", "crashed: 1 point"]
     assert keyed((320, 480), GraphPanel(MASS, Z, series, FAILURES))[1] > 2 * one * 0.6
     assert keyed((900, 480), HEAT, title="A title")[0] == ["every point failed", "no point"]
-    assert figure(StudyDrawing("", [OTHER]))[0].legends == []
+    assert figure(DrawnStudyFigure("", [OTHER]))[0].legends == []
 
 
 def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
     import matplotlib
 
-    made = figure(StudyDrawing("", [HEAT]))
+    made = figure(DrawnStudyFigure("", [HEAT]))
     axes, bar = made[0].axes
     for (row, column), value in np.ndenumerate(VALUES[:, :2]):
         expected = np.round(np.array(matplotlib.colormaps[COLOUR_MAP]((value - 1) / 4)[:3]) * 255)
@@ -153,7 +155,9 @@ def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
 def test_a_logarithmic_grid_is_drawn_in_equal_cells() -> None:
     values = np.array([[1.0, 10]])
     scales = ParameterAxis("x", 1, 100, log=True), ParameterAxis("y", 0, 1)
-    made = figure(StudyDrawing("", [HeatPanel("z", *scales, values, values < 0, ParameterAxis("z", 1, 10, log=True))]))
+    made = figure(
+        DrawnStudyFigure("", [HeatmapPanel("z", *scales, values, values < 0, ParameterAxis("z", 1, 10, log=True))])
+    )
     axes = made[0].axes[0]
     left, middle, right = (pixel(made, axes, x, 0.5) for x in (1.1, 9.5, 10.5))
     assert (left == middle).all()
@@ -161,7 +165,7 @@ def test_a_logarithmic_grid_is_drawn_in_equal_cells() -> None:
 
 
 def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None:
-    axes = figure(StudyDrawing("", [RANK]))[0].axes[0]
+    axes = figure(DrawnStudyFigure("", [RANK]))[0].axes[0]
     bars: list[Any] = [*axes.patches]
     assert [bar.get_width() for bar in bars] == [-0.99, 0.5, 0]
     assert [text.get_text() for text in axes.texts] == ["−0.99", "+0.50", "–"]
@@ -177,7 +181,7 @@ def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() ->
     intervals = np.array([[[-0.2, 0.3], [0.6, 1]], [[0.1, 0.4], [np.nan, np.nan]]])
     bars, rings = np.array([0.1, 0.8]), np.array([0.2, 0.9])
     panel = SensitivityPanel("z", ["a", "b"], bars, rings, ("first", "total"), "share", (-0.6, 1.1), intervals)
-    made, _ = figure(StudyDrawing("", [panel]))
+    made, _ = figure(DrawnStudyFigure("", [panel]))
     axes = made.axes[0]
     segments = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
     assert [[x for x, _ in line] for line in segments if len(line)] == [[-0.2, 0.3], [0.6, 1], [0.1, 0.4]]
@@ -188,7 +192,7 @@ def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() ->
 
 def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_panel_alone() -> None:
     long = SensitivityPanel("z", ["m" * 200], np.array([0.5]), np.array([0.5]))
-    first, second = figure(StudyDrawing("", [long, long], 2), (640, 300))[0].axes
+    first, second = figure(DrawnStudyFigure("", [long, long], 2), (640, 300))[0].axes
     assert first.get_position().x0 < 0.36
     assert [label.get_text() for label in second.get_yticklabels()] == [""]
 
@@ -196,7 +200,7 @@ def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_pane
 def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metric() -> None:
     from matplotlib.collections import LineCollection
 
-    made, _ = figure(StudyDrawing("", [RANK], 1, ABOVE))
+    made, _ = figure(DrawnStudyFigure("", [RANK], 1, ABOVE))
     failed, good = (c for c in made.axes[0].collections if isinstance(c, LineCollection))
     (line,) = failed.get_segments()
     assert [y for _, y in line] == [0.5, 0.75]
@@ -218,15 +222,15 @@ def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metr
 )
 def test_names_without_room_lose_what_all_of_them_share(names: tuple[str, ...], shown: set[str]) -> None:
     scales = [*(ParameterAxis(name, 0, 1) for name in names), SCALES[-1]]
-    above = ParallelPanel(scales, np.full((1, len(scales)), 0.5), np.array([False]))
-    assert shown <= set(words(figure(StudyDrawing("", [RANK], 1, above), (320, 400))[0]))
+    above = ParallelCoordinatesPanel(scales, np.full((1, len(scales)), 0.5), np.array([False]))
+    assert shown <= set(words(figure(DrawnStudyFigure("", [RANK], 1, above), (320, 400))[0]))
 
 
 def test_values_are_written_into_cells_that_have_room() -> None:
     def written(values: np.ndarray, size: tuple[int, int]) -> dict[tuple[float, float], str]:
         scales = ParameterAxis("x", 0, values.shape[1]), ParameterAxis("y", 0, values.shape[0])
-        panel = HeatPanel("z", *scales, values, np.isnan(values), ParameterAxis("z", 1, 9))
-        axes = figure(StudyDrawing("", [panel]), size)[0].axes[0]
+        panel = HeatmapPanel("z", *scales, values, np.isnan(values), ParameterAxis("z", 1, 9))
+        axes = figure(DrawnStudyFigure("", [panel]), size)[0].axes[0]
         return {text.get_position(): text.get_text() for text in axes.texts}
 
     values = np.array([[1.25, np.nan], [4, 9]])

@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, MissingExtraError, UnknownNameError, UsageError
 from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, SensitivityPanel, StudyDrawing
+from mjrun.plotting.study.figure_data import DrawnStudyFigure, GraphPanel, HeatmapPanel, SensitivityPanel
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.study.statistics import QUANTILES, Parameter, dependences, quantiles, rank_correlations, summary
 
@@ -26,7 +26,7 @@ def results(parameters: Columns, metrics: Mapping[str, np.ndarray], status: np.n
     return StudyResults("study", list(parameters), list(metrics), {**numbers, **metrics}, {**texts, "status": states})
 
 
-def drawn(study: StudyResults, **options: object) -> StudyDrawing:
+def drawn(study: StudyResults, **options: object) -> DrawnStudyFigure:
     return StudyFigurePlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
 
 
@@ -71,7 +71,7 @@ def test_two_parameters_on_a_grid_are_a_map_of_medians() -> None:
     z[(a == 1) & (b == 2)] = np.nan
     status = np.where(np.isnan(z), "crashed", "ok")
     panel, _ = drawn(results({"a": a, "b": b, "seed": rng.random(60)}, {"z": z, "w": z}, status)).panels
-    assert isinstance(panel, HeatPanel)
+    assert isinstance(panel, HeatmapPanel)
     table = pd.DataFrame({"a": a, "b": b, "z": z}).pivot_table(index="b", columns="a", values="z", aggfunc="median")
     np.testing.assert_allclose(panel.values, table.to_numpy(), rtol=1e-12)
     assert np.argwhere(panel.failed).tolist() == [[2, 1]]

@@ -12,7 +12,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.formats.study_reader import StudyResults, TextColumn
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study import plan as study_plan
-from mjrun.plotting.study.figure_data import GraphPanel, StudyDrawing
+from mjrun.plotting.study.figure_data import DrawnStudyFigure, GraphPanel
 from mjrun.plotting.study.plan import StudyFigurePlan
 
 TIMES = np.arange(50) * 0.1
@@ -32,7 +32,7 @@ def results(folder: Path, count: int) -> StudyResults:
     )
 
 
-def drawing(study: StudyResults, **options: object) -> StudyDrawing:
+def drawing(study: StudyResults, **options: object) -> DrawnStudyFigure:
     return StudyFigurePlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
 
 
