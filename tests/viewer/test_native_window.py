@@ -21,7 +21,7 @@ SCRIPT = """
 import sys, threading, time
 import mujoco, numpy as np
 from mjrun.viewer.window import NativeWindow, RIGHT, SPACE
-from mjrun.viewer.window import Edit, Pull, ResetSimulation, SetPaused, SetSpeed, Status, TakeStep
+from mjrun.viewer.window import EditState, PullBodies, ResetSimulation, SetPaused, SetSpeed, SimulationStatus, TakeStep
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)
@@ -31,16 +31,16 @@ window = NativeWindow(model)
 assert window.is_open and window.is_seen and window.kind == "window"
 
 def show(**changes):
-    return window.show(data, Status(**{**dict(time=0.0, paused=False, speed=1.0, achieved=1.0), **changes}))
+    return window.show(data, SimulationStatus(**{**dict(time=0.0, paused=False, speed=1.0, achieved=1.0), **changes}))
 
 def quiet(actions):
-    return all(isinstance(a, Pull) and not a.forces.any() for a in actions)
+    return all(isinstance(a, PullBodies) and not a.forces.any() for a in actions)
 
 data.xfrc_applied[1] = 1  # a controller's, which is none of the window's business
 assert quiet(show()), "nothing was done yet"
 for key in (SPACE, RIGHT, 45, 61, 61, 65):
     window._keys.put(key)  # as GLFW's callback does
-actions = [a for a in show() if not isinstance(a, Pull)]
+actions = [a for a in show() if not isinstance(a, PullBodies)]
 assert actions == [SetPaused(True), TakeStep(), SetSpeed(0.5), SetSpeed(1.0), SetSpeed(2.0)], actions
 window._keys.put(SPACE)
 assert SetPaused(False) in show(paused=True)

@@ -15,7 +15,8 @@ SCRIPT = r'''
 import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.request
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
-from mjrun.viewer.window import Edit, Pull, ResetSimulation, SetPaused, SetSpeed, Status, TakeStep, UnsupportedAction
+from mjrun.viewer.window import EditState, PullBodies, ResetSimulation, SetPaused, SetSpeed, SimulationStatus, TakeStep
+from mjrun.viewer.window import UnsupportedAction
 from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
 from websockets.exceptions import InvalidStatus
@@ -76,11 +77,11 @@ visitor.join()
 assert early == [503, 503], early
 
 def status(**changes):
-    return Status(**{**dict(time=0.0, paused=False, speed=0.5, achieved=0.5), **changes})
+    return SimulationStatus(**{**dict(time=0.0, paused=False, speed=0.5, achieved=0.5), **changes})
 
 actions = page.sync(status())
 # A frame may have come since the page is ready: each sends the forces of the mouse, zero without a user.
-assert all(isinstance(action, Pull) and not action.forces.any() for action in actions), actions
+assert all(isinstance(action, PullBodies) and not action.forces.any() for action in actions), actions
 assert page.is_open, "it is closed"
 assert not page.is_seen, "it is seen"
 listening = [line.split() for line in open("/proc/self/net/tcp")][1:]
