@@ -308,7 +308,7 @@ def command(
       name: the name of the command; by default, that of the function.
       without: names of options that this command does not accept.
       cls: the class of the command.
-      facts: further attributes of its `Declaration`.
+      facts: further attributes of its `CommandDeclaration`.
     """
 
     def decorate(body: Body) -> SectionedCommand:

@@ -97,7 +97,7 @@ def models_side_by_side(variants: Sequence[ModelVariant]) -> Sequence[mujoco.MjM
 
 
 class VariantLoader:
-    """A loader of sources like `Source.load`, which caches their common compilations within `BYTES` of memory.
+    """A loader of sources like `ModelSource.load`, which caches their common compilations within `BYTES` of memory.
 
     The latest compilation is cached whatever its size.
 

@@ -1,7 +1,8 @@
 """An output in three phases, each a value: a plan, an output whose files are open, and a finished output.
 
-A *request* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
-An *output* observes the simulation through its taps. A *finished output* has its result, and its files are complete.
+A *request*, such as `Video`, is an output as requested. Its *plan*, `VideoPlan`, knows the model: every name is
+resolved, every number checked. An *open output*, `OpenVideo`, observes the simulation through its taps. A *finished
+output* has its result, and its files are complete.
 
 The pass in `perform` calls, in this order:
 

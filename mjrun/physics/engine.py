@@ -46,7 +46,7 @@ class RolloutBlock:
 
 
 class Engine(Protocol):
-    """An engine, which steps n simulations at once."""
+    """An engine, which steps n simulations at once, for studies, fits and open-loop traces."""
 
     def rollout(
         self,

@@ -15,7 +15,8 @@ class Tap:
 
     Attributes:
       steps: the steps, in non-decreasing order; at a repeated step it records twice.
-      record: reads from the stepper, without changing it, and stores or writes the values.
+      record: reads from the stepper, without changing it, and stores or writes the values; videos and images store
+        states, with `StateBuffer.record`.
     """
 
     steps: Sequence[int]

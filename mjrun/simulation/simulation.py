@@ -239,7 +239,7 @@ class Simulation(SimulationOptions):
         return self.compile()[1] if self.episode is None else self.episode.model()
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        """Returns the specification, None for a compiled model, and the model; see `Source.compile`."""
+        """Returns the specification, None for a compiled model, and the model; see `ModelSource.compile`."""
         try:
             return self.source.compile()
         except ModelError:

@@ -331,7 +331,7 @@ class WorkerVersions:
 
     Attributes:
       versions: versions of libraries, by name.
-      environments: packages of the environments that models come from, by model; see `Source.code`.
+      environments: packages of the environments that models come from, by model; see `ModelSource.code`.
       host: name of the machine.
     """
 
