@@ -136,7 +136,7 @@ class BlendKind(OneOf["Blend | str | float", Blend]):
 
 
 class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
-    """A fit, or the name of its object."""
+    """An object to frame, or its name."""
 
     def __init__(self) -> None:
         super().__init__(

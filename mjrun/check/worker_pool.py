@@ -94,7 +94,7 @@ class WorkerOutcome:
 
 
 class CheckQueue:
-    """The tasks that are left, for use from any thread.
+    """The requests that are left, for use from any thread.
 
     Models in one folder often share meshes, which the process of a thread still holds after the first of them.
     """

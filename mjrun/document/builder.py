@@ -118,7 +118,7 @@ class LocatedRequest(Generic[Made]):
 
 
 class SimulationDocumentReader(Generic[Made]):
-    """A kind of document.
+    """A reader of one kind of documents about simulations.
 
     Args:
       name: the name of the product.

@@ -1,15 +1,16 @@
 """Damped Gauss-Newton steps for multiple shooting: parameters within bounds, and the state of every chunk.
 
 The state of a chunk affects its own rows alone, so the normal equations are reduced to the parameters chunk by chunk.
-Slopes to the states, most of the cost, are updated by secants from step to step, and computed again only where a step
-gains less than expected. D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters" (1963);
-C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations" (1965).
+Derivatives with respect to the states, most of the cost, are updated by secants from step to step, and computed again
+only where a step gains less than expected. D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
+parameters" (1963); C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations" (1965).
 
 Contacts make motions rough: a sliding box rattles, and states that no measurement distinguishes rattle differently, so
-the sum of squares jumps between neighbouring points. There, slopes are fitted to the residuals of ensembles of points
-about one standard error away (as in M. A. Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for inverse
-problems", 2013). The part of a residual that these slopes do not explain is its roughness. It counts as noise, and many
-times over because it also perturbs the slopes: rattling signals have little weight, and smooth ones decide.
+the sum of squares jumps between neighbouring points. There, derivatives are fitted to the residuals of ensembles of
+points about one standard error away (as in M. A. Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for
+inverse problems", 2013). The part of a residual that these derivatives do not explain is its roughness. It counts as
+noise, and many times over because it also perturbs the derivatives: rattling signals have little weight, and smooth
+ones decide.
 """
 
 from collections.abc import Sequence
@@ -43,7 +44,7 @@ SLOW = 0.01  # relative gain of a slow step
 STALLED = 3  # consecutive slow steps that end a stage, or a search that is far from the noise
 LONG_STALLED = 10  # consecutive slow steps that end a search which explains the log
 FAR = 100.0  # mean square of residuals above which a search is far from the noise
-GOOD = 0.5  # share of the expected decrease above which slopes are kept
+GOOD = 0.5  # share of the expected decrease above which derivatives are kept
 LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # least, one more if no longer stretches follow, and most
 POOLED = 3  # rounds whose points are regressed together
 SPREAD = 1.5  # distance between points and their centre, in standard errors
@@ -58,11 +59,11 @@ NEAREST = 1e-3  # least distance of such states from the best one, in standard e
 
 @dataclass(frozen=True, eq=False)
 class Jacobians:
-    """Slopes of the residuals of each chunk.
+    """Derivatives of the residuals of each chunk.
 
     Attributes:
-      of_coordinates: slopes to the coordinates, `(n, signals, p)`.
-      of_states: slopes to the state of the chunk, `(n, signals, size)`.
+      of_coordinates: derivatives with respect to the coordinates, `(n, signals, p)`.
+      of_states: derivatives with respect to the state of the chunk, `(n, signals, size)`.
       is_fresh: whether both are differences at the point itself.
     """
 
@@ -79,26 +80,26 @@ class _NormalEquations:
       matrix, gradient: equations of the coordinates, `(p, p)` and `(p,)`.
       of_states: matrices of the state of each chunk alone, `(chunks, size, size)`.
       state_steps: negative steps of the states with constant coordinates, `(chunks, size)`.
-      state_slopes: negative slopes of the states to the coordinates, `(chunks, size, p)`.
+      state_jacobians: negative derivatives of the states with respect to the coordinates, `(chunks, size, p)`.
     """
 
     matrix: Floats
     gradient: Floats
     of_states: Floats
     state_steps: Floats
-    state_slopes: Floats
+    state_jacobians: Floats
 
     def step(self, coordinates: Floats) -> tuple[Floats, Floats]:
         """Returns the steps of the coordinates, `(p,)`, which stop at the bounds 0 and 1, and of the states."""
         turn = _within(self.matrix, self.gradient, coordinates)
-        return turn, -self.state_steps - self.state_slopes @ turn
+        return turn, -self.state_steps - self.state_jacobians @ turn
 
 
 def _normal_equations(
     problem: ShootingProblem,
     point: Unknowns,
     residuals: Sequence[Floats],
-    slopes: Jacobians,
+    jacobians: Jacobians,
     weights: Sequence[Floats],
     damping: float = 0.0,
 ) -> _NormalEquations:
@@ -112,26 +113,26 @@ def _normal_equations(
     priors, prior_slopes = problem.priors(point.coordinates)
     matrix, gradient, diagonal = np.diag(prior_slopes**2), prior_slopes * priors, prior_slopes**2
     of_states = np.zeros((count, size, size))
-    state_steps, state_slopes = np.zeros((count, size)), np.zeros((count, size, problem.free))
+    state_steps, state_jacobians = np.zeros((count, size)), np.zeros((count, size, problem.free))
 
     for i, known in enumerate(problem.known):
         roots = np.sqrt(weights[i][known])
         r = roots * residuals[i][known]
-        a, b = (roots[:, None] * each[i][known] for each in (slopes.of_coordinates, slopes.of_states))
+        a, b = (roots[:, None] * each[i][known] for each in (jacobians.of_coordinates, jacobians.of_states))
         own = b.T @ b + np.eye(size) / STATE_SCALE**2
         own += damping * np.diag(np.diag(own))
         right = np.column_stack([b.T @ a, b.T @ r + point.deviations[i] / STATE_SCALE**2])
         solved = solve_normal(own, right)
-        of_states[i], state_slopes[i], state_steps[i] = own, solved[:, :-1], solved[:, -1]
+        of_states[i], state_jacobians[i], state_steps[i] = own, solved[:, :-1], solved[:, -1]
         matrix += a.T @ a - right[:, :-1].T @ solved[:, :-1]
         gradient += a.T @ r - right[:, :-1].T @ solved[:, -1]
         diagonal += (a**2).sum(axis=0)
     matrix += np.diag(damping * diagonal + 1e-12 * max(float(diagonal.max(initial=0.0)), 1e-12))
-    return _NormalEquations(matrix, gradient, of_states, state_steps, state_slopes)
+    return _NormalEquations(matrix, gradient, of_states, state_steps, state_jacobians)
 
 
 def solve_normal(matrix: Floats, right: Floats) -> Floats:
-    """Solves normal equations, which may be singular to rounding: steep slopes hide the terms that bound a state."""
+    """Solves normal equations, which may be singular to rounding: large derivatives hide terms that bound a state."""
     scale = np.sqrt(np.diag(matrix))
     return np.linalg.lstsq(matrix / scale / scale[:, None], right / scale[:, None], rcond=ROUNDING)[0] / scale[:, None]
 
@@ -164,7 +165,7 @@ class GaussNewton:
     """A search for the least sum of squares of a problem.
 
     Args:
-      advanced: called with every solution that is better than the one before, without slopes.
+      advanced: called with every solution that is better than the one before, without derivatives.
     """
 
     def __init__(self, problem: ShootingProblem, advanced: Advanced | None = None) -> None:
@@ -177,38 +178,38 @@ class GaussNewton:
           evaluations: limit of evaluations of the residuals.
           tolerance: relative change of the cost at which the search ends.
         """
-        place, slopes = yield from self._descended(evaluations, tolerance)
+        place, jacobians = yield from self._descended(evaluations, tolerance)
         if self._problem.free:  # otherwise only the states are used
-            if not slopes.is_fresh:
-                slopes = yield from self._slopes(place)
-            slopes = yield from self._sound(place, slopes)
-        return self._solution(place, slopes)
+            if not jacobians.is_fresh:
+                jacobians = yield from self._jacobians(place)
+            jacobians = yield from self._sound(place, jacobians)
+        return self._solution(place, jacobians)
 
     def approach(self, evaluations: int = STAGE_EVALUATIONS) -> Simulating[Solution]:
         """Searches for a point from which longer stretches continue, and ends where the model explains the log.
 
-        Slopes of the solution are approximate.
+        Derivatives of the solution are approximate.
         """
         return self._solution(*(yield from self._descended(evaluations, ROUGH_TOLERANCE, EXPLAINED)))
 
     def look(self) -> Simulating[Solution]:
-        """Returns the start of the problem, with slopes."""
+        """Returns the start of the problem, with derivatives."""
         return self._solution(*(yield from self._descended(evaluations=0, tolerance=0.0)))
 
     def _places(self, points: Sequence[Unknowns]) -> Simulating[list[_Place]]:
         all_residuals = yield from self._problem.residuals(points)
         return [_Place(p, r, self._problem.cost(p, r)) for p, r in zip(points, all_residuals, strict=True)]
 
-    def _slopes(self, place: _Place) -> Simulating[Jacobians]:
-        pair = yield from self._problem.slopes(place.point, place.residuals)
+    def _jacobians(self, place: _Place) -> Simulating[Jacobians]:
+        pair = yield from self._problem.jacobians(place.point, place.residuals)
         return Jacobians(*pair)
 
-    def _sound(self, place: _Place, slopes: Jacobians) -> Simulating[Jacobians]:
+    def _sound(self, place: _Place, jacobians: Jacobians) -> Simulating[Jacobians]:
         """Returns the smaller of forward and backward differences, as one of them may cross a jump of the motion."""
-        backwards = yield from self._problem.slopes(place.point, place.residuals, wider=-1.0)
+        backwards = yield from self._problem.jacobians(place.point, place.residuals, wider=-1.0)
         of_coordinates, of_states = (
             [np.where(np.abs(a) < np.abs(b), a, b) for a, b in zip(one, other, strict=True)]
-            for one, other in zip((slopes.of_coordinates, slopes.of_states), backwards, strict=True)
+            for one, other in zip((jacobians.of_coordinates, jacobians.of_states), backwards, strict=True)
         )
         return Jacobians(of_coordinates, of_states)
 
@@ -221,7 +222,7 @@ class GaussNewton:
           enough: reduced χ² at which the search ends.
         """
         (place,) = yield from self._places([self._problem.start])
-        slopes = yield from self._slopes(place)
+        jacobians = yield from self._jacobians(place)
         damping, used, slow, has_failed = FIRST_DAMPING, 0, 0, False
         numbers = sum(int(known.sum()) for known in self._problem.known)
         unknowns = self._problem.free + len(self._problem.parts) * self._problem.size
@@ -232,7 +233,7 @@ class GaussNewton:
             if is_lost or (slow >= LONG_STALLED and place.cost < explained):
                 break
             trials = [damping * factor for factor in (DAMPINGS if has_failed else (1.0,))]
-            steps = [self._step(place, slopes, trial) for trial in trials]
+            steps = [self._step(place, jacobians, trial) for trial in trials]
             points = [point for point, _ in steps]
             places = yield from self._places(points)
             used += len(points)
@@ -244,82 +245,82 @@ class GaussNewton:
             if gain > 0:
                 before, place = place, places[best]
                 if self._advanced:
-                    self._advanced(self._solution(place, slopes))
-                if is_end and slopes.is_fresh:
-                    return place, slopes
+                    self._advanced(self._solution(place, jacobians))
+                if is_end and jacobians.is_fresh:
+                    return place, jacobians
                 is_good = gain > GOOD * promise and not is_end
-                slopes = yield from self._renewed(before, place, slopes, is_good)
+                jacobians = yield from self._renewed(before, place, jacobians, is_good)
                 is_easier = gain > GOOD * promise and not had_failed
                 damping = max(trials[best] / (10.0 if is_easier else 1.0), LEAST_DAMPING)
-            elif not slopes.is_fresh:
-                slopes = yield from self._slopes(place)
+            elif not jacobians.is_fresh:
+                jacobians = yield from self._jacobians(place)
             elif is_end or trials[-1] >= MOST_DAMPING:
                 break
             else:
                 damping = trials[-1]
-        return place, slopes
+        return place, jacobians
 
-    def _renewed(self, before: _Place, place: _Place, slopes: Jacobians, is_good: bool) -> Simulating[Jacobians]:
-        """Returns slopes at `place`: to the coordinates by differences, to the states by secants if these were good."""
+    def _renewed(self, before: _Place, place: _Place, jacobians: Jacobians, is_good: bool) -> Simulating[Jacobians]:
+        """Returns the derivatives at `place`: by differences, and for states by secants if these were good."""
         if not is_good:
-            return (yield from self._slopes(place))
-        of_coordinates, _ = yield from self._problem.slopes(place.point, place.residuals, of_states=False)
+            return (yield from self._jacobians(place))
+        of_coordinates, _ = yield from self._problem.jacobians(place.point, place.residuals, of_states=False)
         moves = place.point.deviations - before.point.deviations
         turned = place.point.coordinates[: self._problem.free] - before.point.coordinates[: self._problem.free]
         of_states: list[Floats] = []
-        for i, (slope, move) in enumerate(zip(slopes.of_states, moves, strict=True)):
+        for i, (slope, move) in enumerate(zip(jacobians.of_states, moves, strict=True)):
             lengths_of_chunk = np.sqrt((slope**2).sum(axis=(0, 1)))
             scaled = move * np.maximum(lengths_of_chunk, 1e-9) ** 2  # numbers of all units count alike
-            change = place.residuals[i] - before.residuals[i] - slopes.of_coordinates[i] @ turned - slope @ move
+            change = place.residuals[i] - before.residuals[i] - jacobians.of_coordinates[i] @ turned - slope @ move
             size = float(move @ scaled)
             of_states.append(slope + change[..., None] * scaled / size if size > 0 else slope)
         return Jacobians(of_coordinates, of_states, is_fresh=False)
 
-    def _step(self, place: _Place, slopes: Jacobians, damping: float) -> tuple[Unknowns, float]:
+    def _step(self, place: _Place, jacobians: Jacobians, damping: float) -> tuple[Unknowns, float]:
         """Returns a damped step within bounds and the decrease of the cost that it promises."""
         problem, free = self._problem, self._problem.free
         weights = [loss_weights(problem.loss, r) for r in place.residuals]
-        normal = _normal_equations(problem, place.point, place.residuals, slopes, weights, damping)
+        normal = _normal_equations(problem, place.point, place.residuals, jacobians, weights, damping)
         turn, moves = normal.step(place.point.coordinates[:free])
         coordinates = place.point.coordinates.copy()
         coordinates[:free] = np.clip(coordinates[:free] + turn, 0, 1)
         point = Unknowns(coordinates, place.point.deviations + moves)
         expected = [
             r + a @ turn + b @ move
-            for r, a, b, move in zip(place.residuals, slopes.of_coordinates, slopes.of_states, moves, strict=True)
+            for r, a, b, move in zip(place.residuals, jacobians.of_coordinates, jacobians.of_states, moves, strict=True)
         ]
         return point, place.cost - problem.cost(point, expected)
 
-    def _solution(self, place: _Place, slopes: Jacobians) -> Solution:
-        pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
+    def _solution(self, place: _Place, jacobians: Jacobians) -> Solution:
+        pairs = zip(jacobians.of_coordinates, jacobians.of_states, strict=True)
         return self._problem.solution(place.point, place.residuals, list(pairs))
 
 
 @dataclass(frozen=True, eq=False)
 class CovarianceFactors:
-    """Standard errors of the unknowns: matrices that turn independent normal numbers into deviations.
+    """Factors of the covariance of the unknowns: matrices that turn independent normal numbers into deviations.
 
     Attributes:
       coordinates: matrix of the coordinates, `(p, p)`.
       states: matrix of the state of each chunk with constant coordinates, `(chunks, size, size)`.
-      state_slopes: slopes of the states to the coordinates, `(chunks, size, p)`.
+      state_jacobians: derivatives of the states with respect to the coordinates, `(chunks, size, p)`.
     """
 
     coordinates: Floats
     states: Floats
-    state_slopes: Floats
+    state_jacobians: Floats
 
     def deviations(self, direction: Floats) -> tuple[Floats, Floats]:
         """Returns the deviations of the coordinates and of the state of every chunk in a direction `(p + size,)`."""
         free = len(self.coordinates)
         turn = np.clip(self.coordinates @ direction[:free], -FARTHEST, FARTHEST)
-        return turn, np.clip(self.states @ direction[free:] + self.state_slopes @ turn, -FARTHEST, FARTHEST)
+        return turn, np.clip(self.states @ direction[free:] + self.state_jacobians @ turn, -FARTHEST, FARTHEST)
 
     def length(self, turn: Floats, moves: Floats) -> float:
         """Returns the root mean square of a step, in standard errors."""
         parts: list[np.ndarray] = [np.linalg.lstsq(self.coordinates, turn, rcond=None)[0]]
-        for root, move, slopes in zip(self.states, moves, self.state_slopes, strict=True):
-            parts.append(cast("Floats", np.linalg.lstsq(root, move - slopes @ turn, rcond=None)[0]))
+        for root, move, jacobians in zip(self.states, moves, self.state_jacobians, strict=True):
+            parts.append(cast("Floats", np.linalg.lstsq(root, move - jacobians @ turn, rcond=None)[0]))
         return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
@@ -348,9 +349,9 @@ class EnsembleSearch:
         while True:
             count += 1
             yield from self._simulate(middle, scatter)
-            residuals, slopes, variances = self._regressed(middle)
+            residuals, jacobians, variances = self._regressed(middle)
             weights = [loss_weights(problem.loss, r, v) for r, v in zip(residuals, variances, strict=True)]
-            normal = _normal_equations(problem, middle, residuals, slopes, weights)
+            normal = _normal_equations(problem, middle, residuals, jacobians, weights)
             turn, moves = normal.step(middle.coordinates[: problem.free])
             shorter = min(1.0, REACH / max(scatter.length(turn, moves), 1e-300))
             middle = _moved(middle, shorter * turn, shorter * moves)
@@ -359,14 +360,14 @@ class EnsembleSearch:
             if count == MOST_ROUNDS or (count >= least and is_settled):
                 break
         best, residuals = yield from self._nearest(middle, scatter, POLISHED if is_last else 0)
-        pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
+        pairs = zip(jacobians.of_coordinates, jacobians.of_states, strict=True)
         return replace(problem.solution(best, residuals, list(pairs)), variances=variances), scatter
 
     def _first_scatter(self, point: Unknowns) -> Simulating[CovarianceFactors]:
         (residuals,) = yield from self._problem.residuals([point])
-        slopes = Jacobians(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
+        jacobians = Jacobians(*(yield from self._problem.jacobians(point, residuals, wider=WIDER)))
         weights = [np.ones_like(each) for each in residuals]
-        return _scatter(_normal_equations(self._problem, point, residuals, slopes, weights))
+        return _scatter(_normal_equations(self._problem, point, residuals, jacobians, weights))
 
     def _simulate(self, middle: Unknowns, scatter: CovarianceFactors) -> Simulating[None]:
         """Adds points around the centre, in opposite directions that are orthogonal in standard errors."""
@@ -378,7 +379,7 @@ class EnsembleSearch:
         self._rounds = [*self._rounds[1 - POOLED :], (points, residuals)]
 
     def _regressed(self, middle: Unknowns) -> tuple[list[Floats], Jacobians, list[Floats]]:
-        """Fits residuals at the centre, slopes, and variances of residuals to the points of the last rounds."""
+        """Fits residuals at the centre, derivatives, and variances of residuals to the points of the last rounds."""
         free = self._problem.free
         points = [each for points, _ in self._rounds for each in points]
         all_residuals = [each for _, residuals in self._rounds for each in residuals]
@@ -427,7 +428,7 @@ def _moved(point: Unknowns, turn: Floats, moves: Floats) -> Unknowns:
 
 def _scatter(normal: _NormalEquations) -> CovarianceFactors:
     states = np.stack([_inverse_root(each) for each in normal.of_states])
-    return CovarianceFactors(_inverse_root(normal.matrix), states, -normal.state_slopes)
+    return CovarianceFactors(_inverse_root(normal.matrix), states, -normal.state_jacobians)
 
 
 def _inverse_root(matrix: Floats) -> Floats:

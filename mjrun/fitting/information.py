@@ -33,12 +33,12 @@ class ProjectedRows:
     """Rows of a linear least-squares problem in the coordinates of the parameters alone.
 
     Attributes:
-      slopes: slopes of the residuals, orthogonal to those of the states, `(n, p)`.
+      jacobians: derivatives of the residuals, orthogonal to those of the states, `(n, p)`.
       residuals: residuals, projected likewise, `(n,)`.
       times: position of each row in its chunk, from 0 to 1, `(n,)`.
     """
 
-    slopes: Floats
+    jacobians: Floats
     residuals: Floats
     times: Floats
 
@@ -46,13 +46,15 @@ class ProjectedRows:
 def projected(solution: Solution) -> list[ProjectedRows]:
     """Returns the rows of each chunk of a solution, with the weights of its loss.
 
-    Projection on the complement of their slopes B eliminates the states of a chunk: with a QR factorization of B,
+    Projection on the complement of their derivatives B eliminates the states of a chunk: with a QR factorization of B,
     A − Q Qᵀ A (G. H. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
     whose variables separate", 1973).
     """
     return [
-        _projected(residuals, *slopes, np.sqrt(weights))
-        for residuals, slopes, weights in zip(solution.residuals, solution.sensitivities, solution.weights, strict=True)
+        _projected(residuals, *jacobians, np.sqrt(weights))
+        for residuals, jacobians, weights in zip(
+            solution.residuals, solution.sensitivities, solution.weights, strict=True
+        )
     ]
 
 
@@ -70,13 +72,13 @@ def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, wei
 
 def information(parts: Sequence[ProjectedRows]) -> Floats:
     """Returns the information matrix of the coordinates, `(p, p)`."""
-    return np.sum([part.slopes.T @ part.slopes for part in parts], axis=0)
+    return np.sum([part.jacobians.T @ part.jacobians for part in parts], axis=0)
 
 
 def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
     """Returns the information matrix of the coordinates, including priors, `(p, p)`."""
-    slopes = [each.prior_slope(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
-    return information(projected(solution)) + np.diag(np.square(slopes))
+    jacobians = [each.prior_slope(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
+    return information(projected(solution)) + np.diag(np.square(jacobians))
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class Sensitivity:
     Attributes:
       effects: change of all data from one bound of a parameter to the other, the others being known, in standard
         deviations of the noise.
-      condition: ratio of the largest to the smallest singular value of the scaled slopes.
+      condition: ratio of the largest to the smallest singular value of the scaled derivatives.
       unidentifiable: parameters that are not determined.
     """
 
@@ -110,7 +112,7 @@ class Sensitivity:
 
 
 def sensitivity(solutions: Sequence[Solution], parameters: Sequence[FreeParameter]) -> Sensitivity:
-    """Returns the sensitivity at the best of several solutions, as slopes depend on the parameters."""
+    """Returns the sensitivity at the best of several solutions, as derivatives depend on the parameters."""
     matrices = [all_information(solution, parameters) for solution in solutions]
     each = [_of(matrix, parameters) for matrix in matrices]
     return min(each, key=lambda one: (sum(len(u.paths) for u in one.unidentifiable), one.condition))
@@ -282,7 +284,7 @@ def _degrees_of_freedom(informations: Floats, whole: Floats) -> Floats:
 def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
     """Divides the rows of a chunk into `count` blocks of time."""
     places = np.minimum((part.times * count).astype(int), count - 1)
-    return [(part.slopes[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
+    return [(part.jacobians[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
 
 
 def bound_reached(coordinate: float) -> str:

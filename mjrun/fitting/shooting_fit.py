@@ -3,8 +3,8 @@
 The result explains whole segments, each from one fitted state. They are tried first. If their residuals stay above the
 noise of the log, the search continues from other starts and over short stretches, each from its own state (H. G. Bock,
 "Recent advances in parameter identification techniques for O.D.E.", 1983), which become longer and begin in the states
-of the shorter ones. Contacts can make the sum of squares rough, so that slopes mislead: ensembles continue from the
-end, over openings of segments that become longer.
+of the shorter ones. Contacts can make the sum of squares rough, so that derivatives mislead: ensembles continue from
+the end, over openings of segments that become longer.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ from mjrun.fitting.starting_states import StateGuesses, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
-FINE = 1e-4  # reduced χ² below which slopes have found the motion exactly
+FINE = 1e-4  # reduced χ² below which derivatives have found the motion exactly
 CONTACT_EVALUATIONS = 24  # limit of evaluations from which ensembles continue beside contacts
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
@@ -199,7 +199,7 @@ class ShootingFit:
     ) -> Solution:
         """Continues searches that jumps of the motion have ended, while this halves the cost.
 
-        Ensembles that take all residuals for noise are wide enough to cross jumps; slopes then continue from their end.
+        Ensembles that take all residuals for noise are wide enough to cross jumps; derivatives continue from there.
 
         Args:
           coordinates: coordinates of the solution; None for the original model.

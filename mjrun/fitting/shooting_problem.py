@@ -1,4 +1,4 @@
-"""Least squares of multiple shooting: residuals and slopes of all chunks, by finite differences of rollouts.
+"""Least squares of multiple shooting: residuals and derivatives of all chunks, by finite differences of rollouts.
 
 Functions that simulate are generators: each yields the rollouts that it needs and receives their predictions, so that
 several problems are simulated in one batch on all cores (`together`).
@@ -44,7 +44,7 @@ class Solution:
       states: integration states at the beginning of each chunk, `(chunks, nstate)`.
       residuals: residuals of each chunk in standard deviations of the noise, `(n, signals)`; NaN where nothing was
         measured.
-      sensitivities: slopes of the residuals to the coordinates, `(n, signals, p)`, and to the states,
+      sensitivities: derivatives of the residuals with respect to the coordinates, `(n, signals, p)`, and to the states,
         `(n, signals, size)`.
       noise: assumed standard deviation of each signal, `(signals,)`.
       loss: loss function of the residuals.
@@ -111,9 +111,9 @@ def with_noise(solution: Solution, noise: Floats) -> Solution:
     """Returns the same solution with residuals in other standard deviations."""
     factor = solution.noise / noise
     residuals = [each * factor for each in solution.residuals]
-    slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
+    jacobians = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
     variances = [each * factor**2 for each in solution.variances]
-    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise, variances=variances)
+    return replace(solution, residuals=residuals, sensitivities=jacobians, noise=noise, variances=variances)
 
 
 Result = TypeVar("Result")
@@ -205,14 +205,16 @@ class ShootingProblem:
         count = len(self.parts)
         return [left[i * count : (i + 1) * count] for i in range(len(points))]
 
-    def slopes(
+    def jacobians(
         self, point: Unknowns, residuals: Sequence[Floats], *, of_states: bool = True, wider: float = 1.0
     ) -> Simulating[tuple[list[Floats], list[Floats]]]:
-        """Computes slopes of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
+        """Computes the derivatives of each chunk.
+
+        They are those with respect to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
 
         Args:
           residuals: residuals at `point`.
-          of_states: whether to compute slopes to states; they are empty otherwise.
+          of_states: whether to compute derivatives with respect to states; they are empty otherwise.
           wider: factor of the steps of finite differences.
         """
         count, size = len(self.parts), self.size if of_states else 0
@@ -232,8 +234,8 @@ class ShootingProblem:
             return [np.zeros((*r.shape, 0)) for r in residuals], []
         left = yield from self._left(starts)
         all_moves = np.concatenate([moves, np.full(size, nudge)])
-        slopes = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
-        return [each[..., : self.free] for each in slopes], [each[..., self.free :] for each in slopes if size]
+        jacobians = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
+        return [each[..., : self.free] for each in jacobians], [each[..., self.free :] for each in jacobians if size]
 
     def cost(self, point: Unknowns, residuals: Sequence[Floats]) -> float:
         """Returns half the sum of squares under the loss, including the priors of states and parameters."""
@@ -243,20 +245,22 @@ class ShootingProblem:
         return 0.5 * (squares + float(((point.deviations / STATE_SCALE) ** 2).sum()) + float(priors @ priors))
 
     def solution(
-        self, point: Unknowns, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]
+        self, point: Unknowns, residuals: Sequence[Floats], jacobians: Sequence[tuple[Floats, Floats]]
     ) -> Solution:
-        """Returns a point as a solution; `slopes` has those to the coordinates and to the state for each chunk."""
+        """Returns a point as a solution; `jacobians` has those to the coordinates and to the state for each chunk."""
         shown = [np.where(known, r, np.nan) for r, known in zip(residuals, self.known, strict=True)]
-        return Solution(self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss)
+        return Solution(
+            self.parts, point.coordinates, self.states(point), shown, list(jacobians), self.noise, self.loss
+        )
 
     def priors(self, coordinates: Floats) -> tuple[Floats, Floats]:
-        """Returns the residuals of the coordinates under their priors, `(p,)`, 0 without a prior, and their slopes."""
-        left, slopes = np.zeros(self.free), np.zeros(self.free)
+        """Returns the residuals of coordinates under their priors, `(p,)`, 0 without a prior, and their derivatives."""
+        left, derivatives = np.zeros(self.free), np.zeros(self.free)
         for j, each in enumerate(self._parameters[: self.free]):
             if each.prior:
                 left[j] = (each.value(coordinates[j]) - each.prior[0]) / each.prior[1]
-                slopes[j] = each.prior_slope(coordinates[j])
-        return left, slopes
+                derivatives[j] = each.prior_slope(coordinates[j])
+        return left, derivatives
 
     def _left(self, starts: Sequence[tuple[int, Floats, Floats]]) -> Simulating[list[Floats]]:
         """Computes residuals `(n, signals)` for each index of a chunk, coordinates, and deviation of its state."""

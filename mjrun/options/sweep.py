@@ -87,7 +87,7 @@ class KeptFileOptions(SelectedVideoOptions):
     )
 
 
-class PartNumber(Kind[Sequence[int], tuple[int, int]]):
+class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
     """One of N tasks, counted from 1: `3/16`."""
 
     metavar = "I/N"
@@ -339,7 +339,7 @@ class StudyCommandOptions(Options):
         help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )
     task: tuple[int, int] | None = option(
-        converter=optional(PartNumber()),
+        converter=optional(TaskNumber()),
         default=None,
         help="Simulate the I-th of N equal parts of a plan and exit; for job arrays, xargs and make.",
     )

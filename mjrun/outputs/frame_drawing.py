@@ -46,7 +46,7 @@ from mjrun.rendering.classic import check_size
 from mjrun.rendering.compositor import FrameCosts, FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
-from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
+from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
 from mjrun.rendering.segmentation import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import Reporter
@@ -126,7 +126,7 @@ class OverlayProbes:
         speeds: Sequence[float],
         timeline: Timeline,
     ) -> Overlay:
-        """Returns `empty` with its texts and graphs.
+        """Returns `empty` with its texts and live plots.
 
         Args:
           rows: the values read at each frame; empty if nothing is measured.
@@ -134,12 +134,12 @@ class OverlayProbes:
         """
         times = [float(timeline.time(step)) for step in steps]
         texts = self._texts(rows, steps, times, speeds) if self.text.parts else []
-        graphs: list[LivePlot] = []
+        live_plots: list[LivePlot] = []
         for index, (table, size) in enumerate(zip(self.tables[1:], empty.plots, strict=True), start=1):
             values = np.array([row[index] for row in rows])
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
-            graphs.append(LivePlot(np.array(times), values, names, units, size))
-        return replace(empty, texts=texts, graphs=aligned(graphs), times=times)
+            live_plots.append(LivePlot(np.array(times), values, names, units, size))
+        return replace(empty, texts=texts, live_plots=aligned(live_plots), times=times)
 
     def _texts(
         self, rows: Sequence[FrameValues], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
@@ -218,7 +218,7 @@ def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (),
     Args:
       size: width and height of the frame without the overlay [pixels].
     """
-    return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side)
+    return Overlay(corner=corner, plots=[live_plot_size(size, side)] * len(plots), side=side)
 
 
 @options
@@ -278,7 +278,7 @@ def plan_frames(
     """Resolves every name in the model.
 
     Args:
-      plots: the values to plot, one graph each, on this `side`.
+      plots: the values to plot, one live plot each, on this `side`.
       events: events that the output waits for in addition to those of shots, keyed by option path.
 
     Raises:
@@ -520,7 +520,7 @@ class DrawingProcesses:
 
 
 class FrameDrawer:
-    """The drawing of recorded frames, one after the other, by this process or by others. To be closed.
+    """A drawer of recorded frames, one after the other, in this process or in others. To be closed.
 
     Raises:
       MjrunError: the frames sampled for the colours of depth cannot be rendered, or no processes can be started.

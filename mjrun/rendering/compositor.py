@@ -49,7 +49,7 @@ class Overlay:
       corner: the corner of the frame that holds the text.
       plots: width and height of each plot [pixels].
       side: position of the plots: `under` the frame or `beside` it.
-      graphs: the plots, once their values are known.
+      live_plots: the plots, once their values are known.
       times: the time of each frame [s], for the plots.
     """
 
@@ -57,7 +57,7 @@ class Overlay:
     corner: str = "top-left"
     plots: Sequence[tuple[int, int]] = ()
     side: str = "under"
-    graphs: Sequence[LivePlot] = ()
+    live_plots: Sequence[LivePlot] = ()
     times: Sequence[float] = ()
 
     @property
@@ -249,8 +249,8 @@ class SceneCompositor:
             decoration.draw(frame, index)
         if overlay.texts:
             stamp(frame, overlay.texts[index], overlay.corner)
-        if overlay.graphs:
-            plots = [graph.draw(overlay.times[index]) for graph in overlay.graphs]
+        if overlay.live_plots:
+            plots = [live_plot.draw(overlay.times[index]) for live_plot in overlay.live_plots]
             frame = np.concatenate([frame, *plots], axis=0 if overlay.side == "under" else 1)
         return frame
 

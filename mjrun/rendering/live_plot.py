@@ -1,4 +1,4 @@
-"""A small live graph of values over time, drawn frame by frame beside or under a video."""
+"""A small live plot of values over time, drawn frame by frame beside or under a video."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,8 +33,8 @@ _FLATTEST = 1e-4  # the smallest range of an axis, as a share of the largest val
 _SHORTER = ((40, True), (14, True), (14, False), (9, False), (6, False), (4, False))
 
 
-def graph_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
-    """Returns the width and height of a graph that suits a video of a size (width, height)."""
+def live_plot_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
+    """Returns the width and height of a live plot that suits a video of a size (width, height)."""
     width, height = size
     if side == "under":
         return width, max(80, 2 * round(0.13 * height))
@@ -141,7 +141,7 @@ class LivePlot:
         return image
 
     def moved(self, left: int) -> "LivePlot":
-        """Returns the same graph with its vertical axis at least `left` [pixels] from the left edge."""
+        """Returns the same live plot with its vertical axis at least `left` [pixels] from the left edge."""
         return LivePlot(*self._arguments, left)
 
     def head(self, series: int, time: float) -> float:
@@ -272,10 +272,10 @@ class LivePlot:
         return np.asarray(canvas.reduce(_SAMPLES)), (left - pad, top - pad)
 
 
-def aligned(graphs: Sequence[LivePlot]) -> list[LivePlot]:
-    """Returns the graphs with their vertical axes aligned at the distance that the widest tick labels require."""
-    left = max((graph.axes.box[0] for graph in graphs), default=0)
-    return [graph if graph.axes.box[0] == left else graph.moved(left) for graph in graphs]
+def aligned(live_plots: Sequence[LivePlot]) -> list[LivePlot]:
+    """Returns the live plots with their vertical axes aligned at the distance that the widest tick labels require."""
+    left = max((live_plot.axes.box[0] for live_plot in live_plots), default=0)
+    return [live_plot if live_plot.axes.box[0] == left else live_plot.moved(left) for live_plot in live_plots]
 
 
 def _padded(values: np.ndarray) -> tuple[float, float]:

@@ -420,7 +420,7 @@ class ChunkFiles:
 
 @dataclass(frozen=True)
 class PartPublisher:
-    """The part of a chunk of a study, for a process on any machine that sees the same folder.
+    """A publisher of parts of chunks of a study, in a process on any machine that sees the same folder.
 
     Attributes:
       folder: absolute path of the folder of the study, or its URL.

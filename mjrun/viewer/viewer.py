@@ -386,7 +386,7 @@ class ViewerResult:
 
 
 class Pacer:
-    """The synchronization of steps with the wall clock, as far as the machine is fast enough.
+    """A synchronizer of steps with the wall clock, as far as the machine is fast enough.
 
     Args:
       timestep: timestep of the simulation [s].

@@ -26,11 +26,11 @@ def test_the_parameters_of_the_joint_problem_are_those_of_the_projected_one() ->
     a, b = (np.asarray(each)[:, 0] for each in solution.sensitivities[0])
     r = np.random.default_rng(0).normal(size=len(a))
     rows = projected(replace(solution, residuals=[r[:, None]]))[0]
-    short, *_ = np.linalg.lstsq(rows.slopes, rows.residuals, rcond=None)
+    short, *_ = np.linalg.lstsq(rows.jacobians, rows.residuals, rcond=None)
     joint = np.block([[a, b], [np.zeros((b.shape[1], a.shape[1])), np.eye(b.shape[1]) / STATE_SCALE]])
     full, *_ = np.linalg.lstsq(joint, np.concatenate([r, np.zeros(b.shape[1])]), rcond=None)
     np.testing.assert_allclose(short, full[: a.shape[1]], rtol=1e-3)
-    np.testing.assert_allclose(information([rows]), rows.slopes.T @ rows.slopes)
+    np.testing.assert_allclose(information([rows]), rows.jacobians.T @ rows.jacobians)
 
 
 def test_missing_samples_have_no_rows() -> None:
@@ -87,12 +87,12 @@ LINE = FreeParameter("x", -1.0, 1.0, 0.0)
 
 def white(solution: Solution) -> bool:
     parts = projected(solution)
-    informations = np.array([a.T @ a for each in parts for a in np.array_split(each.slopes, 20)])
+    informations = np.array([a.T @ a for each in parts for a in np.array_split(each.jacobians, 20)])
     scores = np.array(
         [
             a.T @ r
             for each in parts
-            for a, r in zip(np.array_split(each.slopes, 20), np.array_split(each.residuals, 20), strict=True)
+            for a, r in zip(np.array_split(each.jacobians, 20), np.array_split(each.residuals, 20), strict=True)
         ]
     )
     return is_white(solution, informations, scores, informations.sum(axis=0))
@@ -102,19 +102,19 @@ def line(seed: int, correlated: bool = False, uneven: bool = False) -> Solution:
     """A linear model of one parameter whose coordinate is 0.5, with noise; nothing is known of a state."""
     base, _ = solved()
     generator = np.random.default_rng(seed)
-    slopes = np.sin(np.arange(400) / 7)[:, None, None] * 100
+    jacobians = np.sin(np.arange(400) / 7)[:, None, None] * 100
     if uneven:  # four blocks of twenty tell nearly all
-        slopes = slopes * np.exp(-np.arange(400) / 30)[:, None, None]
+        jacobians = jacobians * np.exp(-np.arange(400) / 30)[:, None, None]
     noise = generator.normal(size=(400, 1))
     if correlated:  # over about five rows
         noise = np.convolve(generator.normal(size=404), np.ones(5), "valid")[:, None] / np.sqrt(5)
-    estimate = float(slopes[:, 0, 0] @ noise[:, 0] / (slopes**2).sum())
-    residuals = noise - slopes[:, :, 0] * estimate
+    estimate = float(jacobians[:, 0, 0] @ noise[:, 0] / (jacobians**2).sum())
+    residuals = noise - jacobians[:, :, 0] * estimate
     chunks = base.chunks[:1]
     states = np.zeros((400, 1, 2))
     coordinates = np.array([0.5 - estimate])
     return replace(
-        base, chunks=chunks, coordinates=coordinates, residuals=[residuals], sensitivities=[(slopes, states)]
+        base, chunks=chunks, coordinates=coordinates, residuals=[residuals], sensitivities=[(jacobians, states)]
     )
 
 
@@ -122,8 +122,8 @@ def test_white_residuals_have_the_intervals_of_least_squares() -> None:
     """Standard errors of linear regression; correlated residuals have wider ones."""
     solution = line(0)
     assert white(solution)
-    slopes, residuals = solution.sensitivities[0][0][:, 0, 0], solution.residuals[0][:, 0]
-    error = float(np.sqrt(residuals @ residuals / (400 - 3) / (slopes @ slopes)))
+    jacobians, residuals = solution.sensitivities[0][0][:, 0, 0], solution.residuals[0][:, 0]
+    error = float(np.sqrt(residuals @ residuals / (400 - 3) / (jacobians @ jacobians)))
     known = intervals(solution, [LINE], 0.95, 0)
     assert known.high[0] - known.low[0] == pytest.approx(2 * 1.966 * error * 2, rel=0.06)
     assert np.mean([white(line(seed)) for seed in range(40)]) > 0.9

@@ -1,4 +1,4 @@
-"""Residuals, slopes and solutions of multiple shooting: other noise and other losses, against scipy's."""
+"""Residuals, derivatives and solutions of multiple shooting: other noise and other losses, against scipy's."""
 
 from dataclasses import replace
 from typing import Any
@@ -82,7 +82,7 @@ def test_weights_are_slopes_of_the_loss() -> None:
     solution, _ = solved()
     squares = solution.residuals[0].ravel() ** 2
     for loss in ("soft_l1", "huber", "cauchy"):
-        slopes = np.empty((3, len(squares)))
+        jacobians = np.empty((3, len(squares)))
         implemented: Any = IMPLEMENTED_LOSSES[loss]
-        implemented(squares, slopes, cost_only=False)
-        np.testing.assert_allclose(replace(solution, loss=loss).weights[0].ravel(), slopes[1])
+        implemented(squares, jacobians, cost_only=False)
+        np.testing.assert_allclose(replace(solution, loss=loss).weights[0].ravel(), jacobians[1])

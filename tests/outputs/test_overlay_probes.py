@@ -1,4 +1,4 @@
-"""Values over frames and graphs beside them, measured at the instants that the frames show."""
+"""Values over frames and live plots beside them, measured at the instants that the frames show."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +14,7 @@ from mjrun.outputs.frame_drawing import BUILTIN, DEFAULT_FORMAT, empty_overlay, 
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.compositor import Overlay
-from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
+from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
@@ -29,7 +29,7 @@ def test_graphs_stand_beside_the_video_and_leave_it_as_it_is(swing: Path, tmp_pa
     plots = ["energy", "qpos[hinge]"]
     Video(simulation, f"{tmp_path}/p/", size=SIZE).run()
     result = Video(simulation, f"{tmp_path}/g/", size=SIZE, plot=plots, plot_side=side).run()
-    width, height = graph_size(SIZE, side)
+    width, height = live_plot_size(SIZE, side)
     assert result.size == ((SIZE[0], SIZE[1] + 2 * height) if side == "under" else (SIZE[0] + 2 * width, SIZE[1]))
     for frame in sorted((tmp_path / "p").iterdir()):
         found = np.array(Pillow.open(tmp_path / "g" / frame.name))
@@ -66,13 +66,13 @@ def test_texts_and_graphs_hold_the_values_of_a_bare_loop(swing: Path) -> None:
     overlay = probes.overlay(empty, rows, [0, 40, 100], [0.5] * 3, timeline)
     assert overlay.texts == texts
     assert (overlay.corner, overlay.side, overlay.times) == ("top", "beside", [0.0, 0.08, 0.2])
-    times, size, graphs = np.array(overlay.times), graph_size(SIZE, "beside"), []
+    times, size, live_plots = np.array(overlay.times), live_plot_size(SIZE, "beside"), []
     for table, values in zip(probes.tables[1:], np.split(np.array(curves), [2], axis=1), strict=True):
         columns = table.columns[1:]
         names, units = [column.name for column in columns], [column.unit for column in columns]
-        graphs.append(LivePlot(times, values, names, units, size))
-    for graph, expected in zip(overlay.graphs, aligned(graphs), strict=True):
-        assert np.array_equal(graph.draw(0.08), expected.draw(0.08))
+        live_plots.append(LivePlot(times, values, names, units, size))
+    for live_plot, expected in zip(overlay.live_plots, aligned(live_plots), strict=True):
+        assert np.array_equal(live_plot.draw(0.08), expected.draw(0.08))
 
 
 def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None:
@@ -85,7 +85,7 @@ def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None
     empty = WiderOverlay(corner="bottom", side="beside", margin=3)
     overlay = overlay_probes(model, timeline, "{step}").overlay(empty, [], [0, 5], [1.0, 1.0], timeline)
     assert overlay == WiderOverlay(
-        texts=["0", "5"], corner="bottom", side="beside", times=[0.0, 0.01], graphs=[], margin=3
+        texts=["0", "5"], corner="bottom", side="beside", times=[0.0, 0.01], live_plots=[], margin=3
     )
 
 

@@ -217,7 +217,7 @@ class Stripes:
 
 
 def test_plots_are_drawn_under_the_frame_at_its_time(scene: Swing) -> None:
-    overlay = Overlay(plots=[(SIZE[0], 5)], graphs=[Stripes()], times=[0.5, 1.5])  # type: ignore[list-item]
+    overlay = Overlay(plots=[(SIZE[0], 5)], live_plots=[Stripes()], times=[0.5, 1.5])  # type: ignore[list-item]
     compositor = scene.compositor(stream(RGB), stream(RGB, overlay=overlay))
     for index, brightness in enumerate((50, 150)):
         plain, plotted = scene.frames(compositor, index)

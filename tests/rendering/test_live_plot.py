@@ -12,7 +12,7 @@ from mjrun.options.video import PLOT_SIDES
 from mjrun.palette import ON_DARK
 from mjrun.rendering import live_plot
 from mjrun.rendering.colormaps import oklab
-from mjrun.rendering.live_plot import LivePlot, aligned, graph_size
+from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
 from mjrun.rendering.text import BACKGROUND
 
 SIZE = (480, 140)
@@ -235,7 +235,7 @@ def test_a_graph_of_any_size_can_be_drawn(width: int, height: int, count: int) -
 @pytest.mark.parametrize("side", PLOT_SIDES)
 @pytest.mark.parametrize("size", [(320, 240), (640, 480), (1920, 1080)])
 def test_a_graph_shares_a_side_with_its_video_and_is_smaller(side: str, size: tuple[int, int]) -> None:
-    width, height = graph_size(size, side)
+    width, height = live_plot_size(size, side)
     shared, other = ((width, height) if side == "under" else (height, width)), size if side == "under" else size[::-1]
     assert shared[0] == other[0]
     assert shared[1] <= other[1] / 2

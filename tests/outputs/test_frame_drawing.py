@@ -26,7 +26,7 @@ from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import RENDERERS
-from mjrun.rendering.live_plot import graph_size
+from mjrun.rendering.live_plot import live_plot_size
 from mjrun.rendering.segmentation import check_segmentation_name, groupings
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import WarningReporter
@@ -93,7 +93,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
             mujoco.mj_step(model, data, nstep=10)
         (stream,) = frame_compositor(frames, scene).streams
     assert stream.style.overlay.texts == [f"{height:.17g} {k}" for k, height in enumerate(heights)]
-    assert stream.style.overlay.plots == [graph_size((SIZE[0] * 2 + 2, SIZE[1]))]
+    assert stream.style.overlay.plots == [live_plot_size((SIZE[0] * 2 + 2, SIZE[1]))]
 
 
 @pytest.mark.parametrize(
