@@ -37,7 +37,7 @@ from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import PLOT_SIDES, VideoOptions
 from mjrun.options.viewer import ViewerOptions
 from mjrun.outputs.format_lists import with_formats
-from mjrun.rendering.live_plot import graph_size
+from mjrun.rendering.live_plot import live_plot_size
 from mjrun.study.executors import ENGINES
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, SimulationCommandOptions, ConsoleOptions)
@@ -240,7 +240,7 @@ def test_left_out_options_of_run_change_nothing() -> None:
 
 
 def test_a_plot_under_a_frame_is_as_wide_and_one_beside_it_as_high() -> None:
-    under, beside = (graph_size((640, 480), side) for side in PLOT_SIDES)
+    under, beside = (live_plot_size((640, 480), side) for side in PLOT_SIDES)
     assert (under[0], beside[1]) == (640, 480)
 
 
