@@ -229,9 +229,8 @@ class WarpWorlds:
         return sum(self._device.library.OverflowType[name].value for name in names)
 
     def _messages(self, marks: int, limits: Mapping[str, object]) -> list[str]:
-        known = self._device.library.OverflowType
-        single = [mark for mark in known if mark.value and not mark.value & (mark.value - 1)]
-        texts = [overflow_message(mark.name, limits) for mark in single if marks & mark.value]
+        known = self._device.library.OverflowType  # iterates over single bits
+        texts = [overflow_message(mark.name, limits) for mark in known if marks & mark.value]
         return list(dict.fromkeys(texts))
 
     def _graph(self, launch: Callable[[], None]) -> Callable[[], None]:

@@ -195,6 +195,14 @@ def test_any_name_is_a_name(tmp_path: Path, name: str) -> None:
     assert [prim.GetDisplayName() for prim in stage.Traverse()].count(name) >= 2
 
 
+def test_siblings_with_one_identifier_are_numbered_from_2(tmp_path: Path) -> None:
+    names = ["a b", "a_b", "a-b", "Looks"]
+    nodes = [NODES[0], *(Node(name, "body", i, 0) for i, name in enumerate(names, 1))]
+    stage, _ = stage_of(tmp_path, SceneGraph(nodes))
+    paths = {str(prim.GetPath()): prim.GetDisplayName() for prim in stage.GetPrimAtPath("/World").GetChildren()}
+    assert paths == {"/World/a_b": "a b", "/World/a_b_2": "a_b", "/World/a_b_3": "a-b", "/World/Looks_2": "Looks"}
+
+
 def test_a_camera_with_intrinsics_sees_points_where_mujocos_camera_does(tmp_path: Path) -> None:
     from pxr import Gf, Usd, UsdGeom
 

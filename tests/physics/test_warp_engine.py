@@ -239,6 +239,17 @@ def test_every_overflow_that_the_library_knows_has_a_sentence() -> None:
     assert single - set(OVERFLOWS) == {"NVMAX"}  # whose limit is that of the model here
 
 
+def test_each_mark_of_a_world_is_reported_alone(device: WarpDevice) -> None:
+    known = pytest.importorskip("mujoco_warp").OverflowType
+    worlds = worlds_of(device)
+    with worlds.active():
+        for bit in range(known.ALL.bit_length()):
+            worlds._data.overflow.fill_(1 << bit)
+            (message,) = worlds.overflows()
+            meaning, _ = OVERFLOWS.get(known(1 << bit).name, ("mujoco_warp reports an overflow: nvmax", ""))
+            assert message.startswith(meaning.split("{")[0])
+
+
 @pytest.mark.parametrize(
     ("mark", "said"),
     [

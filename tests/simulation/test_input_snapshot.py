@@ -1,5 +1,6 @@
 """Copies of files give the same model as the files when they were copied, despite later edits."""
 
+import hashlib
 import os
 import pickle
 import shutil
@@ -86,6 +87,19 @@ def test_a_copy_is_known_by_its_content(robot: Path) -> None:
         snapshot.copied_from({**contents, path: contents[path] + b" "})
     robot.write_bytes(robot.read_bytes() + b" ")
     assert copied(source_of(robot))[0].fingerprint != snapshot.fingerprint
+
+
+def test_comments_count_in_all_files_but_models(tmp_path: Path) -> None:
+    def digests(text: str) -> list[str]:
+        files = [tmp_path / "ball.xml", tmp_path / "ball.txt"]
+        for file in files:
+            file.write_text(text)
+        snapshot = InputSnapshot.empty().with_files(files)
+        return [snapshot.content_digest(path) for path in (*files, tmp_path / "missing.xml")]
+
+    plain, commented = BODY.format("ball", 1), BODY.format("ball", 1) + "<!-- red -->"
+    model, *_ = digests(plain)
+    assert digests(commented) == [model, hashlib.sha256(commented.encode()).hexdigest(), ""]
 
 
 def test_the_folder_lasts_as_long_as_what_refers_to_it(robot: Path) -> None:
