@@ -13,6 +13,7 @@ from mjrun.cli.command_confinement import confinement_of
 from mjrun.cli.commands.diff import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
+from tests.cases import cases
 from tests.conftest import Command
 from tests.demonstration_files import recorded_states, write_demonstrations
 from tests.processes import PATIENCE
@@ -74,42 +75,7 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
 
 
 @pytest.mark.usefixtures("place")
-@pytest.mark.parametrize(
-    ("line", "roots", "files", "written"),
-    [
-        ("info model/m.xml", ["model"], ["model/m.xml"], []),
-        ("video model/m.xml", ["model"], ["model/m.xml"], ["."]),
-        ("video model/m.xml -o out/film.mp4", ["model"], ["model/m.xml"], ["out"]),
-        ("trace model/m.xml", ["model"], ["model/m.xml"], []),
-        ("trace model/m.xml -o -", ["model"], ["model/m.xml"], []),
-        ("trace model/m.xml --manifest out/m.json", ["model"], ["model/m.xml"], ["out"]),
-        ("trace model/m.xml --save-key out/k.xml:end", ["model"], ["model/m.xml"], ["out"]),
-        ("trace model/m.xml --ctrl-from tables/ctrl.csv", ["model"], ["model/m.xml", "tables/ctrl.csv"], []),
-        ("info model/m.xml --root .", ["."], ["model/m.xml"], []),
-        ("info -", ["."], [], []),
-        ("video model/d.hdf5:demo_1", ["model"], ["model/d.hdf5"], ["."]),
-        ("info model/d.hdf5", ["model"], ["model/d.hdf5"], []),
-        ("info model/d.hdf5:demo_1 --assets tables", ["model"], ["model/d.hdf5", "tables"], []),
-        ("video model/m.xml --replay tables/d.hdf5:demo_1", ["model"], ["model/m.xml", "tables/d.hdf5"], ["."]),
-        ("plot tables/d.hdf5 -o out/p.png", [], ["tables/d.hdf5"], ["out"]),
-        ("run model/doc.yaml", ["model"], ["model/doc.yaml"], ["."]),
-        ("run model/doc.yaml -o out", ["model"], ["model/doc.yaml"], ["out"]),
-        ("run model/doc.yaml ctrl_from=tables/ctrl.csv", ["model"], ["model/doc.yaml", "tables/ctrl.csv"], ["."]),
-        ("check model", ["model"], [], []),
-        ("check model --fix", ["model"], [], ["model"]),
-        ("check model/m.xml --fix", ["model"], ["model/m.xml"], ["model"]),
-        ("sweep model", ["model"], [], [".", "model"]),
-        ("diff tables/ctrl.csv tables/ctrl.csv", [], ["tables/ctrl.csv"], []),
-        ("diff model/m.xml model/m.xml", ["model"], ["model/m.xml"], []),
-        ("diff --golden tables/ctrl.csv model/m.xml", ["model"], ["model/m.xml", "tables/ctrl.csv"], []),
-        ("plot tables/ctrl.csv -o out/p.png", [], ["tables/ctrl.csv"], ["out"]),
-        ("plot - -o p.png --html out/p.html --include model/m.xml", [], ["model/m.xml"], [".", "out"]),
-        ("plot tables -o out/p.png", [], ["tables"], ["out"]),
-        ("plot model/m.xml -o out/p.png", ["model"], ["model/m.xml"], ["out"]),
-        ("bench model/m.xml --summary out/s.md", ["model"], ["model/m.xml"], ["out"]),
-        ("bench model/m.xml --summary", ["model"], ["model/m.xml"], ["tables/ci.md"]),
-    ],
-)
+@cases("line, roots, files, written")
 def test_what_a_line_names_is_what_its_process_may_touch(
     line: str, roots: list[str], files: list[str], written: list[str]
 ) -> None:

@@ -14,6 +14,7 @@ from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema_validation import InvalidValueError, MisfitError
+from tests.cases import cases
 from tests.document.schema_oracle import fits, rules
 
 schema_of = cache(json_schema)
@@ -98,23 +99,7 @@ def test_a_document_with_a_preamble_may_have_vars_and_defaults() -> None:
 HEAD = "model: m.xml\nvideos:\n- output: a.mp4\n  "
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "{model: m.xml, recordings: [a.npz]}",
-        "{model: m.xml, traces: [{output: a.csv, probe: qpos, assert: [a < 1]}], qpos: {a: 1, b: [1, 2]}}",
-        "{model: m.xml, plots: [{output: a.png, probe: [qpos]}], set: {a: 1, b: [0, 1], c: text, d: true}}",
-        "{model: m.xml, images: [{output: a.png, time: 1}, {output: b.png, time: {when: a}}, {output: c, time: 1/3}]}",
-        "{defaults: common.yaml, duration: 1/3, key: 0}",
-        "{vars: {x: 1, y: no}, defaults: common.yaml, steps: '${x}'}",
-        HEAD + "size: 64x48\n  fps: 30000/1001\n  speed: 0.5\n  jobs: 2",
-        HEAD + "size: [64, 48]\n  fps: 60\n  jobs: auto\n  view: [rgb, depth]\n  show: [joint]\n  hide: fog",
-        HEAD + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  geomgroup: [0]\n  sitegroup: all",
-        HEAD
-        + "size: '${x}'\n  fps: '${x}'\n  crf: '${x}'\n  captions: '${x}'\n  view: '${x}'\n  depth_range: ['${x}', 2]",
-        HEAD + "camera: {shots: [{orbit: {azimuth: '${x}'}, speed: '${x}'}]}\n  geomgroup: ['${x}']",
-    ],
-)
+@cases("text")
 def test_run_documents_fit_the_schema(text: str) -> None:
     assert is_valid(yaml.safe_load(text), "run")
 

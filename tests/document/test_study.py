@@ -43,27 +43,7 @@ def study(**options: Any) -> Study:
 # --- what is said -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", {}),
-        ("output: out/a", {"output": "out/a"}),
-        ("set: {opt.cone: elliptic}\nseed: 4", {"set": {"opt.cone": "elliptic"}, "seed": 4}),
-        ("vary: {seed: 1..8:8}", {"vary": {"seed": "1..8:8"}}),
-        ("vary: {qpos/ball/z: [0.2, 0.4]}", {"vary": {"qpos/ball/z": "0.2,0.4"}}),
-        ("vary: {opt.gravity: [[0, 0, -9.81], [0, 0, -1.6]]}", {"vary": {"opt.gravity": "0,0,-9.81;0,0,-1.6"}}),
-        (
-            "vary: {opt.timestep: {from: 1e-3, to: 1e-1, count: 3, log: true}}",
-            {"vary": {"opt.timestep": "log:0.001..0.1:3"}},
-        ),
-        ("vary: {perturb: {uniform: [0, 1]}}\nsamples: 8", {"vary": {"perturb": "uniform(0, 1)"}, "samples": 8}),
-        ("design: zip\nsampler: lhs\nrepeats: 3", {"design": "zip", "sampler": "lhs", "repeats": 3}),
-        ("where: mass < 3\nrequire: [share(ok) > 0.9]", {"where": ["mass < 3"], "require": ["share(ok) > 0.9"]}),
-        ("metrics: {low: min(qpos/ball/z)}\nevery: 5", {"metric": {"low": "min(qpos/ball/z)"}, "every": 5}),
-        ("time_limit: 2.5", {"time_limit": "2.5"}),
-        ("vars: {n: 3}\nrepeats: ${n}\nvary: {seed: '1..${n}:3'}", {"repeats": 3, "vary": {"seed": "1..3:3"}}),
-    ],
-)
+@cases("text, said")
 def test_the_study_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
     assert read(text) == study(**said)
 

@@ -287,20 +287,7 @@ def test_task_documents_are_read_and_fit_the_schema(text: str) -> None:
     assert fits(yaml.safe_load(text), json_schema("task"), json_schema("task"))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        HEAD,
-        HEAD + OBSERVES,
-        WHOLE + "derived: late",
-        WHOLE + "rewards: {a: }",
-        WHOLE + "rewards: {a: {weight: 1}}",
-        WHOLE + "terminations: {a: x > 1}",
-        WHOLE + "reset: {noise: 1}",
-        HEAD + ACTS + "observations: []",
-        HEAD + ACTS + "observations: [{name: a, probe: b, clip: [1]}]",
-    ],
-)
+@cases("text")
 def test_what_is_no_task_document_does_not_fit_the_schema(text: str) -> None:
     with pytest.raises(DocumentError):
         read(text)

@@ -14,6 +14,7 @@ from mjrun.experiment.samplers import SAMPLERS, SAMPLES
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
 from mjrun.physics.random_distribution import Distribution
+from tests.cases import cases
 from tests.study.models import BALL
 
 MODEL = mujoco.MjModel.from_xml_string(BALL)
@@ -128,20 +129,7 @@ def test_conditions_leave_points_out() -> None:
     assert list(made.points) == [("1", "1"), ("2", "0"), ("2", "1"), ("5", "0")]
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"vary": [("a.x", "1"), ("a.x", "2")]}, "a.x is given twice"),
-        ({"vary": {"seed": "1,2"}, "repeats": 2}, "seed varies twice"),
-        ({"vary": {"a.x": "1,,2"}}, "vary a.x"),
-        ({"vary": {"each:geom/leg*.size": "1"}}, "no geom 'leg\\*'"),
-        ({"vary": {"each:nothing/leg*.size": "1"}}, "nothing"),
-        ({"vary": {"a.x": "1,2"}, "where": ["x > 5"]}, "where: none of the 2 points satisfies it"),
-        ({"vary": {"a.x": "1,2"}, "where": ["z > 5"]}, "no column 'z'"),
-        ({"vary": {"a.x": "p,q"}, "where": ["x > 5"]}, "not numbers"),
-        ({"vary": {f"a.{k}": "1..100:100" for k in "abcdef"}}, "1,000,000,000,000 points"),
-    ],
-)
+@cases("options, expected")
 def test_points_that_cannot_be_are_refused(options: Any, expected: str) -> None:
     with pytest.raises(UsageError, match=expected):
         points(**options)

@@ -21,21 +21,7 @@ def refusal(path: Path) -> ModelError:
     return caught.value
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "words"),
-    [
-        ('<mujoco>\n<worldbody>\n<geom siz="1"/>\n</worldbody></mujoco>', 3, "unrecognized attribute: 'siz'"),
-        ('<mujoco>\n\n\n<worldbody><geom rgba="x" size="1"/></worldbody></mujoco>', 4, "'rgba'"),
-        ('<mujoco>\n<worldbody>\n<geom name="x" size="0"/>\n</worldbody></mujoco>', 3, "size 0 must be positive"),
-        ('<mujoco>\n<worldbody>\n\n<geom type="mesh" mesh="no"/>\n</worldbody></mujoco>', 4, "mesh 'no' not found"),
-        ('<mujoco>\n<actuator>\n<motor joint="a"/>\n</actuator></mujoco>', 3, "unknown transmission target 'a'"),
-        ("<mujoco>\n<worldbody></mujoco>", 2, "XML_ERROR_MISMATCHED_ELEMENT"),
-        ('<mujoco>\n<worldbody>\n<body name="line 77"><freejoint/></body>\n</worldbody></mujoco>', 3, "mass"),
-        ("hello", 1, "XML parse error"),
-        ("", None, "empty file"),
-        ('<mujoco><asset><mesh file="no.obj"/></asset></mujoco>', None, "no.obj"),
-    ],
-)
+@cases("text, line, words")
 def test_a_broken_model_is_refused_with_the_line_and_mujocos_reason(
     tmp_path: Path, text: str, line: int | None, words: str
 ) -> None:

@@ -45,93 +45,7 @@ def refusal(path: str, value: str) -> UsageError:
     return caught.value
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "old", "new"),
-    [
-        # numbers, vectors, enums and flags of the options
-        ("opt.timestep", "0.01", "<option", '<option timestep="0.01"'),
-        ("opt.iterations", "7", "<option", '<option iterations="7"'),
-        ("opt.gravity", "0,0,3", "<option", '<option gravity="0 0 3"'),
-        ("opt.gravity", "1e-3 0 .5", "<option", '<option gravity="1e-3 0 .5"'),
-        ("opt.wind", "1,2,3", "<option", '<option wind="1 2 3"'),
-        ("opt.cone", "elliptic", "<option", '<option cone="elliptic"'),
-        ("opt.cone", "mjCONE_ELLIPTIC", "<option", '<option cone="elliptic"'),
-        ("opt.integrator", "RK4", "<option", '<option integrator="RK4"'),
-        ("opt.jacobian", "sparse", "<option", '<option jacobian="sparse"'),
-        ("opt.solver", "cg", "<option", '<option solver="CG"'),
-        ("opt.o_solref", ".1,1", "<option", '<option o_solref=".1 1"'),
-        ("opt.flag.gravity", "disable", "<option/>", '<option><flag gravity="disable"/></option>'),
-        ("opt.flag.gravity", "false", "<option/>", '<option><flag gravity="disable"/></option>'),
-        ("opt.flag.gravity", "enable", "<option", "<option"),
-        ("opt.flag.contact", "0", "<option/>", '<option><flag contact="disable"/></option>'),
-        ("opt.flag.energy", "enable", "<option/>", '<option><flag energy="enable"/></option>'),
-        ("opt.flag.energy", "true", "<option/>", '<option><flag energy="enable"/></option>'),
-        ("opt.flag.energy", "disable", "<option", "<option"),
-        # the other roots
-        ("vis.quality.shadowsize", "1024", "<quality", '<quality shadowsize="1024"'),
-        ("vis.global.offwidth", "1920", "<global", '<global offwidth="1920"'),
-        ("vis.global.fovy", "30", "<global", '<global fovy="30"'),
-        ("vis.global.orthographic", "true", "<global", '<global orthographic="true"'),
-        ("vis.rgba.haze", "1,0,0,1", "<rgba", '<rgba haze="1 0 0 1"'),
-        ("vis.headlight.ambient", "1,1,1", "<quality", '<headlight ambient="1 1 1"/><quality'),
-        ("vis.headlight.active", "0", "<quality", '<headlight active="0"/><quality'),
-        ("stat.extent", "4", "<statistic", '<statistic extent="4"'),
-        ("stat.center", "1,2,3", "<statistic", '<statistic center="1 2 3"'),
-        ("size.memory", "100k", "<option/>", '<size memory="100K"/><option/>'),
-        ("size.memory", "12345", "<option/>", '<size memory="12345"/><option/>'),
-        ("compiler.degree", "true", 'angle="radian"', 'angle="degree"'),
-        ("compiler.fusestatic", "true", '<compiler angle="radian"', '<compiler angle="radian" fusestatic="true"'),
-        ("compiler.boundmass", "5", '<compiler angle="radian"', '<compiler angle="radian" boundmass="5"'),
-        (
-            "compiler.inertiafromgeom",
-            "true",
-            '<compiler angle="radian"',
-            '<compiler angle="radian" inertiafromgeom="true"',
-        ),
-        # elements by name, by index, by wildcard
-        ("geom/floor.friction", ".5,.1,.2", '"floor"', '"floor" friction=".5 .1 .2"'),
-        ("geom/floor.friction", ".5", '"floor"', '"floor" friction=".5"'),
-        ("geom/floor.solref", ".1", '"floor"', '"floor" solref=".1"'),
-        ("geom/floor.rgba", "1,0,0,1", '"floor"', '"floor" rgba="1 0 0 1"'),
-        ("geom/floor.material", "mat", '"floor"', '"floor" material="mat"'),
-        ("geom/shin.l.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
-        ("geom/shin*.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
-        ("geom/shin.?.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
-        ("geom/[st]hin.l.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
-        ("geom/1.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
-        ("geom/geom:1.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
-        ("geom/geom:2.size", ".2", '<geom size=".1"', '<geom size=".2"'),
-        ("geom/floor.type", "box", 'type="plane"', 'type="box"'),
-        ("geom/shin.l.mass", "3", '"shin.l"', '"shin.l" mass="3"'),
-        ("joint/knee.damping", "3", '"knee" range', '"knee" damping="3" range'),
-        ("joint/knee.range", "-2,2", 'range="-1 1"', 'range="-2 2"'),
-        ("joint/knee.limited", "false", '"knee" range', '"knee" limited="false" range'),
-        ("joint/knee.type", "slide", '"knee" range', '"knee" type="slide" range'),
-        ("joint/joint:1.armature", "1", "<joint/>", '<joint armature="1"/>'),
-        ("body/arm.pos", "0,0,2", '"arm"', '"arm" pos="0 0 2"'),
-        ("body/arm.gravcomp", "1", '"arm"', '"arm" gravcomp="1"'),
-        ("body/leg.mass", "9", 'mass="1"', 'mass="9"'),
-        ("site/tip.size", ".3", '"tip"', '"tip" size=".3"'),
-        ("camera/cam.fovy", "20", '"cam"', '"cam" fovy="20"'),
-        ("camera/cam.mode", "track", '"cam"', '"cam" mode="track"'),
-        ("light/lamp.castshadow", "false", '"lamp"', '"lamp" castshadow="false"'),
-        ("light/lamp.type", "directional", '"lamp"', '"lamp" type="directional"'),
-        ("material/mat.reflectance", ".5", '"mat" texture', '"mat" reflectance=".5" texture'),
-        ("texture/tex.rgb1", "1,0,0", 'width="4"', 'rgb1="1 0 0" width="4"'),
-        ("tendon/rope.stiffness", "5", '"rope"', '"rope" stiffness="5"'),
-        ("actuator/motor.gear", "5", '"motor"', '"motor" gear="5"'),
-        ("actuator/motor.ctrlrange", "-1,1", '"motor"', '"motor" ctrlrange="-1 1"'),
-        ("sensor/angle.noise", ".1", '"angle" joint', '"angle" noise=".1" joint'),
-        ("numeric/table.data", "3,4", 'data="1 2"', 'data="3 4"'),
-        ("text/note.data", "ho, ho", 'data="hi"', 'data="ho, ho"'),
-        ("key/home.qpos", "1,2", '"home"', '"home" qpos="1 2"'),
-        ("key/home.time", "1", '"home"', '"home" time="1"'),
-        ("site/tip.size", "300mm", '"tip"', '"tip" size=".3"'),
-        ("body/arm.pos", "1cm,20cm,2", '"arm"', '"arm" pos=".01 .2 2"'),
-        ("body/leg.mass", "900g", 'mass="1"', 'mass="0.9"'),
-        ("opt.timestep", "4ms", "<option/>", '<option timestep="0.004"/>'),
-    ],
-)
+@cases("path, value, old, new")
 def test_an_override_is_the_attribute_written_into_the_source(path: str, value: str, old: str, new: str) -> None:
     assert content(overridden((path, value))) == content(written(old, new))
 
@@ -297,22 +211,7 @@ def test_the_source_file_itself_is_not_changed(tmp_path: Path) -> None:
 # --- one number of a field, and values relative to those in the source ------------------------------
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "same_path", "same_value"),
-    [
-        ("geom/floor.friction[0]", "0.3", "geom/floor.friction", "0.3"),
-        ("opt.gravity[2]", "-1.62", "opt.gravity", "0,0,-1.62"),
-        ("scale:opt.timestep", "0.5", "opt.timestep", "0.001"),
-        ("add:opt.gravity", "1,2,0.81", "opt.gravity", "1,2,-9"),
-        ("add:opt.gravity[2]", "0.81", "opt.gravity", "0,0,-9"),
-        ("add:joint/knee.damping", "0.5", "joint/knee.damping", "0.5"),  # of the speed, not also of its powers
-        ("add:geom/floor.friction", "0.5", "geom/floor.friction", "1.5"),  # not also of torsion and rolling
-        ("add:geom/floor.friction", "0.5,-0.005", "geom/floor.friction", "1.5,0"),
-        ("scale:geom/floor.friction", "2", "geom/floor.friction", "2,0.01,0.0002"),
-        ("scale:opt.gravity", "2", "opt.gravity", "0,0,-19.62"),
-        ("scale:opt.iterations", "0.5", "opt.iterations", "50"),
-    ],
-)
+@cases("path, value, same_path, same_value")
 def test_a_relative_value_or_a_single_number_is_the_whole_value_spelled_out(
     path: str, value: str, same_path: str, same_value: str
 ) -> None:
@@ -332,33 +231,6 @@ def test_a_unit_that_does_not_fit_is_refused(path: str, value: str, reason: str)
     assert f"{value} has a unit, and {reason}" in str(refusal(path, value))
 
 
-INCOMPLETE = ("", ".", "/", "opt", "opt.", "opt.flag", "vis.quality", "geom/", "geom/floor", "geom/floor.", "geom/*")
-DECIDED = "has no effect: the inertia of this body comes from its geoms"
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
-        *((path, "1", "") for path in (*INCOMPLETE, "geom/9.size")),
-        *((f"{p}.x", "1", f"{p} is a value and has no") for p in ("opt.timestep", "opt.gravity", "geom/floor.size")),
-        *((path, "1", "no setting '") for path in ("opt.disableflags", "opt.enableflags", "body/arm.id")),
-        ("geom/floor.name", "1", "no setting 'name'"),
-        *((f"body/{name}", "1", DECIDED) for name in ("arm.mass", "arm.inertia", "1.mass", "*.mass")),
-        *(("opt.flag.autoreset", value, "autoreset cannot be set") for value in ("enable", "disable")),
-        ("opt.cone", "eliptic", "(did you mean 'elliptic'"),
-        ("joint/knee.type", "slid", "(did you mean 'slide'"),
-        ("opt.solver", "newtn", "(did you mean 'newton'"),
-        ("opt.gravity[3]", "1", "gravity[0] to gravity[2]"),
-        ("opt.timestep[0]", "1", "timestep is a single value"),
-        ("scale:opt.integrator", "2", "integrator is not a number"),
-        ("scale:opt.flag.contact", "2", "a flag is not a number"),
-        ("scale:opt.gravity", "1,2", "one number"),
-        ("add:opt.gravity", "1", "3 numbers separated by commas"),
-        ("add:geom/floor.friction", "1,2,3,4", "at most 3 numbers separated by commas"),
-        ("opt.gravity[0]", "1,2", "one number"),
-        ("scale:opt.iterations", "0.333", "whole number"),
-        ("scale:geom/floor.mass", "2", "mass has no value in the source"),
-    ],
-)
+@cases("path, value, message")
 def test_an_override_that_makes_no_sense_is_refused_with_the_reason(path: str, value: str, message: str) -> None:
     assert message in str(refusal(path, value))

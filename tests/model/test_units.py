@@ -18,6 +18,7 @@ from mjrun.model.units import (
     tendon_unit,
 )
 from mjrun.probe.fields import extents
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="world"/>
 <body name="b"><joint name="hinge"/><joint name="slide" type="slide"/><geom size="1"/><site name="s"/></body>
@@ -72,24 +73,7 @@ FIELD_UNITS_MODEL = mujoco.MjModel.from_xml_string(
 )
 
 
-@pytest.mark.parametrize(
-    ("field", "units"),
-    [
-        ("qpos0", ["m"] * 3 + [""] * 4 + ["m", "rad"]),
-        ("dof_damping", ["N·s/m"] * 3 + ["N·m·s/rad"] * 3 + ["N·s/m", "N·m·s/rad"]),
-        ("dof_armature", ["kg"] * 3 + ["kg·m²"] * 3 + ["kg", "kg·m²"]),
-        ("dof_frictionloss", ["N"] * 3 + ["N·m"] * 3 + ["N", "N·m"]),
-        ("jnt_range", ["", "m", "rad"]),
-        ("jnt_stiffness", ["", "N/m", "N·m/rad"]),
-        ("tendon_stiffness", ["N·m/rad"]),
-        ("actuator_forcerange", ["N", "N·m"]),
-        ("actuator_lengthrange", ["m", "rad"]),
-        ("sensor_noise", ["rad/s"]),
-        ("cam_fovy", ["m", "deg"]),
-        ("body_mass", ["kg"] * 4),
-        ("geom_rgba", [""] * 3),
-    ],
-)
+@cases("field, units")
 def test_units_are_those_of_the_object(field: str, units: list[str]) -> None:
     assert [field_unit(FIELD_UNITS_MODEL, field, i) for i in range(len(getattr(FIELD_UNITS_MODEL, field)))] == units
 

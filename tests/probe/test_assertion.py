@@ -12,6 +12,7 @@ from mjrun.errors import clean
 from mjrun.probe import assertion
 from mjrun.probe.aggregate import CHUNK
 from mjrun.probe.assertion import Verdict, parse
+from tests.cases import cases
 from tests.probe.expression_oracle import COLUMNS, INF, NAN, judged
 
 # --- what an assertion says ------------------------------------------------------------------------
@@ -19,67 +20,8 @@ from tests.probe.expression_oracle import COLUMNS, INF, NAN, judged
 TIMED = ["time", "x", "y"]
 ROWS = [[0, 1, 4], [0.5, 3, -2], [1, 3, 0], [1.5, -2, 4]]
 
-VERDICTS = [
-    ("max(x) < 3.5", True, "it is 3, at row 1, time 0.5"),
-    ("max(x) < 3", False, "it is 3, at row 1, time 0.5"),
-    ("min(x) > -2", False, "it is -2, at row 3, time 1.5"),
-    ("min(y) == -2", True, "it is -2, at row 1, time 0.5"),
-    ("first(x) == 1", True, "it is 1, at row 0, time 0"),
-    ("last(time) == 1.5", True, "it is 1.5, at row 3, time 1.5"),
-    ("last(time) == 1.5000000000000002", False, "it is 1.5, at row 3, time 1.5"),
-    ("count(x) == 4", True, "it is 4"),
-    ("sum(x) != 5", False, "it is 5"),
-    ("mean(x) == 1.25", True, "it is 1.25"),
-    ("rms(y) == 3", True, "it is 3"),
-    ("std(time)^2 < 0.3126", True, "it is 0.31250000000000006 (std(time) is 0.5590169943749475)"),
-    ("abs(x) < 4", True, "it holds on all 4 rows"),
-    ("abs(x) <= 2", False, "it is 3, at row 1, time 0.5, the first of 2 such rows"),
-    ("x > -2", False, "it is -2, at row 3, time 1.5"),
-    ("2 > x", False, "it is 3, at row 1, time 0.5, the first of 2 such rows"),
-    ("not x < 1", False, "it is -2, at row 3, time 1.5"),
-    ("x < 3 or y < 1", True, "it holds on all 4 rows: on 2 by x < 3 alone, on 2 by y < 1 alone"),
-    ("time < 2 or y > 9", True, "it holds on all 4 rows: on 4 by time < 2 alone, on none by y > 9 alone"),
-    ("sum(x, time > 9) < 1", True, "it is 0, of 0 of 4 rows"),
-    ("max(x, time > 0.2) == 3", True, "it is 3, at row 1, time 0.5, of 3 of 4 rows"),
-    ("x < 3 or y < 0", False, "x is 3, y is 0, at row 2, time 1"),
-    ("x < 9 and y < 9", True, "x < 9 holds on all 4 rows; y < 9 holds on all 4 rows"),
-    ("x < 9 and y < 4", False, "y is 4, at row 0, time 0, the first of 2 such rows"),
-    ("not (x > 9 or y > 9)", True, "x > 9 holds on all 4 rows; y > 9 holds on all 4 rows"),
-    ("x < 0 or max(y) == 4", True, "max(y) is 4, at row 0, time 0"),
-    (
-        "x < 0 or max(y) < 4",
-        False,
-        "x is 1, at row 0, time 0, the first of 3 such rows; max(y) is 4, at row 0, time 0",
-    ),
-    ("-2 <= x <= 3", True, "-2 <= x holds on all 4 rows; x <= 3 holds on all 4 rows"),
-    ("0 < max(x) < 1", False, "it is 3, at row 1, time 0.5"),
-    (
-        "max(x) - min(x) < 5",
-        False,
-        "it is 5 (max(x) is 3, at row 1, time 0.5; min(x) is -2, at row 3, time 1.5)",
-    ),
-    ("max(x) > max(y)", False, "max(x) is 3, at row 1, time 0.5; max(y) is 4, at row 0, time 0"),
-    ("abs(x - first(x)) < 3", False, "it is 3, at row 3, time 1.5"),
-    ("x <= first(x)", False, "x is 3, first(x) is 1, at row 1, time 0.5, the first of 2 such rows"),
-    ("max(abs(y - first(y))) == 6", True, "it is 6, at row 1, time 0.5"),
-    ("min(x, y, 0) >= -2", True, "it holds on all 4 rows"),
-    ("max(max(x), max(y), 5) == 5", True, "it is 5 (max(x) is 3, at row 1, time 0.5; max(y) is 4, at row 0, time 0)"),
-    ("log(x) < 9", False, "it is nan (no comparison with nan holds), at row 3, time 1.5"),
-    ("not log(x) < 9", False, "it is 0, at row 0, time 0, the first of 4 such rows"),
-    ("max(sqrt(x)) < 9", False, "it is nan (no comparison with nan holds), at row 3, time 1.5"),
-    ("mean(sqrt(x)) != 9", False, "it is nan (no comparison with nan holds), at row 3, time 1.5"),
-    ("x / y < inf", False, "it is inf, at row 2, time 1"),
-    ("sum(x / y) == inf", True, "it is inf, at row 2, time 1"),
-    ("exp(0*x) == 1 and cos(0*x) == 1 and sin(0*x) == tan(0*x)", True, None),
-    ("-2^2 == 0*x - 4 and 2^-1 == 0*x + .5 and 2^3^2 == 0*x + 512 and 2**3 == 0*x + 8", True, None),
-    ("x^2 == x*x and -x^2 == -(x*x) and x - 1 - 1 == x - 2 and 8/2/2 == 0*x + 2", True, None),
-    ("+x == - -x and 2*-x == -2*x and 1e0 + 1. + .5 == 2.5 + 0*x", True, None),
-    ("abs(sin(pi + 0*x)) < 1e-15", True, "it holds on all 4 rows"),
-    ("\t( (x) )\n<9", True, "it holds on all 4 rows"),
-]
 
-
-@pytest.mark.parametrize(("text", "passed", "told"), VERDICTS)
+@cases("text, passed, told")
 def test_a_verdict_says_whether_with_which_values_and_where(text: str, passed: bool, told: str | None) -> None:
     verdict = judged(text, TIMED, ROWS)
     assert (verdict.text, verdict.passed) == (text, passed)

@@ -20,93 +20,11 @@ from mjrun.probe.expression import (
 )
 from mjrun.probe.parser import DEEPEST, LONGEST, NodeBuilder, Parser
 from mjrun.probe.scanner import SourceText, Token, Vocabulary
+from tests.cases import cases
 from tests.probe.expression_oracle import judged
 
-OPERAND = "a number, a column, a function"
-ONE_NUMBER = "one number: norm(…), sum(…), min(…) or max(…) of it"
-COMPARISONS = "a comparison (< <= > >= == !=)"
-LATE = "an aggregate next to values per row, and it is known after the last row only"
-EARLY = "aggregates only, values per row only, or first(…) among them"
 
-WRONG = [
-    ("", 1, "the end", f"{OPERAND}, '(' or 'not'"),
-    ("  ", 3, "the end", f"{OPERAND}, '(' or 'not'"),
-    ("max(x)", 1, "a number", COMPARISONS),
-    ("x", 1, "a number", COMPARISONS),
-    ("max(x", 6, "the end", "+ - * / ^, ',' or ')'"),
-    ("(x < 1", 7, "the end", "an operator or ')'"),
-    ("max(x)) < 1", 7, "')'", "an operator or the end"),
-    (") x < 1", 1, "')'", f"{OPERAND}, '(' or 'not'"),
-    ("x < 1 y", 7, "'y'", "an operator or the end"),
-    ("x < 1 2", 7, "'2'", "an operator or the end"),
-    ("3x < 1", 2, "'x'", "an operator or the end"),
-    ("x between 1 and 2", 3, "'between'", "an operator or the end"),
-    ("< 3", 1, "'<'", f"{OPERAND}, '(' or 'not'"),
-    ("x <", 4, "the end", f"{OPERAND} or '('"),
-    ("x < < 3", 5, "'<'", f"{OPERAND} or '('"),
-    ("x + * 2 < 1", 5, "'*'", f"{OPERAND} or '('"),
-    ("x = 1", 3, "'=' (did you mean ==?)", "an operator or the end"),
-    ("x < 1 && y < 1", 7, "'&' (did you mean and?)", "an operator or the end"),
-    ("x < 1 || y < 1", 7, "'|' (did you mean or?)", "an operator or the end"),
-    ("!x < 1", 1, "'!' (did you mean not?)", f"{OPERAND}, '(' or 'not'"),
-    ("x ≤ 1", 3, "'≤' (did you mean <=?)", "an operator or the end"),
-    ("x % 2 < 1", 3, "'%'", "an operator or the end"),
-    ("x.real < 1", 1, None, None),
-    ("x < 1; y < 1", 6, "';'", "an operator or the end"),
-    ("'x < 1", 1, "a quote that is not closed", "another '"),
-    ("`x < 1", 1, "a quote that is not closed", "another `"),
-    ('"x < 1', 1, "a quote that is not closed", 'another "'),
-    ("'?' < 1", 1, "a vector of 2 numbers", ONE_NUMBER),
-    ("max(mean('?')) < 1", 10, "a vector of 2 numbers", ONE_NUMBER),
-    ("max('?' + 1, x < 1) < 1", 5, "a vector of 2 numbers", ONE_NUMBER),
-    ("sum('?' * '*') < 1", 11, "a vector of 4 numbers next to one of 2", "vectors of the same length"),
-    ("where(x, 1, 2) < 1", 7, "a number", COMPARISONS),
-    ("where(x < 1, y) < 1", 1, "where of 2 values", "where(condition, x, y)"),
-    ("where(x < 1, max(x), y) < 1", 14, LATE, EARLY),
-    ("clip(x, 0) < 1", 1, "clip of 2 values", "clip(x, low, high)"),
-    ("tanh(x, y) < 1", 1, "tanh of 2 values", "tanh of one"),
-    ("isfinite(3)", 10, "a number only", "a column in it"),
-    ("isfinite(x) + 1 < 1", 1, "a comparison", "a number"),
-    ("previous(x) < 1", 1, "previous, which only tasks have", "values of one instant"),
-    ("max(rate(x)) < 1", 5, "rate, which only tasks have", "values of one instant"),
-    ("x < 1e999", 5, "a number too large for floating point (1e999)", "less, or inf"),
-    ("max < 1", 5, "'<'", "'(' after max"),
-    ("max() < 1", 5, "')'", f"{OPERAND}, '(' or 'not'"),
-    ("max(x,) < 1", 7, "')'", f"{OPERAND}, '(' or 'not'"),
-    ("abs() < 1", 5, "')'", f"{OPERAND} or '('"),
-    ("abs(x < 1) < 2", 7, "'<'", "+ - * / ^, ',' or ')'"),
-    ("max(x < 1) < 2", 5, "a comparison", "a number"),
-    ("abs(x, y) < 1", 1, "abs of 2 values", "abs of one"),
-    ("mean(x, y, 1) < 1", 9, "a number", COMPARISONS),
-    ("max(mean(x)) < 1", 5, "an aggregate within max", "values per row in it"),
-    ("max(first(x)) < 1", 5, "an aggregate within max", "values per row in it"),
-    ("mean(x + 0*y - first(y)) < max(3)", 32, "max of what is the same on all rows", "a column in it"),
-    ("max(x - mean(x)) < 1", 9, LATE, EARLY),
-    ("x < max(x)", 5, LATE, EARLY),
-    ("1 < 2", 1, "a comparison of numbers only", "a column on one side"),
-    ("0 < 1 < x", 1, "a comparison of numbers only", "a column on one side"),
-    ("(x < 1) + 1 < 2", 2, "a comparison", "a number"),
-    ("x < (y < 1)", 6, "a comparison", "a number"),
-    ("(x < 1) == (y < 1)", 2, "a comparison", "a number"),
-    ("abs((x < 1)) < 1", 6, "a comparison", "a number"),
-    ("-(x < 1)", 3, "a comparison", "a number"),
-    ("x and y < 1", 1, "a number", COMPARISONS),
-    ("x < 1 or y", 10, "a number", COMPARISONS),
-    ("not x", 5, "a number", COMPARISONS),
-    ("2 ^ not x < 1", 5, "'not'", f"{OPERAND} or '('"),
-    ("and x < 1", 1, "'and'", f"{OPERAND}, '(' or 'not'"),
-    ("x < 1 or", 9, "the end", f"{OPERAND}, '(' or 'not'"),
-    ("q[0] < 1", 1, "the column q[0] without quotes", "'q[0]'"),
-    (
-        "(x < 1 and max(y) < 1) or x > 2",
-        1,
-        "an 'or' whose sides hold values per row, and an 'and' with aggregates among them",
-        "two assertions, or aggregates only",
-    ),
-]
-
-
-@pytest.mark.parametrize(("text", "place", "found", "expected"), WRONG)
+@cases("text, place, found, expected")
 def test_what_is_no_assertion_is_reported_where_what_was_found_and_what_is_valid(
     text: str, place: int, found: str | None, expected: str | None
 ) -> None:

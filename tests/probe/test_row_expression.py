@@ -341,26 +341,7 @@ def test_what_is_no_condition_is_reported_where_what_was_found_and_what_is_valid
     assert str(caught.value) == f"{label}, character {place}: found {found}, expected {expected}{pointer}"
 
 
-OBJECTS = "world, box, ball, pole, left (up)"
-TOUCHING = f"objects: {OBJECTS}, floor, crate, rod, q[0]"
-NAMELESS = [
-    ("spead(box) > 1", "no function or probe 'spead'", 1, "speed", "functions and probes: abs, sqrt, exp, log"),
-    ("speed(bax) > 1", "no object 'bax'", 7, "box", f"objects: {OBJECTS}, floor, crate, geom:ball"),
-    ("2 < qvel( 'hinges' )", "no object 'hinges'", 11, "hinge", "objects: box, ball, hinge, it's"),
-    ("xpos(box).w > 1", "no component 'w'", 11, "", "components: x, y, z"),
-    ("qpos(box).x.y > 1", "no component 'x.y'", 11, "", "components: x, y, z, qw, qx, qy, qz"),
-    ("contact(ball, flor)", "no object 'flor'", 15, "floor", TOUCHING),
-    ("contact(bal, floor)", "no object 'bal'", 9, "ball", TOUCHING),
-    ("contact(ball, geom:box)", "no object 'box'", 15, "", "objects: floor, crate, ball, rod, q[0]"),
-    ("contact/ball/flor", "no object 'flor'", 1, "floor", TOUCHING),
-    ("'contact/ball/flor'", "no object 'flor'", 1, "floor", TOUCHING),
-    ("1 < qpos/hing", "no column 'qpos/hing'", 5, "qpos/hinge", "columns: time, qpos/box/x"),
-    ("'speed' > 1", "no column 'speed'", 1, "", "columns: time, qpos/box/x"),
-    ("speed > 1", "no column 'speed'", 1, "", "columns: time, qpos/box/x"),
-]
-
-
-@pytest.mark.parametrize(("text", "nothing", "place", "near", "valid"), NAMELESS)
+@cases("text, nothing, place, near, valid")
 def test_an_unknown_name_is_reported_with_near_and_valid_ones(
     text: str, nothing: str, place: int, near: str, valid: str
 ) -> None:

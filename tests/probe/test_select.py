@@ -26,33 +26,7 @@ def found(*asked: str) -> list[str]:
     return [column.name for probe in select(MODEL, asked) for column in probe.columns]
 
 
-@pytest.mark.parametrize(
-    ("asked", "columns"),
-    [
-        (["qpos"], ["qpos/left_hip", "qpos/left_knee", "qpos/right_hip"]),
-        (["qpos[left_*]"], ["qpos/left_hip", "qpos/left_knee"]),
-        (["qpos[left_hip,right_hip]"], ["qpos/left_hip", "qpos/right_hip"]),
-        (["sensor[imu]"], ["sensor/imu"]),
-        (["xpos[left]"], ["xpos/left/x", "xpos/left/y", "xpos/left/z"]),
-        (["xpos[left/z]"], ["xpos/left/z"]),
-        (["xpos/left/z"], ["xpos/left/z"]),
-        (["xpos/left"], ["xpos/left/x", "xpos/left/y", "xpos/left/z"]),
-        (["xpos[skin]"], ["geom_xpos/skin/x", "geom_xpos/skin/y", "geom_xpos/skin/z"]),
-        (["xpos[tip]"], ["site_xpos/tip/x", "site_xpos/tip/y", "site_xpos/tip/z"]),
-        (["geom_xpos[skin]"], ["geom_xpos/skin/x", "geom_xpos/skin/y", "geom_xpos/skin/z"]),
-        (["speed[left]"], ["speed/left"]),
-        (["speed[skin]"], ["speed/skin"]),
-        (["energy/drift"], ["energy/drift"]),
-        (["energy[total]"], ["energy/total"]),
-        (["contact/left/right"], ["contact/left/right"]),
-        (["contact", "contact/geom:skin/body:right"], ["contact/ncon", "contact/geom:skin/body:right"]),
-        (["contact/geom:1/skin"], ["contact/geom:1/skin"]),
-        (["act"], []),
-        (["time_is_not", "qpos"][1:], ["qpos/left_hip", "qpos/left_knee", "qpos/right_hip"]),
-        (["time"], []),
-        (["qpos/left_hip", "time", "time"], ["qpos/left_hip"]),
-    ],
-)
+@cases("asked, columns")
 def test_what_is_asked_for_is_what_is_measured(asked: list[str], columns: list[str]) -> None:
     assert found(*asked) == columns
 

@@ -10,6 +10,7 @@ from mjrun.check.rules.compile_errors import CompileFailure
 from mjrun.errors import BrokenModelError, option
 from mjrun.model.sources import load
 from mjrun.model.xml_source import XmlSource, read_xml
+from tests.cases import cases
 from tests.check.models import PARENT, attached_arm, keyed, lint, lint_file, mjcf, write
 
 PLAIN = Rule("MJ999", "error", "a title")
@@ -43,23 +44,7 @@ def test_the_users_own_mistakes_are_explained_all_at_once() -> None:
     assert '<option solver="Newton" iterations="100"' in findings[6].remedy
 
 
-@pytest.mark.parametrize(
-    "arm",
-    [
-        attached_arm('type="boxx"'),
-        attached_arm('siez="1"'),
-        attached_arm('class="c"'),
-        attached_arm('material="no"'),
-        attached_arm('mass="-1"'),
-        attached_arm('type="mesh"'),
-        attached_arm('type="mesh" mesh="m"', '<mesh name="m" file="no.obj"/>'),
-        attached_arm(">"),
-        attached_arm('pos="1"'),
-        "",
-        "version https://git-lfs.github.com/spec/v1\n",
-        "<mujocoinclude/>",
-    ],
-)
+@cases("arm")
 def test_a_mistake_in_an_attached_model_is_told_as_of_that_model_itself(arm: str) -> None:
     Path("sub").mkdir(exist_ok=True)
     path = Path("sub/arm.xml")

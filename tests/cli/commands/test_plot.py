@@ -14,6 +14,7 @@ from PIL import Image
 
 from mjrun.cli.commands.schema import schema_of
 from tests import prepared_interpreters
+from tests.cases import cases
 from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:
@@ -119,36 +120,7 @@ def test_formats_of_a_pipe(mjrun_here: Command) -> None:
     assert Image.open(io.BytesIO(png.stdout)).size == (300, 900)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["run.csv"], 2, "Missing option '-o'"),
-        (["run.csv", "-o", "a.png", "--duration", "1"], 2, "--duration applies to models, and 'run.csv' is not one"),
-        (["run.csv", "-o", "a.png", "--xlim", "1..0"], 2, "write two numbers, the smaller first, as in 0.5..4"),
-        (["run.csv", "-o", "a.png", "--ylim", "9:0..1"], 2, "--ylim: panel 9 does not exist"),
-        (["run.csv", "-o", "a.png", "--ylim", "0..1", "--log", "y"], 2, "--ylim: a logarithmic axis starts above 0"),
-        (["run.csv", "-o", "a.png", "--label", "a", "--label", "b"], 2, "--label: 2 names for 1 table"),
-        (["run.csv", "-o", "a.png", "--probe", "energy"], 2, "--probe applies to models"),
-        ([str(PENDULUM), "--html", "a.html"], 2, "--html applies to tables, which `mjrun trace` writes, and"),
-        ([str(PENDULUM), "run.csv"], 2, "a plot shows one model, or tables"),
-        (["run.csv", "-o", "a.png", "--vary", "seed=1,2"], 2, "--vary applies to models"),
-        ([str(PENDULUM), "--vary", "seed=1,2", "--print-document"], 2, "--print-document applies to one simulation"),
-        ([str(PENDULUM), "--samples", "3"], 2, "nothing varies: give --vary NAME=VALUES or --repeats N"),
-        (
-            [str(PENDULUM), "--y", "energy/totl"],
-            2,
-            "no column 'energy/totl' in 'energy/totl', character 1 (did you mean 'energy/total'",
-        ),
-        (["run.csv", "-o", "a.html"], 2, "a.html would be a page, not an image: --html writes pages"),
-        (["run.csv", "-o", "a.png", "--size", "99999x99999"], 2, "at most 65535 a side and 100 megapixels"),
-        (["run.csv", "-o", "a.gif"], 2, "no figure format '.gif'"),
-        (["run.csv", "-o", "a.png", "--y", "none/*"], 2, "no column 'none/*' in --y"),
-        (["run.csv", "-o", "-", "--json"], 2, "both print to standard output"),
-        (["none.csv", "-o", "a.png"], 7, "no such file"),
-        (["text.csv", "-o", "a.png"], 7, "is not a number"),
-        (["run.csv", "-o", "/dev/null/a.png"], 7, "is not a folder"),
-    ],
-)
+@cases("arguments, code, message")
 def test_bad_input_has_its_exit_code_and_leaves_nothing(
     mjrun_here: Command, arguments: list[str], code: int, message: str
 ) -> None:
