@@ -3,9 +3,10 @@
     python scripts/compare_states.py OLD NEW [--filter REGEX] [--small] [--jobs N] [--cache DIR]
 
 Each checkout runs its own commands, with this interpreter. Videos and images are compared by their decoded frames,
-tables and recordings by their values, and everything else by its bytes; manifests, embedded metadata and wall times are
-left out. Prose (messages, and what `info`, `check`, `schema` and the like print) is listed where it differs, but does
-not count. Exits with 1 when an output, an exit code or a command of OLD is different or missing in NEW.
+tables and recordings by their values, and everything else by its bytes; manifests, embedded metadata, wall times and
+parts of studies are left out. Prose (messages, and what `info`, `check`, `schema` and the like print) is listed where
+it differs, but does not count. Exits with 1 when an output, an exit code or a command of OLD is different or missing in
+NEW.
 """
 
 import argparse
@@ -37,8 +38,9 @@ Parts = dict[str, str]  # what a file holds: the name of each part, and its dige
 
 RENAMED = {"films": "videos", "stills": "images"}  # keys of documents, old to new
 VOLATILE = re.compile(r"(\w+_)?wall")  # JSON keys of wall times
-MADE_IN = re.compile(rb"made in [\d.]+ s(, [\d.]+ frames/s)?")  # what the sentence about a result ends with
-SLOW = re.compile(rb" ms per frame|: \d+ of \d+ frames$")  # messages that appear only where drawing takes long
+TOOK = re.compile(rb"( in|;) [\d.]+ s(, [\d.]+ frames/s)?(?=$|, by )")  # in the sentence about a result
+SLOW = re.compile(rb" ms per frame|: \d+ of \d+ (frames|points|episodes)$")  # messages about what takes long
+PARTS = "parts"  # the folder of a study's results as they came, which its tables hold in order
 SHOWN = 6  # differences of one command that are listed
 LINE = 110  # characters shown of a line
 
@@ -242,15 +244,15 @@ def _paired_files(old: Path, new: Path, comparison: Comparison) -> Iterator[tupl
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
+    return sorted(path for path in folder.rglob("*") if path.is_file() and PARTS not in path.relative_to(folder).parts)
 
 
 def _printed(run: Run, command: Command) -> tuple[list[bytes], list[bytes]]:
     """Returns the lines of standard output that are a payload, and all prose, without wall times."""
     lines = (run.folder / "stdout").read_bytes().splitlines()
-    prose = [line for line in lines if command.prose or MADE_IN.search(line)]
+    prose = [line for line in lines if command.prose or TOOK.search(line)]
     messages = [line for line in (run.folder / "stderr").read_bytes().splitlines() if not SLOW.search(line)]
-    return [line for line in lines if line not in prose], [MADE_IN.sub(b"made", line) for line in prose + messages]
+    return [line for line in lines if line not in prose], [TOOK.sub(b"", line) for line in prose + messages]
 
 
 def _first_difference(old: list[bytes], new: list[bytes]) -> list[str]:

@@ -137,8 +137,12 @@ def test_every_command_of_the_readme_and_every_scene_is_run() -> None:
 PROGRAM = """
 import pathlib, sys
 pathlib.Path("top.csv").write_text({table!r})
+pathlib.Path("top/parts").mkdir(parents=True)
+pathlib.Path("top/parts/{wall}.parquet").touch()
 print("mjrun: 3 of {wall:.0f}9 frames", file=sys.stderr)
-print("time,qpos" if "--csv" in sys.argv else "top.csv: {words}; made in {wall} s")
+print("mjrun: 3 of {wall:.0f}9 points", file=sys.stderr)
+print("top: 9 points; {wall} s")
+print("time,qpos" if "--csv" in sys.argv else "top.csv: {words}; made in {wall} s, by llvmpipe")
 sys.exit({exit})
 """
 
@@ -169,7 +173,7 @@ def test_states_that_differ_in_wall_times_alone_are_equal(tmp_path: Path) -> Non
 def test_states_that_differ_in_words_alone_are_not_different(tmp_path: Path) -> None:
     code, table = _compared(tmp_path, _checkout(tmp_path / "new", words="one row"))
     assert code == 0
-    assert "prose: top.csv: 1 row; made → top.csv: one row; made" in table
+    assert "prose: top.csv: 1 row; made, by llvmpipe → top.csv: one row; made, by llvmpipe" in table
 
 
 def test_a_different_table_and_exit_code_are_reported_for_each_command(tmp_path: Path) -> None:
@@ -184,4 +188,4 @@ def test_what_is_cached_is_run_once_and_leaves_the_scenes_out(tmp_path: Path) ->
     first = state.run(Command("mjrun trace top.xml > said.txt && date +%N >> said.txt"), cached=True)
     again = state.run(Command("mjrun trace top.xml > said.txt && date +%N >> said.txt"), cached=True)
     assert first == again
-    assert sorted(path.name for path in (first.folder / "files").iterdir()) == ["said.txt", "top.csv"]
+    assert sorted(path.name for path in (first.folder / "files").iterdir()) == ["said.txt", "top", "top.csv"]
