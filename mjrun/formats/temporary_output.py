@@ -18,6 +18,7 @@ from pathlib import Path
 
 from mjrun.errors import FileError
 from mjrun.platform import system
+from mjrun.shared_status import note_folder
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # a file system without locks
@@ -87,7 +88,8 @@ def temporary_file(target: Path, content: bytes, suffix: str) -> Iterator[Path]:
 def scratch_folder() -> Iterator[Path]:
     """Creates a folder for temporary files for the duration of the `with` block.
 
-    A folder that a killed process left behind is removed by the next process that creates one.
+    A folder that a killed process left behind is removed by the process that monitors it, or by the next process that
+    creates one.
 
     Raises:
       FileError: it cannot be created.
@@ -95,6 +97,7 @@ def scratch_folder() -> Iterator[Path]:
     try:
         home = _temporary_home()
         remove_left_behind(home)
+        note_folder(home)
         temporary = TemporaryOutput(home / "mjrun", folder=True)
     except OSError as error:
         where = tempfile.tempdir or "no folder"

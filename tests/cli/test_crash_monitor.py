@@ -300,6 +300,23 @@ die(signal.SIGSEGV)
     assert_gone(int(printed.split()[0]))
 
 
+def test_temporary_files_of_a_dead_process_are_removed(tmp_path: Path) -> None:
+    work = """
+import tempfile
+from mjrun.formats.temporary_output import scratch_folder
+tempfile.tempdir = os.getcwd()
+with scratch_folder() as folder:
+    (folder / "copy.xml").touch()
+    print(os.listdir("."), flush=True)
+    die(signal.SIGSEGV)
+"""
+    process = start(work, tmp_path)
+    assert process.stdout
+    assert ".part" in process.stdout.readline()
+    assert outcome(process)[0] == 70
+    assert [*tmp_path.iterdir()] == []
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_child_that_hears_no_signal_is_killed(tmp_path: Path, number: signal.Signals) -> None:
     process = start("print(flush=True)\ntime.sleep(1000)", tmp_path)
