@@ -59,6 +59,18 @@ def test_frames_that_were_not_recorded_are_dropped(swing: Path) -> None:
         assert len(frames.poses) == len(frames.times) == len(frames.schedule.speeds) == 3
 
 
+def test_a_floor_is_suggested_at_the_height_where_a_falling_model_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes = list[str]()
+    monkeypatch.setattr(WarningReporter, "note", lambda _, text: notes.append(text))
+    ball = '<body pos="0 0 .75"><freejoint/><geom size=".25"/></body>'
+    (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
+    with ExitStack() as stack:
+        recorded(tmp_path / "m.xml", stack, 250)
+    assert [text for text in notes if " 0.5 adds a floor" in text]
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [

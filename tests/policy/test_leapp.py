@@ -143,6 +143,8 @@ def test_a_description_that_means_more_than_memory_holds_is_refused(tmp_path: Pa
     ("old", "new", "message"),
     [
         ("model_path: policy.onnx", 'model_path: "a\\0b"', "not a path"),
+        ("model_path: policy.onnx", "model_path: 5", "not a path"),
+        ("model_path: policy.onnx", "model_path: ''", "not a path"),
         ("dtype: float32", "dtype: [1]", "the dtype of"),
     ],
 )
