@@ -195,7 +195,7 @@ class ProbeSampler:
         stepper.advance(steps[0])
         while count := steps[-1] - stepper.step:
             count, before = min(count, stepper.steps_together()), len(readings)
-            if count > 1 and stepper.read_steps(count, lambda data: readings.append(self._reading(stepper, data))):
+            if count > 1 and stepper.read_steps(count, partial(self._readers, stepper), readings):
                 continue
             del readings[before:]
             for _ in range(count):
@@ -206,6 +206,10 @@ class ProbeSampler:
     def read(self, stepper: Stepper) -> RowInputs:
         """Copies the stepper's instant, as far as the row needs it."""
         return self._reading(stepper, stepper.instant())
+
+    def _readers(self, stepper: Stepper, data: mujoco.MjData) -> Sequence[Callable[[], RowInputs]]:
+        """Returns a function that copies the stepper's instant in `data`."""
+        return (partial(self._reading, stepper, data),)
 
     def _reading(self, stepper: Stepper, data: mujoco.MjData) -> RowInputs:
         if stepper is not self._stepper:
@@ -388,26 +392,38 @@ class _InstantRows:
         self._templates = {name: value for name, value in templates.items() if value.size}
         self._data: mujoco.MjData | None = None  # the last one, and what copies each of its fields
         self._copies: Sequence[Callable[[], bytes | int]] = ()
-        self._read = list[Sequence[bytes | int]]()  # the last instants, which are not stored yet
+        self._read = list[bytes | int]()  # the fields of the last instants, which are not stored yet
 
     def add(self, data: mujoco.MjData) -> None:
         """Adds an instant."""
-        if data is not self._data:
-            self._data, self._copies = data, [_copy_of(data, name) for name in self._templates]
-        self._read.append([copy() for copy in self._copies])
+        self._read += [copy() for copy in self._copies_of(data)]
         self.count += 1
 
-    def remove(self, count: int) -> None:
-        """Removes all but the first `count` instants, which were added one by one."""
-        del self._read[len(self._read) - (self.count - count) :]
-        self.count = count
+    def add_steps(self, stepper: PhysicsStepper, count: int) -> bool:
+        """Takes steps and adds the instants before them, as `PhysicsStepper.read_steps`."""
+        first, length = stepper.step, len(self._read)
+        try:
+            return stepper.read_steps(count, self._copies_of, self._read)
+        finally:
+            taken = stepper.step - first
+            self.count += taken
+            del self._read[length + taken * len(self._copies) :]
 
     def store(self) -> None:
         """Stores the instants that were added one by one."""
-        first = self.count - len(self._read)
-        for name, copies in zip(self._templates, zip(*self._read, strict=True), strict=False):
-            self.all[name][0, first : self.count] = _joined_copies(self._templates[name], copies)
+        if not self._read:
+            return
+        width = len(self._copies)
+        first = self.count - len(self._read) // width
+        for index, (name, template) in enumerate(self._templates.items()):
+            self.all[name][0, first : self.count] = _joined_copies(template, self._read[index::width])
         self._read.clear()
+
+    def _copies_of(self, data: mujoco.MjData) -> Sequence[Callable[[], bytes | int]]:
+        """Returns functions that copy each field of `data`."""
+        if data is not self._data:
+            self._data, self._copies = data, [_copy_of(data, name) for name in self._templates]
+        return self._copies
 
     def stored(self) -> Fields:
         """Returns the fields of the instants so far: `{field: (1, count, …)}`."""
@@ -442,10 +458,9 @@ class _InstantRecorder:
         if count >= self._least and self._add_recorded(rows, count):
             return False
         if count < self._least:
-            count, before = min(left, stepper.steps_together()), rows.count
-            if count > 1 and stepper.read_steps(count, rows.add):
+            count = min(left, stepper.steps_together())
+            if count > 1 and rows.add_steps(stepper, count):
                 return False
-            rows.remove(before)
         for _ in range(count):  # which names the failing step, or gets past it
             rows.add(stepper.instant())
             stepper.advance(stepper.step + 1)

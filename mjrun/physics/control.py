@@ -5,8 +5,10 @@ Controls belong to an instant: those set at step k act from step k to k + 1, and
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
+from itertools import count
 from typing import TYPE_CHECKING, Any, Protocol
 
 import mujoco
@@ -59,8 +61,6 @@ class PeriodicController:
 
     def __init__(self, controller: Controller, period: Fraction, timestep: Fraction) -> None:
         self._controller = controller
-        self._data: mujoco.MjData | None = None  # the last one
-        self._ctrl = np.empty(0)
         self._reset = getattr(controller, "reset", None)
         self._ratio = period / timestep
         self._stride = self._ratio.numerator if self._ratio.denominator == 1 else 0
@@ -82,11 +82,26 @@ class PeriodicController:
         """The fields of `data` that it uses; None if it may use others."""
         return self._access.fields if self._access and self._access.holds else None
 
+    @property
+    def may_change_fields(self) -> bool:
+        """True if `fields` may change during the simulation, as the controller calls other functions."""
+        return self._access is not None and bool(self._access.called)
+
     def next_change(self, step: int) -> int:
         """Returns the first step after `step` at which the controller is called."""
         if self._stride:
             return step - step % self._stride + self._stride
         return nearest(math.ceil((step + Fraction(1, 2)) / self._ratio) * self._ratio)
+
+    def calls_after(self, step: int) -> Iterator[int]:
+        """Returns the steps after `step` at which the controller is called."""
+        first = self.next_change(step)
+        return count(first, self._stride) if self._stride else self._irregular_calls(first)
+
+    def _irregular_calls(self, step: int) -> Iterator[int]:
+        while True:
+            yield step
+            step = self.next_change(step)
 
     def is_due(self, step: int) -> bool:
         """Returns whether the controller is called at `step`."""
@@ -101,33 +116,45 @@ class PeriodicController:
             except (Exception, SystemExit) as error:
                 raise self._failed("reset", error) from error
 
-    def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int, guarded: Sequence[str]) -> None:
-        """Calls the controller, which sets the inputs in `data`.
+    def caller(self, model: mujoco.MjModel, data: mujoco.MjData, guarded: Sequence[str]) -> Callable[[int], None]:
+        """Returns a function that calls the controller at a step; the controller sets the inputs in `data`.
 
         Args:
           guarded: fields of `data` that keep their bytes.
 
         Raises:
-          ControllerError: it failed, returned invalid controls, or changed the state.
+          ControllerError: raised by the function; the controller failed, returned invalid controls, or changed the
+            state.
         """
-        if data is not self._data:
-            self._data, self._ctrl = data, data.ctrl  # which stays in place
-        ctrl = self._ctrl
-        before = [(name, values := getattr(data, name), values.tobytes()) for name in guarded] if guarded else ()
-        try:
-            controls = self._controller(model, data)
-        except (Exception, SystemExit) as error:
-            raise self._failed(_when(data, step), error) from error
-        if controls is not None:
-            ctrl[:] = self._checked(model, controls, data, step)
-        for name, values, content in before:
-            if values.tobytes() != content:
-                self._put_back(name, values, content, _when(data, step))
+        ctrl, norm, is_redirected = data.ctrl, mujoco.mju_norm, hasattr(self._controller, "forwards_to")
+        controller = getattr(self._controller, "forwards_to", self._controller)
+        fields = [(name, getattr(data, name)) for name in guarded]
+        contents = [values.tobytes for _, values in fields]
 
-        if not mujoco.mju_norm(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
-            actuator = control_names(model)[int(bad[0])]
-            value = f"{ctrl[bad[0]]} {_when(data, step)}"
-            raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {value}")
+        def call(step: int) -> None:
+            before = [content() for content in contents] if contents else None
+            output = sys.stdout
+            try:
+                if is_redirected:  # here, as a call of the RedirectedFunction takes longer
+                    sys.stdout = sys.stderr
+                controls = controller(model, data)
+            except (Exception, SystemExit) as error:
+                raise self._failed(_when(data, step), error) from error
+            finally:
+                if is_redirected:
+                    sys.stdout = output
+            if controls is not None:
+                ctrl[:] = self._checked(model, controls, data, step)
+            if before and before != [content() for content in contents]:
+                for (name, values), content in zip(fields, before, strict=True):
+                    self._put_back(name, values, content, _when(data, step))
+
+            if not norm(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
+                actuator = control_names(model)[int(bad[0])]
+                value = f"{ctrl[bad[0]]} {_when(data, step)}"
+                raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {value}")
+
+        return call
 
     def _put_back(self, name: str, values: np.ndarray, content: bytes, when: str) -> None:
         """Restores a field that the controller overwrote; a state that differs is an error."""

@@ -2,9 +2,9 @@
 
 import copy
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -12,10 +12,12 @@ import numpy as np
 from mjrun.errors import ContactMemoryError, FailedStepError, MjrunError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.physics.control import NEVER, ControlSources, PeriodicController
+from mjrun.physics.control import NEVER, ControlSources
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.step_stages import Integrate, integrator_of, is_bounded, need_only_motion
 from mjrun.timeline import rational
+
+T = TypeVar("T")
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
 READ_CHUNK = 256  # the same where Python reads every step, or a controller in Python sets its controls
@@ -164,6 +166,7 @@ class PhysicsStepper:
         self._sources = [source for source in (self.control.controller, self.control.inputs, pushes) if source]
         # What was set each time a controller acted, in a block that is repeated; an error of the controller comes last.
         self._repeated = deque[Any]()
+        self._in_place = self._may_move_poses = False
         if self.control.controller:
             self.control.controller.reset(self.model, self._copied_instant())
             self._permit(self.control.controller.fields)
@@ -178,7 +181,7 @@ class PhysicsStepper:
             count, alike = step - self.step, self.steps_alike()
             if count > alike < SHORT and self._calls_within and self._computed != INSTANT:
                 count = min(count, self.steps_together())
-                if not self.read_steps(count, _read_nothing):
+                if not self.read_steps(count, _no_readers, []):
                     self._repeat_singly(count)
                 continue
             count = min(count, CHUNK, alike)
@@ -204,22 +207,44 @@ class PhysicsStepper:
 
     @property
     def _calls_within(self) -> bool:
-        """True if a controller is the only source of inputs, and works on the data of the steps."""
+        """True if a controller is the only source of inputs, and a step is divided where it is called."""
         is_only = len(self._sources) == 1 and not self.control.varies
-        return is_only and self.control.controller is not None and self._in_place and not self._may_move_poses
+        return is_only and self.control.controller is not None and self._integrate is not None
 
-    def _next_call(self, step: int) -> int:
-        """Returns the first step after `step` at which the controller is called."""
-        return self.control.controller.next_change(step) if self.control.controller else NEVER
+    def _calls_after(self, step: int) -> Iterator[int]:
+        """Returns the steps after `step` at which the controller is called."""
+        return self.control.controller.calls_after(step) if self.control.controller else iter(())
 
-    def _act_within(self, step: int) -> bool:
-        """Calls the controller at a step within a block; returns False if that has become impossible."""
-        controller = self.control.controller
-        if controller is None or controller.fields is None:  # a function that it calls has been replaced
-            return False
-        mujoco.mj_step1(self.model, self._data)
-        controller.act(self.model, self._data, step, self._guarded)
-        return True
+    def _caller(self) -> Callable[[int], bool | None]:
+        """Returns a function that calls the controller at a step, once positions and velocities are computed.
+
+        The function returns True if the controller has set inputs with which they must be computed again.
+        """
+        controller, model, data, inputs = self.control.controller, self.model, self._data, self._inputs
+        assert controller
+        acting, computed = data if self._in_place else self._copy, MOTION if self._integrate else STATE
+        act = controller.caller(model, acting, self._guarded)
+        if self._in_place and not (self._may_move_poses or self._pushes):
+            return act
+
+        def call(step: int) -> bool:
+            if acting is not data:
+                derive(model, data, acting, step, computed)
+            poses = _poses(data) if self._may_move_poses else b""
+            if self._pushes:
+                acting.xfrc_applied[:] = self._unpushed
+
+            act(step)
+            if acting is not data:
+                mujoco.mj_getState(model, acting, inputs, state.INPUTS)
+                mujoco.mj_setState(model, data, inputs, state.INPUTS)
+            return self._may_move_poses and poses != _poses(data)
+
+        return call
+
+    def _current_caller(self) -> Callable[[int], bool | None]:
+        self._call = self._call or self._caller()
+        return self._call
 
     def _copier(self) -> Callable[[], Any]:
         """Returns a function that copies what the controller has set, for `_put_back`."""
@@ -244,46 +269,63 @@ class PhysicsStepper:
         self._put_back(result)
         return True
 
-    def read_steps(self, count: int, read: Callable[[mujoco.MjData], object]) -> bool:
+    def read_steps(
+        self, count: int, readers: Callable[[mujoco.MjData], Sequence[Callable[[], T]]], into: list[T]
+    ) -> bool:
         """Takes `count` steps, at most `steps_together()`, and reads the instant before each.
 
         This is cheaper than `instant()` and `advance` for each, as it checks all steps together. Where one of them
         fails it returns False, with the stepper at the first instant again, and what was read is invalid. A controller
         is not called again at the steps that are then taken one by one: what it set is repeated.
 
+        Args:
+          readers: returns the functions that read an instant in an MjData, given this MjData.
+          into: a list to which the results of these functions are added.
+
         Raises:
           ControllerError: the controller failed at the last step, on arrival; what was read is valid.
         """
         if self._integrate is None:
             return False
-        model, data, integrate = self.model, self._data, self._integrate
+        model, data, integrate, computed = self.model, self._data, self._integrate, self._computed
         mujoco.mj_copyData(self._saved, model, data)
         controls = self.control.rows(self.step, count) if self.control.varies else None
-        copied = self._copier() if self._calls_within else None
+        calls, call, copied = iter(()), None, None
+        if self._calls_within:
+            calls, call, copied = self._calls_after(self.step), self._current_caller(), self._copier()
+        checks_fields = self.control.controller is not None and self.control.controller.may_change_fields
         before = copied() if copied else None
-        computed, is_stable = self._computed, False
-        due = self._next_call(self.step) if copied else NEVER
+        due, is_stable, reads = next(calls, NEVER), False, readers(data)
         try:
             for step in range(self.step, self.step + count):
                 if controls is not None:
                     data.ctrl[:] = controls[step - self.step]
-                if copied and step == due:
-                    due = self._next_call(step)
+                if step == due and call and copied:
+                    if checks_fields and self._must_permit():
+                        count = step - self.step
+                        break
+                    due = next(calls)
+                    warnings = data.warning.number.copy() if self._may_move_poses else None
+                    mujoco.mj_step1(model, data)
                     try:
-                        if not self._act_within(step):
-                            count = step - self.step
-                            break
+                        is_moved = call(step)
+                    except (FailedStepError, ContactMemoryError):  # of the controller's copy
+                        return False
                     except MjrunError as error:
                         self._repeated.append(error)
                         return False
                     self._repeated.append(copied())
                     computed = MOTION
+                    if is_moved:
+                        data.warning.number[:] = warnings
+                        computed = STATE
                 else:
                     mujoco.mj_checkPos(model, data)  # as mj_step does
                     mujoco.mj_checkVel(model, data)
                 mujoco.mj_forwardSkip(model, data, computed, False)
                 mujoco.mj_checkAcc(model, data)
-                read(data)
+                for read in reads:
+                    into.append(read())
                 integrate(model, data)
                 computed = STATE
             is_stable = self._is_stable()
@@ -346,6 +388,7 @@ class PhysicsStepper:
     def _use(self, data: mujoco.MjData) -> None:
         """Continues in another MjData; the view of its warnings stays valid."""
         self._data, self._warnings = data, data.warning.number
+        self._call: Callable[[int], bool | None] | None = None  # the caller of the controller, on these data
         self._shortages = self._warnings[SHORTAGES]
 
     def _go_on_from_copy(self) -> None:
@@ -396,7 +439,7 @@ class PhysicsStepper:
         if self._pushes:
             self._push()
         if control.controller and control.controller.is_due(self.step):
-            self._call_controller(control.controller)
+            self._call_controller()
         if control.varies:
             self._data.ctrl[:] = control.rows(self.step, 1)[0]
 
@@ -410,43 +453,38 @@ class PhysicsStepper:
         It works on the data of the step if that is enough, and otherwise on a copy.
         """
         self._in_place = bool(self._integrate and fields is not None and need_only_motion(self.model, fields))
-        used = (*state.MOTION, *state.POSITION_INPUTS) if fields is None else fields
+        used = (*state.MOTION, *state.INPUT_FIELDS) if fields is None else fields
         values = {name: getattr(self._data, name, None) for name in used}
         arrays = [name for name, value in values.items() if isinstance(value, np.ndarray) and value.size]
         self._guarded = [name for name in arrays if name not in state.INPUT_FIELDS]
         self._set = ["ctrl", *(name for name in arrays if name in state.INPUT_FIELDS and name != "ctrl")]
         self._may_move_poses = any(name in state.POSITION_INPUTS for name in arrays)
+        self._call = None
 
-    def _call_controller(self, controller: PeriodicController) -> None:
+    def _must_permit(self) -> bool:
+        """Returns whether the controller may use other fields than before: a function it calls has been replaced."""
+        controller = self.control.controller
+        return controller is not None and self._in_place and controller.fields is None
+
+    def _call_controller(self) -> None:
         """Calls the controller, which sets the inputs. It reads and writes `xfrc_applied` without the pushes."""
         if self._repeats():
             return
-        if self._in_place and controller.fields is None:  # a function that it calls has been replaced
+        if self._must_permit():
             self._permit(None)
-        varies = self.control.varies  # otherwise, only a controller changes controls
+        data, varies = self._data, self.control.varies  # otherwise, only a controller changes controls
         if varies:
-            self._data.ctrl[:] = self.control.constant
-        warnings = self._data.warning.number.copy() if self._may_move_poses else None
+            data.ctrl[:] = self.control.constant
+        warnings = data.warning.number.copy() if self._may_move_poses else None
         if self._integrate:
             self._derive_motion()
-        data = self._data if self._in_place else self._copied_instant()
-        poses = _poses(data) if self._may_move_poses else b""
-        if self._pushes:
-            data.xfrc_applied[:] = self._unpushed
-
-        controller.act(self.model, data, self.step, self._guarded)
-        if data is not self._data:
-            mujoco.mj_getState(self.model, data, self._inputs, state.INPUTS)
-            mujoco.mj_setState(self.model, self._data, self._inputs, state.INPUTS)
-        if self._integrate is None:
-            self._computed = STATE
-        elif warnings is not None and poses != _poses(self._data):
-            self._data.warning.number[:] = warnings  # the positions are computed again
+        if self._current_caller()(self.step) and warnings is not None:
+            data.warning.number[:] = warnings  # the positions are computed again
             self._computed = STATE
         if varies:
-            self.control.constant[:] = self._data.ctrl
+            self.control.constant[:] = data.ctrl
         if self._pushes:
-            self._unpushed[:] = self._data.xfrc_applied
+            self._unpushed[:] = data.xfrc_applied
             self._push()
 
     def _repeat_singly(self, count: int) -> None:
@@ -570,8 +608,9 @@ class PhysicsStepper:
         return f"joint '{name}'" + (f" of body '{body}'" if name == f"joint:{joint}" else "")
 
 
-def _read_nothing(data: mujoco.MjData) -> None:
+def _no_readers(data: mujoco.MjData) -> Sequence[Callable[[], object]]:
     """Reads nothing from a step."""
+    return ()
 
 
 def _poses(data: mujoco.MjData) -> bytes:

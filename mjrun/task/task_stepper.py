@@ -1,6 +1,8 @@
 """A stepper through one episode of a task, to every physics step in it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import count
 from typing import Any
 
 import mujoco
@@ -103,19 +105,22 @@ class TaskStepper(PhysicsStepper):
         if self._is_parallel and self.step:
             self._world.advance(self.step - self._world_step)
             self._world_step = self.step
-        if self.step and self._next_call(self.step - 1) == self.step and not self._repeats():
+        if self.step and self.step % self._call_steps == 0 and not self._repeats():
             self._act(self.step)
         super()._apply_inputs()
         self._lead()
 
-    def _next_call(self, step: int) -> int:
-        period = 1 if self._world.holds_targets else self.control_steps
-        return step - step % period + period
+    @property
+    def _call_steps(self) -> int:
+        """The number of steps from a change of the controls to the next."""
+        return 1 if self._world.holds_targets else self.control_steps
 
-    def _act_within(self, step: int) -> bool:
-        mujoco.mj_step1(self.model, self._data)
-        self._act(step, is_computed=True)
-        return True
+    def _calls_after(self, step: int) -> Iterator[int]:
+        period = self._call_steps
+        return count(step - step % period + period, period)
+
+    def _caller(self) -> Callable[[int], bool | None]:
+        return partial(self._act, is_computed=True)
 
     def _copier(self) -> Callable[[], Any]:
         controls = self._world.controls

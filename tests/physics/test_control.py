@@ -177,26 +177,40 @@ class Reflex:
         data.xfrc_applied[3, 2] = 3 * len(self.calls)
 
 
+class Keeper(Reflex):
+    """The same controller, which keeps the data, and so gets a copy."""
+
+    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.data = data
+        super().__call__(model, data)
+
+
 @pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
-def test_a_controller_of_motion_drives_as_a_bare_loop_does(integrator: str, every: int, taken: Callable) -> None:
-    model, reflex, other = arm(integrator), Reflex(), Reflex()
+@pytest.mark.parametrize("kind", [Reflex, Keeper])
+def test_a_controller_called_in_blocks_drives_as_a_bare_loop_does(
+    kind: type[Reflex], integrator: str, every: int, taken: Callable
+) -> None:
+    model, reflex, other = arm(integrator), kind(), kind()
     run = stepper(model, controller=periodic(reflex, str(Fraction("0.002") * every)))
     assert run.steps_together() > CHUNK
     oracle = bare(model, 130, lambda step, data: None if step % every else other(model, data))
     assert same(taken(run, 130), oracle)
     assert reflex.calls == other.calls
 
-    far = stepper(model, controller=periodic(Reflex(), str(Fraction("0.002") * every)))
+    far = stepper(model, controller=periodic(kind(), str(Fraction("0.002") * every)))
     far.advance(130)
     assert np.array_equal(far.state(), run.state())
 
 
 @pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
 @pytest.mark.parametrize("step", [1, CHUNK - 1, CHUNK, 120])
-def test_a_controller_that_fails_later_is_called_once_at_each_step_until_then(step: int, taken: Callable) -> None:
-    reflex = Reflex(step, lambda: 1 / 0)
+@pytest.mark.parametrize("kind", [Reflex, Keeper])
+def test_a_controller_that_fails_later_is_called_once_at_each_step_until_then(
+    kind: type[Reflex], step: int, taken: Callable
+) -> None:
+    reflex = kind(step, lambda: 1 / 0)
     run = stepper(arm(), controller=periodic(reflex, "0.002"))
     with pytest.raises(ControllerError, match=f"at step {step}, time .* raised ZeroDivisionError"):
         taken(run, 200)
@@ -206,11 +220,12 @@ def test_a_controller_that_fails_later_is_called_once_at_each_step_until_then(st
 
 @pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
 @pytest.mark.parametrize("step", [1, CHUNK - 1, CHUNK, 120])
+@pytest.mark.parametrize("kind", [Reflex, Keeper])
 def test_a_controller_is_not_called_again_where_its_simulation_fails(
-    step: int, taken: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: type[Reflex], step: int, taken: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # for MuJoCo's log
-    reflex = Reflex(step, lambda: 1e300)
+    reflex = kind(step, lambda: 1e300)
     run = stepper(arm(), controller=periodic(reflex, "0.002"))
     with pytest.raises(UnstableError) as caught:
         taken(run, 200)

@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import mujoco
@@ -175,7 +175,7 @@ def test_steps_that_are_read_together_are_those_that_are_read_one_by_one(integra
             expected.append(bits(alone.instant(), (*FIELDS, *DERIVED)))
             alone.advance(alone.step + 1)
         found = list[dict[str, bytes]]()
-        assert together.read_steps(count, lambda data, found=found: found.append(bits(data, (*FIELDS, *DERIVED))))
+        assert together.read_steps(count, lambda data: [partial(bits, data, (*FIELDS, *DERIVED))], found)
         assert found == expected
         assert (together.step, state(together)) == (alone.step, state(alone))
 
@@ -186,7 +186,7 @@ def test_steps_that_are_read_together_are_not_taken_if_one_of_them_fails(fall: s
     model = {"too_fast": too_fast, "too_far": too_far}[fall](5)
     first, before = first_bad(model)
     stepper = PhysicsStepper(model, mujoco.MjData(model))
-    assert not stepper.read_steps(first + 1, lambda _: None)
+    assert not stepper.read_steps(first + 1, lambda _: (), [])
     assert stepper.step == 0
     with pytest.raises(UnstableError):
         stepper.advance(first + 1)

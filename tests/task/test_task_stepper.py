@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -272,7 +273,7 @@ def test_a_block_that_fails_is_repeated_without_another_call_of_the_policy(actio
 
         if rows:
             assert stepper.steps_together() > 20
-            assert not stepper.read_steps(30, read)
+            assert not stepper.read_steps(30, lambda data: [partial(read, data)], [])
             assert (stepper.step, stepper.now().total) == (0, 0.0)
             totals, states = [], []
         with pytest.raises(UnstableError, match=r"at step 1[67],"):
