@@ -316,7 +316,8 @@ def _are_consecutive(steps: Sequence[int]) -> bool:
 def _copy_of(data: mujoco.MjData, name: str) -> Callable[[], bytes | int]:
     """Returns a function that returns the bytes of a field of `data`, or its number."""
     value = getattr(data, name)
-    return value.tobytes if isinstance(value, np.ndarray) else partial(getattr, data, name)
+    # The method of a memoryview is faster than that of the array.
+    return value.data.tobytes if isinstance(value, np.ndarray) else partial(getattr, data, name)
 
 
 def _joined_copies(like: np.ndarray, copies: Sequence[bytes | int]) -> np.ndarray:

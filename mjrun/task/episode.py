@@ -1,6 +1,7 @@
 """The course of an episode, whether a task of mjrun's or a Gymnasium environment steps it."""
 
 import math
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, Protocol, runtime_checkable
@@ -10,7 +11,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import InvalidActionError
-from mjrun.physics.recorded_states import RecordedStates, ReplayStepper
+from mjrun.physics.recorded_states import RecordedStates, ReplayStepper, SpooledRows
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeValues
 
@@ -102,27 +103,58 @@ def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, 
 
 
 def recorded(actor: Actor) -> tuple[Actor, Actor]:
-    """Returns `actor`, recording its answers, and an actor that repeats these and continues `actor` after them."""
-    answers = deque[np.ndarray | Exception]()
+    """Returns `actor`, recording its answers, and an actor that repeats these and continues `actor` after them.
+
+    Many answers are stored on disk. All of them have the same size.
+    """
+    answers = _Answers()
 
     def record(observation: np.ndarray) -> np.ndarray:
         try:
             answer = actor(observation)
         except Exception as error:
-            answers.append(error)
+            answers.add_error(error)
             raise
-        answers.append(answer)
+        answers.add(answer)
         return answer
 
     def repeat(observation: np.ndarray) -> np.ndarray:
-        if not answers:
-            return actor(observation)
-        answer = answers.popleft()
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
+        return actor(observation) if answers.are_repeated else answers.next()
 
     return record, repeat
+
+
+class _Answers:
+    """The answers and errors of an actor, in their order."""
+
+    def __init__(self) -> None:
+        self._rows: SpooledRows | None = None
+        self._errors = deque[tuple[int, Exception]]()  # each with the number of answers before it
+        self._repeated = 0
+
+    @property
+    def are_repeated(self) -> bool:
+        """True if none is left to repeat."""
+        return not self._errors and self._repeated == len(self._rows or ())
+
+    def add(self, answer: np.ndarray) -> None:
+        """Adds an answer `(nact,)`."""
+        if self._rows is None:
+            self._rows = SpooledRows(len(answer))
+            weakref.finalize(self, self._rows.close)
+        self._rows.append(answer)
+
+    def add_error(self, error: Exception) -> None:
+        """Adds an error."""
+        self._errors.append((len(self._rows or ()), error))
+
+    def next(self) -> np.ndarray:
+        """Returns the next answer, or raises the next error."""
+        if self._errors and self._errors[0][0] == self._repeated:
+            raise self._errors.popleft()[1]
+        assert self._rows
+        self._repeated += 1
+        return self._rows[self._repeated - 1].copy()
 
 
 @runtime_checkable

@@ -1,12 +1,13 @@
 """Endings have codes; what held at control instants holds again in a replay."""
 
+import tracemalloc
 from contextlib import closing
 
 import mujoco
 import numpy as np
 import pytest
 
-from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
+from mjrun.physics.recorded_states import SPILL, ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, EpisodeReplayStepper, recorded
@@ -43,6 +44,22 @@ def test_recorded_answers_and_failures_repeat_and_the_actor_continues() -> None:
     record, repeat = recorded(act)
     assert failing(record) == failing(repeat) == [1]
     assert repeat(np.zeros(1)) == 0
+
+
+def test_recorded_answers_repeat_bit_for_bit_in_little_memory() -> None:
+    size, count = 512, 1000
+    generators = [np.random.default_rng(3) for _ in range(2)]
+    record, repeat = recorded(lambda _: generators[0].standard_normal(size))
+    tracemalloc.start()
+    try:
+        for _ in range(count):
+            record(np.zeros(1))
+        for _ in range(count):
+            assert repeat(np.zeros(1)).tobytes() == generators[1].standard_normal(size).tobytes()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * size * count / 2 + SPILL
 
 
 def test_what_held_at_control_instants_holds_again() -> None:
