@@ -73,12 +73,18 @@ class EditableStepper(Stepper, Protocol):
 
 
 def derive(
-    model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, step: int, computed: int = STATE
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    instant: mujoco.MjData,
+    step: int,
+    computed: int = STATE,
+    shortages: np.ndarray | None = None,
 ) -> None:
     """Copies `data`, which is at `step`, to `instant`, and computes all derived fields there.
 
     Args:
       computed: the derived fields that are valid in `data`: `STATE` or `MOTION`.
+      shortages: `shortages_of(instant)`, if the caller has it.
 
     Raises:
       FailedStepError: MuJoCo raised an error.
@@ -89,13 +95,13 @@ def derive(
         mujoco.mj_forwardSkip(model, instant, computed, False)
     except mujoco.FatalError as error:
         raise FailedStepError(step, data.time, str(error)) from None
-    if lacks_memory(instant):
+    if any((shortages_of(instant) if shortages is None else shortages).tolist()):
         raise ContactMemoryError(step, data.time)
 
 
-def lacks_memory(data: mujoco.MjData) -> bool:
-    """Returns whether MuJoCo has left out contacts or constraints for lack of memory; it warns and continues."""
-    return any(data.warning.number[SHORTAGES].tolist())
+def shortages_of(data: mujoco.MjData) -> np.ndarray:
+    """Returns a view of the numbers of warnings about contacts or constraints that are left out for lack of memory."""
+    return data.warning.number[SHORTAGES]
 
 
 def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
@@ -223,13 +229,13 @@ class PhysicsStepper:
         controller, model, data, inputs = self.control.controller, self.model, self._data, self._inputs
         assert controller
         acting, computed = data if self._in_place else self._copy, MOTION if self._integrate else STATE
-        act = controller.caller(model, acting, self._guarded)
+        act, shortages = controller.caller(model, acting, self._guarded), shortages_of(acting)
         if self._in_place and not (self._may_move_poses or self._pushes):
             return act
 
         def call(step: int) -> bool:
             if acting is not data:
-                derive(model, data, acting, step, computed)
+                derive(model, data, acting, step, computed, shortages)
             poses = _poses(data) if self._may_move_poses else b""
             if self._pushes:
                 acting.xfrc_applied[:] = self._unpushed
