@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 
@@ -104,12 +103,9 @@ def has_similarity() -> bool:
 def _similarity(a: np.ndarray, b: np.ndarray) -> float | None:
     if min(a.shape[:2]) < SSIM_WINDOW or not has_similarity():
         return None
-    from skimage.metrics import structural_similarity  # pyright: ignore[reportUnknownVariableType]
+    from skimage.metrics import structural_similarity
 
-    similarity = cast("Any", structural_similarity)(
-        a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=SSIM_WINDOW
-    )
-    return float(similarity)
+    return float(structural_similarity(a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=SSIM_WINDOW))
 
 
 class ImageFrames:
