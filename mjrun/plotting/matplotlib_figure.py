@@ -1,6 +1,7 @@
 """A figure that matplotlib lays out: its style, text that fits and that its font supports, ticks of axes."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -153,12 +154,14 @@ class MatplotlibFigure:
         text = self.shown(text)
         if self.measure(text, size, bold=bold) <= room:
             return text
-        for length in range(min(len(text), LONGEST), 1, -1):
+
+        def shortened(length: int) -> str:
             head = length // 3
-            short = f"{text[:head]}…{text[len(text) - (length - head) :]}"
-            if self.measure(short, size, bold=bold) <= room:
-                return short
-        return text[:1]
+            return f"{text[:head]}…{text[len(text) - (length - head) :]}"
+
+        lengths = range(2, min(len(text), LONGEST) + 1)
+        fitting = bisect_left(lengths, True, key=lambda n: self.measure(shortened(n), size, bold=bold) > room)
+        return shortened(lengths[fitting - 1]) if fitting else text[:1]
 
     def shown(self, text: str) -> str:
         """Returns a text as it can be drawn: cleaned, with missing letters replaced by their number, `\\u4f4d`."""

@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import BadValueError
 from mjrun.options.plot import STYLES
 from mjrun.plotting.figure_data import FigureCounts, PanelGrid, panel_grid
-from mjrun.plotting.matplotlib_figure import MatplotlibFigure, settings
+from mjrun.plotting.matplotlib_figure import LONGEST, MatplotlibFigure, settings
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 
@@ -32,8 +32,24 @@ def test_a_fitted_text_has_no_more_than_its_room(text: str, room: float) -> None
         whole = canvas().shown(text)
         assert whole.startswith(head)
         assert whole.endswith(tail)
+        length = len(head + tail) + 1
+        longer = f"{whole[: length // 3]}…{whole[length // 3 - length :]}"
+        assert length > min(len(whole), LONGEST) or canvas().measure(longer, 12) > room
     else:
         assert shown in (canvas().shown(text), text[:1])
+
+
+def test_a_long_text_is_measured_a_few_times_until_it_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[str] = []
+    measure = MatplotlibFigure.measure
+
+    def counted(self: MatplotlibFigure, text: str, size: float, *, bold: bool = False) -> float:
+        measured.append(text)
+        return measure(self, text, size, bold=bold)
+
+    monkeypatch.setattr(MatplotlibFigure, "measure", counted)
+    assert len(canvas().fitted("contact_force/" * 20, 100, 12)) < 30
+    assert len(measured) < 10
 
 
 def test_bold_text_is_wider_and_larger_text_too() -> None:
