@@ -57,13 +57,20 @@ SLEEPY = """<mujoco><option><flag sleep="enable" energy="enable"/></option><worl
 <sensor><accelerometer site="box"/><gyro site="box"/></sensor></mujoco>"""
 
 
+@cache
+def field_names() -> list[str]:
+    """The names of all arrays and numbers of an instant that are compared."""
+    data = mujoco.MjData(TUMBLER)
+    names = [name for name in dir(data) if not name.startswith(("_", *SPARSE)) and name not in FOREIGN]
+    return [name for name in names if isinstance(getattr(data, name), np.ndarray | int | float)]
+
+
 def fields(stepper: Stepper) -> dict[str, bytes]:
     """Every field of an instant, as bytes."""
     data = stepper.instant()
-    names = [name for name in dir(data) if not name.startswith(("_", *SPARSE)) and name not in FOREIGN]
-    found = {name: getattr(data, name) for name in names}
-    found |= {f"contact.{name}": getattr(data.contact, name) for name in CONTACT}
-    return {k: np.array(v).tobytes() for k, v in found.items() if isinstance(v, np.ndarray | int | float)}
+    contact = data.contact
+    found = {name: np.asarray(getattr(data, name)).tobytes() for name in field_names()}
+    return found | {f"contact.{name}": getattr(contact, name).tobytes() for name in CONTACT}
 
 
 def recorded(stepper: PhysicsStepper, steps: Sequence[int]) -> tuple[Kept, list[dict[str, bytes]]]:
