@@ -47,7 +47,8 @@ class ModelVariant:
 
     Attributes:
       compilation: the compilation.
-      arrays: the arrays with other numbers, whole, by name, except those of a recompilation.
+      arrays: the arrays with other numbers, whole, by name, except derived ones and those of a recompilation.
+      derived: the names of arrays that were computed from the others.
       is_recompiled: whether it was recompiled, so that any array may differ.
     """
 
@@ -57,9 +58,11 @@ class ModelVariant:
         arrays: Mapping[str, np.ndarray] = MappingProxyType({}),
         model: mujoco.MjModel | None = None,
         *,
+        derived: Sequence[str] = (),
         is_recompiled: bool = False,
     ) -> None:
-        self.compilation, self.arrays, self.is_recompiled = compilation, arrays, is_recompiled
+        self.compilation, self.arrays = compilation, arrays
+        self.derived, self.is_recompiled = derived, is_recompiled
         self._model = compilation.model if model is None and not arrays else model
 
     @property
@@ -82,7 +85,7 @@ class ModelVariant:
     @property
     def differs_as_copied(self) -> bool:
         """True if it equals the compiled model except in copied fields."""
-        return self.arrays.keys() <= COPIED_ARRAYS and not self.is_recompiled
+        return self.arrays.keys() <= COPIED_ARRAYS and not self.derived and not self.is_recompiled
 
 
 def models_side_by_side(variants: Sequence[ModelVariant]) -> Sequence[mujoco.MjModel] | VariedModel:
@@ -305,8 +308,7 @@ class SharedCompilation:
         self._derived = self._derived or DerivedNumbers(self.spec, self.model)
         if not self._derived.compute(model):
             return None
-        derived = {name: read_array(model, name) for name in self._derived.arrays}
-        return ModelVariant(self, arrays | derived, model)
+        return ModelVariant(self, arrays, model, derived=self._derived.arrays)
 
     def recompiled(self, options: Sequence[Override], rest: Sequence[Override]) -> ModelVariant | None:
         """Returns the model with overrides of copied options, recompiled with all others; None if that fails."""
@@ -347,7 +349,7 @@ class SharedCompilation:
         unused = self.unused.pop()
         if unused.is_recompiled and of_arrays:
             self._whole_compiler.write(self.model, unused.model)
-        for array in unused.arrays:
+        for array in (*unused.arrays, *unused.derived):
             if array not in overwritten:
                 restore_array(unused.model, array, self.model)
         return unused.model
