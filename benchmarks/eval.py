@@ -3,7 +3,8 @@
 The tasks are Gymnasium's Humanoid-v5 and Ant-v5, written as tasks of mjrun, whose numbers equal theirs to 1e-12
 (`lagged`); and the same with quantities of the observed state (`current`), which is the default of mjrun's tasks.
 `bare` is `mujoco.batch` alone on all cores: the same models, actions and lengths of episodes without any measurement,
-which no environment can beat. All are stepped alternately in one run, a few steps at a time, with uniformly random
+as a user would write it. `untimed` is the same without the timers of MuJoCo's Python bindings, which mjrun switches
+off; no environment can beat it. All are stepped alternately in one run, a few steps at a time, with uniformly random
 actions. Each block of steps counts with its shortest time over all repetitions, so that other work on the machine has
 little effect; ratios above 1 are faster.
 
@@ -21,6 +22,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +34,7 @@ from mujoco.batch import Batch
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the tests' tasks
 
 import mjrun.gym
-from mjrun.model.mujoco_globals import without_log
+from mjrun.model.mujoco_globals import without_log, without_timers
 from mjrun.platform.cores import available_cores
 from tests.task.gymnasium_tasks import TASKS
 
@@ -55,8 +57,10 @@ def stepped(env: VectorEnv, actions: np.ndarray) -> Callable[[int, int], float]:
     return run
 
 
-def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[int, int], float]:
-    """Returns a function that times the same steps of the same episodes with `mujoco.batch` alone [s]."""
+def bare(
+    worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray, timers: Callable[[], AbstractContextManager[None]]
+) -> Callable[[int, int], float]:
+    """Returns a function that times the same steps of the same episodes with `mujoco.batch` alone, in a context [s]."""
     env = worlds.worlds
     model, steps = env.model(0), env.control_steps
     ends = [np.flatnonzero(over) for over in _ends(worlds, actions)]
@@ -68,10 +72,11 @@ def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[int,
         if not first:
             batch.state[:] = starts
         start = time.perf_counter()
-        for action, over in zip(actions[first:end], ends[first:end], strict=True):
-            batch.ctrl[:] = action
-            batch.step(nstep=steps)
-            batch.state[over] = starts[over]
+        with timers():
+            for action, over in zip(actions[first:end], ends[first:end], strict=True):
+                batch.ctrl[:] = action
+                batch.step(nstep=steps)
+                batch.state[over] = starts[over]
         return time.perf_counter() - start
 
     return run
@@ -99,7 +104,8 @@ def compare(name: str, count: int, steps: int, repeats: int) -> None:
     }
     ours = environments["lagged"]
     assert isinstance(ours, mjrun.gym.TaskVectorEnv)
-    runs = {kind: stepped(env, actions) for kind, env in environments.items()} | {"bare": bare(ours, actions)}
+    runs = {kind: stepped(env, actions) for kind, env in environments.items()}
+    runs |= {"bare": bare(ours, actions, nullcontext), "untimed": bare(ours, actions, without_timers)}
     blocks = [(first, min(first + BLOCK, steps)) for first in range(0, steps, BLOCK)]
     times = {kind: np.full(len(blocks), np.inf) for kind in runs}
     for _ in range(repeats):
@@ -112,7 +118,7 @@ def compare(name: str, count: int, steps: int, repeats: int) -> None:
     print(f"{name}, {count} worlds, {steps} steps, {CORES} cores")
     totals = {kind: float(each.sum()) for kind, each in times.items()}
     for kind, total in totals.items():
-        ratios = " ".join(f"{totals[other] / total:5.2f} x {other}" for other in ("sync", "async", "bare"))
+        ratios = " ".join(f"{totals[other] / total:5.2f} x {other}" for other in ("sync", "async", "bare", "untimed"))
         print(f"  {kind:8} {steps * count / total:9.0f} steps/s   {ratios}")
 
 
