@@ -39,7 +39,8 @@ ON_ONE_GPU = 4  # processes with `--jobs auto`: preparing models takes longer th
 INTERVAL = 0.5  # [s] between two parts: results wait for others
 REFUSALS = 5  # refused results of a chunk, after which its points have failed
 SECONDS = 3.0  # wall time of a chunk, which is lost when it is killed
-LEAST = 1 / 15  # share of this time that the last chunks take: they are smaller so that all workers end together
+LEAST = 0.05  # [s] wall time of the last chunks: they are smaller so that all workers end together
+HANDLING = 0.001  # [s] that this process takes for a chunk: many workers would wait for it if chunks were smaller
 GROWTH = 4  # from the largest measured chunk to the next, since a few points predict many badly
 MOST = 4096  # points in a chunk
 QUEUED = 3  # chunks that wait for each process in addition to the running one
@@ -59,10 +60,14 @@ class ChunkSizes:
       ahead: chunks in flight, a multiple of the workers.
       seconds: target wall time of a chunk [s].
       first: points in a chunk before anything is measured.
+      least: target wall time of the last chunks [s]; more if many chunks are in flight.
     """
 
-    def __init__(self, size: int | None, ahead: int, seconds: float = SECONDS, first: int = 1) -> None:
+    def __init__(
+        self, size: int | None, ahead: int, seconds: float = SECONDS, first: int = 1, least: float = LEAST
+    ) -> None:
         self._size, self._ahead, self._target, self._largest = size, ahead, seconds, first
+        self._least = max(least, HANDLING * ahead)
         self._points = self._steps = self._seconds = 0.0
 
     def next(self, steps: np.ndarray, left: int | None = None) -> int:
@@ -80,7 +85,7 @@ class ChunkSizes:
             return min(self._largest, share)
         of_step = self._seconds / self._steps if self._steps else 0.0
         ends = np.cumsum(np.maximum(self._seconds / self._points, of_step * steps[:MOST]))
-        fair = max(share, int(np.searchsorted(ends, LEAST * self._target, "right")))
+        fair = max(share, int(np.searchsorted(ends, self._least, "right")))
         return max(1, min(fair, int(np.searchsorted(ends, self._target, "right")), GROWTH * self._largest))
 
     def add(self, points: int, steps: int, seconds: float) -> None:

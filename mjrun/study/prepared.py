@@ -39,7 +39,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
 from mjrun.study.chunk_files import point_keys, points_digest, study_digest, study_identity
 from mjrun.study.dataset_specs import EpisodeSpec
-from mjrun.study.prepared_points import JOB_SECONDS, PreparedPoints
+from mjrun.study.prepared_points import JOB_SECONDS, LEAST_JOB, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES, timeline_of
 from mjrun.study.spec import (
@@ -194,7 +194,7 @@ class PreparedStudy(PreparedPoints):
             worlds = min(CHUNK_WORLDS, share, WORLD_BYTES // mujoco.mj_sizeModel(self.model))
             return executors.ChunkSizes(options.chunk or max(1, worlds), ahead)
         if options.engine == executors.SLURM:
-            return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
+            return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size, LEAST_JOB)
         return executors.ChunkSizes(options.chunk, ahead)
 
     def _check(self, options: StudyOptions, written: Sequence[tuple[str, str]]) -> Sequence[Metric]:

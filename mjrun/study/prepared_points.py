@@ -37,6 +37,7 @@ from mjrun.study.spec import (
 )
 
 JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
+LEAST_JOB = 4.0  # [s] of the last jobs
 SHARED = 64  # least points of a chunk whose results its process publishes: this one writes those of many chunks at once
 ADOPTED = 2**16  # results in a part that are adopted from other designs
 
@@ -151,8 +152,9 @@ class PreparedPoints(ABC):
 
     def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> executors.ChunkSizes:
         """Returns the sizes of chunks, of which `ahead` are in flight."""
-        seconds = JOB_SECONDS if options.engine == executors.SLURM else executors.SECONDS
-        return executors.ChunkSizes(options.chunk, ahead, seconds)
+        if options.engine == executors.SLURM:
+            return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, least=LEAST_JOB)
+        return executors.ChunkSizes(options.chunk, ahead)
 
     def chunks(
         self,

@@ -155,12 +155,13 @@ def test_every_point_is_in_a_chunk_that_takes_seconds(count: int, ahead: int, co
         largest = max(largest, size)
 
 
-def test_chunks_grow_to_seconds_and_shrink_towards_the_end() -> None:
-    counts = division(ChunkSizes(None, 6), [0.01] * 10_000, 6)
-    assert counts[:6] == [1] * 6
+@pytest.mark.parametrize(("ahead", "last"), [(6, 5), (24, 5), (300, 30)])
+def test_chunks_grow_to_seconds_and_shrink_towards_the_end(ahead: int, last: int) -> None:
+    counts = division(ChunkSizes(None, ahead), [0.01] * 1500 * ahead, ahead)
+    assert counts[:ahead] == [1] * ahead
     assert max(counts) == 300
-    assert counts[-2] <= 20
-    assert len(counts) < 80
+    assert counts[-2] == pytest.approx(last, abs=1)  # 0.05 s, or a millisecond for each chunk in flight
+    assert len(counts) < 15 * ahead
 
 
 @pytest.mark.parametrize("order", [1, -1])
