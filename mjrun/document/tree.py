@@ -1,12 +1,11 @@
 """The tree of a document: values with their lines and columns, the meaning of scalars, and faults at places."""
 
-import dataclasses
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
-from typing import cast
+from typing import NamedTuple, cast
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, Problem, UsageError, clean, listing, quoted, spelled, suggestion
@@ -32,8 +31,7 @@ _INFINITY = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NO_NUMBER = {".nan", ".NaN", ".NAN"}
 
 
-@dataclasses.dataclass(frozen=True, order=True)
-class DocumentPlace:
+class DocumentPlace(NamedTuple):
     """A place in a document.
 
     Attributes:
@@ -51,8 +49,7 @@ class DocumentPlace:
         return clean(self.source) + (f":{self.line}:{self.column}" if self.line else "")
 
 
-@dataclasses.dataclass(frozen=True, order=True)
-class Fault:
+class Fault(NamedTuple):
     """A problem at a place of a document; faults are reported in order."""
 
     mark: DocumentPlace
