@@ -1,9 +1,11 @@
 """Throughput of `mjrun sweep`, compared with one C loop per core over the same models, and with a Python loop.
 
-A study is timed as a whole process, including metrics; the time of a study of one point is subtracted as start-up. The
-loop in C is a script with the arguments MODEL NSTEP that prints one line of JSON with `us_per_step`, specified by
---baseline; it runs once per core at the same time. The loops use models with the frictions of the study, the same start
-and the same number of steps, since the cost of a step depends on the friction; the fastest run of each model counts.
+A study is timed as a whole process, including metrics; the time of a study of one point per core is subtracted as
+start-up. The loop in C is a script with the arguments MODEL NSTEP that prints one line of JSON with `us_per_step`,
+specified by --baseline; on each core, one runs after the other. The loops use models with the frictions of the study,
+the same start and the same number of steps, since the cost of a step depends on the friction, and they take as many
+steps as the study, unless these are more than RUNS simulations. All of them count, as all points of the study do; but
+each is a new process, so that the first steps find cold caches. The Python loop keeps its process.
 Ratios above 1 are better. The start-up of a study of one point is printed beside that of a trace.
 
     python benchmarks/sweep.py
@@ -19,6 +21,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle, islice
 from pathlib import Path
 
 import mujoco
@@ -31,6 +34,7 @@ BASELINE = ROOT / "../shared/bench/steploop.sh"
 MODELS = [ROOT / "../shared/models/humanoid/humanoid.xml", ROOT / "../shared/models/car/car.xml"]
 METRICS = ("drift=max(abs(energy/drift))", "height=last(com/z)", "touching=share(contact/ncon > 0)")
 VARIED = 16  # models of the loops in C
+RUNS = 400  # most loops in C, each of which is a process
 CORES = available_cores()
 # The same study as a hand-written script; prints seconds.
 PYTHON_LOOP = """
@@ -79,17 +83,17 @@ def varied_models(model: Path, folder: Path) -> list[Path]:
     return paths
 
 
-def c_loops(script: Path, models: list[Path], steps: int) -> float:
-    """Returns the steps per second of loops in C over each of the models, on all cores at once."""
+def c_loops(script: Path, models: list[Path], steps: int, runs: int) -> float:
+    """Returns the steps per second of loops in C over the models in turn, on all cores at once."""
 
     def loop(model: Path) -> float:
         environment = {**os.environ, "PYTHON": sys.executable}
         command = [str(script), str(model), str(steps)]
-        runs = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True) for _ in range(3)]
-        return min(json.loads(done.stdout)["us_per_step"] for done in runs)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)["us_per_step"]
 
     with ThreadPoolExecutor(CORES) as pool:
-        return CORES * 1e6 / statistics.mean(pool.map(loop, models))
+        return CORES * 1e6 / statistics.mean(pool.map(loop, islice(cycle(models), runs)))
 
 
 def python_loop(model: Path, points: int, steps: int) -> float:
@@ -101,15 +105,16 @@ def python_loop(model: Path, points: int, steps: int) -> float:
 
 def compare(script: Path, model: Path, total: int, steps: int, repeats: int, folder: Path) -> None:
     """Prints the medians, and the median of the ratios of adjacent runs."""
-    points = max(2, total // steps)
+    points = max(2 * CORES, total // steps)
     models = varied_models(model, folder)
-    c_loops(script, models[:1], 10)  # builds it
+    c_loops(script, models[:1], 10, 1)  # builds it
     in_c, in_python, studies = [], [], []
     for _ in range(repeats):
-        in_c.append(c_loops(script, models, steps))
+        in_c.append(c_loops(script, models, steps, min(points, RUNS)))
         in_python.append(python_loop(model, max(1, points // 10), steps))
-        start_up = study(model, 1, steps, folder)
-        studies.append(points * steps / max(1e-9, study(model, points, steps, folder) - start_up))
+        start_up = study(model, CORES, steps, folder)
+        seconds = study(model, points, steps, folder) - start_up
+        studies.append((points - CORES) * steps / max(1e-9, seconds))
     ratio = statistics.median(ours / loop for ours, loop in zip(studies, in_c, strict=True))
     against_python = statistics.median(ours / loop for ours, loop in zip(studies, in_python, strict=True))
     c, ours = statistics.median(in_c), statistics.median(studies)
