@@ -12,6 +12,9 @@ _code: int | None = None  # with which the command has ended
 def main() -> None:
     """Runs the command line and exits with its code."""
     global _code
+    if _is_in_ipython():
+        _exit_with_new_process()
+    _avoid_truncated_bytecode()
     # Before any import: a signal waits until it can be handled.
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
@@ -36,6 +39,42 @@ def main() -> None:
     for number in system.SIGNALS:  # it is over; only the interpreter is still to end
         signal.signal(number, signal.SIG_IGN)
     sys.exit(_code)
+
+
+def _is_in_ipython() -> bool:
+    """Returns whether IPython runs the command in its own process, as in `%run -m mjrun`."""
+    library = sys.modules.get("IPython")
+    return library is not None and library.get_ipython() is not None
+
+
+def _exit_with_new_process() -> None:
+    """Runs the command line in a new process, and exits with its code.
+
+    A command forks, changes how signals are handled and ends its process: a notebook would not survive that.
+    """
+    import subprocess
+
+    process = subprocess.Popen([sys.executable, "-m", "mjrun", *sys.argv[1:]])
+    while process.returncode is None:
+        try:
+            process.wait()
+        except KeyboardInterrupt:
+            process.send_signal(signal.SIGINT)
+    sys.exit(process.returncode)
+
+
+def _avoid_truncated_bytecode() -> None:
+    """Lets Python write no bytecode if the size of files is limited.
+
+    Python 3.11 stores bytecode that exceeds the limit truncated, and can never import that module again.
+    """
+    try:
+        import resource
+    except ImportError:  # no such limits exist on this system
+        return
+    if resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY:
+        sys.dont_write_bytecode = True
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"  # for its own processes, too
 
 
 def _leave() -> None:

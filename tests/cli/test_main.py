@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import marshal
 import os
 import signal
 import subprocess
@@ -339,3 +340,34 @@ def test_without_utf8_it_starts_anew_once(tmp_path: Path, flags: list[str], code
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=PATIENCE)
     assert done.returncode == code
     assert b"Traceback" not in done.stderr
+
+
+def test_ipython_outlives_a_command_that_it_runs() -> None:
+    pytest.importorskip("IPython")
+    code = """
+import os
+from IPython.core.interactiveshell import InteractiveShell
+shell = InteractiveShell.instance()
+shell.run_line_magic("run", "-m mjrun schema error")
+print(os.getpid())
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        schema, _, pid = process.communicate()[0].rstrip().rpartition("\n")
+    assert json.loads(schema) == failure_schema()
+    assert int(pid) == process.pid
+
+
+def test_a_limit_on_the_size_of_files_truncates_no_bytecode(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    limit = 16384  # more than the modules have that are imported before the limit is known
+    environment = {**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
+    subprocess.run(
+        [sys.executable, "-m", "mjrun", "--version"],
+        env=environment,
+        check=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    modules = list(tmp_path.rglob("mjrun/*.pyc"))
+    assert modules
+    for each in modules:
+        marshal.loads(each.read_bytes()[16:])  # which raises an error at a premature end
