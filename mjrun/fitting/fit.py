@@ -33,7 +33,7 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
 from mjrun.model.table_column import Column
 from mjrun.options.fit import EXTRAS, FitOptions
-from mjrun.options.option import options
+from mjrun.options.option import is_given, options
 from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_without
@@ -44,7 +44,19 @@ LEAST = 1e-5  # least noise of a signal that counts, as a share of its standard 
 BLOCKS = 20  # blocks of held-out data whose errors are assumed to be independent
 CERTAIN = 2.0  # standard deviations that a gain must exceed
 ENOUGH = 4  # least measured numbers per unknown
-DRIVING = ("controller", "ctrl_from", "policy", "push", "ctrl_noise", "replay")  # options which a log replaces
+DRIVING = (  # options which a log replaces
+    "controller",
+    "control_dt",
+    "ctrl_from",
+    "policy",
+    "push",
+    "ctrl_noise",
+    "ctrl_noise_time",
+    "replay",
+    "replay_mode",
+    "perturb",
+)
+LENGTH = ("duration", "steps")  # of an excitation
 READING = ("quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # of tables that are replayed
 TOLERANCE = 1e-3  # relative difference of costs due to rounding
 
@@ -220,8 +232,11 @@ class _Run:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
         require_all(EXTRAS)
         simulation = fit.simulation
-        if fit.velocity_limit is not None:
-            raise UsageError(f"{option('velocity_limit')} applies only with {option('excite')}")
+        for name in filter(lambda name: is_given(fit, name), ("velocity_limit", "excite_noise")):
+            raise UsageError(f"{option(name)} applies only with {option('excite')}", (name,))
+        for name in filter(lambda name: is_given(fit, name), () if fit.video else ("camera", "size")):
+            raise UsageError(f"{option(name)} applies only with {option('video')}", (name,))
+        require_without(simulation, LENGTH, f"a fit: the measurements set its length, except with {option('excite')}")
         if not fit.data:
             raise UsageError(f"{option('data')}: a fit needs a table of measurements")
         model = simulation.load()

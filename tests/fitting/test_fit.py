@@ -55,11 +55,34 @@ def test_a_fit_finds_what_the_log_was_made_with(tmp_path: Path, pendulum: Simula
 
 
 @pytest.mark.parametrize(
-    "driving", [{"controller": print}, {"push": ["bob=1/0/0@1+0.1"]}, {"ctrl_noise": 1}, {"quat": "xyzw"}]
+    "driving",
+    [
+        {"controller": print},
+        {"control_dt": 0.1},
+        {"push": ["bob=1/0/0@1+0.1"]},
+        {"ctrl_noise": 1},
+        {"ctrl_noise_time": 1},
+        {"perturb": 1},
+        {"replay_mode": "controls"},
+        {"quat": "xyzw"},
+        {"duration": 1},
+        {"steps": 10},
+    ],
 )
 def test_options_of_which_a_fit_makes_no_use_are_refused(tmp_path: Path, pendulum: Simulation, driving: dict) -> None:
     with pytest.raises(UsageError, match=f"^{next(iter(driving))} does not apply to"):
-        Fit(Simulation(pendulum.model, **driving), data=log(tmp_path), free=THREE)
+        Fit(Simulation(pendulum.model, **driving), data=log(tmp_path), free=THREE).run()
+
+
+@pytest.mark.parametrize(
+    ("given", "other"),
+    [({"camera": "free"}, "video"), ({"size": (64, 48)}, "video"), ({"excite_noise": 0.01}, "excite")],
+)
+def test_options_of_outputs_that_are_not_made_are_refused(
+    tmp_path: Path, pendulum: Simulation, given: dict, other: str
+) -> None:
+    with pytest.raises(UsageError, match=f"^{next(iter(given))} applies only with {other}$"):
+        Fit(pendulum, data=log(tmp_path), free=THREE, **given).run()
 
 
 @pytest.mark.slow
