@@ -52,9 +52,9 @@ def mjrun_simulation(request: pytest.FixtureRequest) -> "Callable[..., Simulatio
 def assert_trace_golden(request: pytest.FixtureRequest) -> "Callable[..., TraceResult]":
     """Returns a function that fails the test if a trace of a simulation differs from its golden table.
 
-    Its arguments are the simulation; `golden`, the path of the table, by default `golden/MODULE/TEST.csv` beside the
-    module of the test; and the options of `mjrun.Trace`, such as `probe`, `rate`, `atol` and `tol`. It returns the
-    result of the trace. A second table of a test needs a path, and so do those of tests of similar names.
+    Its arguments are the simulation; `golden`, the path of the table relative to the folder of the test, by default
+    `golden/MODULE/TEST.csv`; and the options of `mjrun.Trace`, such as `probe`, `rate`, `atol` and `tol`. It returns
+    the result of the trace. A second table of a test needs a path, and so do those of tests of similar names.
     """
     from mjrun.errors import FileError, GoldenDifferenceError
     from mjrun.outputs.trace import Trace
@@ -70,7 +70,7 @@ def assert_trace_golden(request: pytest.FixtureRequest) -> "Callable[..., TraceR
                 owner = (others or [test])[0]
                 pytest.fail(f"{usual} is already the table of {owner}; name another: golden=…", pytrace=False)
             used.append(usual)
-        path = str(golden or usual)
+        path = str(request.path.parent / golden if golden else usual)
         try:
             return Trace(simulation, written=False, golden=path, update=update, **options).run()
         except (FileError, GoldenDifferenceError) as error:

@@ -26,14 +26,14 @@ class TestKicked:
 """
 
 
-def pytest_output(folder: Path, text: str, *options: str) -> str:
-    """Runs pytest on a module of this text."""
+def pytest_output(folder: Path, text: str, *options: str, where: Path | None = None) -> str:
+    """Runs pytest on a module of this text, in its folder or in `where`."""
     (folder / "test_it.py").write_text(text)
     plugin = ["-p", pytest_plugin.__name__, "-p", "no:cacheprovider", "-q"]
     command = [sys.executable, "-m", "pytest", *plugin, *options, str(folder / "test_it.py")]
     # The plug-in would be registered twice where an installation has its entry point.
     environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True).stdout
+    return subprocess.run(command, cwd=where or folder, env=environment, capture_output=True, text=True).stdout
 
 
 def test_a_trace_is_compared_with_the_golden_table_of_its_test(tmp_path: Path) -> None:
@@ -77,6 +77,20 @@ def test_two_tables_cannot_have_one_name(tmp_path: Path) -> None:
     assert "golden/test_it/test_both.csv is already the table of test_both; name another" in output
     for other in ("a/b", "a b"):
         assert f"golden/test_it/test_name_a_b.csv is already the table of test_name[{other}]; name another" in output
+
+
+NAMED = """
+def test_named(mjrun_simulation, assert_trace_golden):
+    assert_trace_golden(mjrun_simulation("pendulum.xml", duration=0.1), golden="tables/named.csv")
+"""
+
+
+def test_a_named_table_is_beside_the_test_wherever_pytest_runs(tmp_path: Path) -> None:
+    (tmp_path / "tests/tables").mkdir(parents=True)
+    shutil.copy(ROOT / "scenes/pendulum.xml", tmp_path / "tests/pendulum.xml")
+    assert "1 passed" in pytest_output(tmp_path / "tests", NAMED, "--mjrun-update", where=tmp_path)
+    assert "1 passed" in pytest_output(tmp_path / "tests", NAMED)
+    assert (tmp_path / "tests/tables/named.csv").exists()
 
 
 def test_loading_the_plugin_imports_neither_mujoco_nor_numpy() -> None:

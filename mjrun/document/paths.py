@@ -73,6 +73,8 @@ class OutputFolder:
         try:
             file, folder = path.resolve(), self._folder.resolve()
             _require_no_circle(path)
+        except FileNotFoundError:  # the working folder has been removed
+            raise
         except (OSError, RuntimeError) as error:  # links in a circle
             raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
         if folder not in file.parents:

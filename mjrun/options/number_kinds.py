@@ -15,6 +15,7 @@ Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
 GROUPS = tuple(range(6))  # MuJoCo's groups of geoms, sites, …: mjNGROUP of them
 AUTO = "auto"
+MOST_DIGITS = 18  # of an integer, so that it is one of 64 bits
 NUMBERS: Schema = {
     "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 1}],
     "forms": "a number or a list of numbers",
@@ -53,8 +54,11 @@ class Integer(Kind[int, int]):
         return number
 
     def parse(self, text: str) -> int:
-        if not re.fullmatch(r"[-+]?[0-9]{1,18}", text.strip()):
+        digits = re.fullmatch(r"[-+]?([0-9]+)", text.strip())
+        if digits is None:
             raise InvalidValueError(self.expected)
+        if len(digits[1]) > MOST_DIGITS:
+            raise InvalidValueError(self.expected if self.most is not None else f"{self.expected} and below 1e18")
         return self(int(text))
 
 

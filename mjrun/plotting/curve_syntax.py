@@ -89,6 +89,8 @@ def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> Pane
 
 def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = None) -> list[CurveSpec]:
     """Parses one part of a panel's text: several curves, without x, for a wildcard or a group."""
+    if text in columns:  # of any name, such as one that ends with a space
+        return [_of_column(text)]
     text = text.strip()
     if text in columns:
         return [_of_column(text)]

@@ -263,7 +263,11 @@ class Simulation(SimulationOptions):
                 advice = f"limit it with {option('duration')}, or correct its times with {option('map')}"
                 raise UsageError(f"{option('replay')} lasts {steps:,} steps of {float(timestep):g} s\n{advice}")
             return Timeline.of_steps(timestep, steps)
-        return requested or Timeline.lasting(timestep, DURATION)
+        if requested is not None:
+            return requested
+        usual = Timeline.lasting(timestep, DURATION)
+        require_countable(usual.steps, "duration")
+        return usual
 
     def _requested_timeline(self, timestep: Fraction) -> Timeline | None:
         """Returns the timeline that the options request; None if they do not specify a length."""

@@ -150,9 +150,12 @@ def test_a_bug_is_reported_in_one_line(mjrun: Command, swing: Path) -> None:
 
 def test_a_working_folder_that_has_been_removed_is_no_bug(mjrun_here: Command, swing: Path) -> None:
     mjrun_here.folder.rmdir()
-    done = mjrun_here("trace", swing, "--steps", "1", "-o", "a.csv")
-    assert done.returncode == 7
-    assert done.stderr == b"mjrun: error: .: the working folder has been removed\n"
+    document = swing.with_name("swing.yaml")
+    document.write_text(f"model: {swing}\nduration: 0.1\ntraces: [{{output: a.csv}}]\n")
+    for command in (("trace", swing, "--steps", "1", "-o", "a.csv"), ("run", document, "-o", "out")):
+        done = mjrun_here(*command)
+        assert done.returncode == 7
+        assert done.stderr == b"mjrun: error: .: the working folder has been removed\n"
 
 
 def test_a_simulation_that_needs_more_memory_than_there_is_is_no_bug(

@@ -43,6 +43,12 @@ def test_a_panel_for_each_group_and_each_unit() -> None:
     ]
 
 
+def test_columns_may_end_with_spaces() -> None:
+    names = ["time", "qpos/  ", "qvel/ "]
+    curves = [curve.column for name in names[1:] for curve in parse_panel(name, names).curves]
+    assert curves == names[1:]
+
+
 def test_a_panel_for_each_column() -> None:
     panels = panels_by_unit(list(UNITS), UNITS, apart=True)
     assert [panel.label for panel in panels] == [f"{n} [{u}]" if u else n for n, u in UNITS.items()]

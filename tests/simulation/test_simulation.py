@@ -80,6 +80,8 @@ def test_a_number_of_steps_that_cannot_be_is_refused(steps: Any) -> None:
 def test_more_steps_than_can_be_counted_are_refused_before_the_first(how: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=r"^(duration|steps): more than 9e\+15 steps"):
         Simulation(MODEL, **how).timeline(MODEL)
+    with pytest.raises(UsageError, match=r"^duration: more than 9e\+15 steps"):  # of the usual duration
+        Simulation(MODEL).timeline(MODEL, timestep=Fraction(1, 10**16))
 
 
 def test_a_compiled_model_is_copied_as_it_is() -> None:

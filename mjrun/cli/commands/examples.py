@@ -28,13 +28,20 @@ def examples(console: Console, command_line: CommandLine) -> None:
     target = Path(command_line.argument("folder"))
     if os.path.lexists(target):
         raise FileError(target, "exists already; name a new folder")
+
+    def copy_file(source: str, copy: str) -> None:  # copytree collects the OSErrors of all files in one long message
+        try:
+            shutil.copy2(source, copy)
+        except OSError as error:
+            raise FileError(target, f"cannot be written: {error.strerror}") from error
+
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=target.parent, prefix=".mjrun-") as temporary:
             copy = Path(temporary) / target.name
-            shutil.copytree(scene_folder(), copy, ignore=shutil.ignore_patterns(*LEFT_OUT))
+            shutil.copytree(scene_folder(), copy, ignore=shutil.ignore_patterns(*LEFT_OUT), copy_function=copy_file)
             copy.rename(target)
-    except (OSError, shutil.Error) as error:
-        raise FileError(target, getattr(error, "strerror", None) or str(error)) from error
+    except OSError as error:
+        raise FileError(target, error.strerror or str(error)) from error
     count = sum(path.is_file() for path in target.rglob("*"))
     console.result(f"{clean(str(target))}: {count} files")

@@ -16,6 +16,7 @@ from mjrun.model.names import identify
 from mjrun.options.number_kinds import Point
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.physics.initial_state import InitialState
 from mjrun.physics.kinematic_samples import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.added_geoms import Ghost
@@ -113,10 +114,22 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
     return GhostPlan(
         offset=_offset(settings.get("offset", "0/0/0")),
         opacity=_opacity(settings.get("opacity", str(OPACITY))),
-        key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
+        key=_keyframe(settings["key"], model) if "key" in settings else None,
         trace=_trace(Path(settings["trace"]), settings.get("map"), model, simulation) if "trace" in settings else None,
         recording=_recording(Path(settings["recording"]), model) if "recording" in settings else None,
     )
+
+
+def _keyframe(name: str, model: mujoco.MjModel) -> int:
+    """Returns the id of a keyframe.
+
+    Raises:
+      UnknownNameError: the model has no such keyframe.
+      ModelError: the keyframe is not finite.
+    """
+    index = identify(model, "keyframe", name)
+    InitialState(key=name).data(model)
+    return index
 
 
 def _offset(text: str) -> Vector:

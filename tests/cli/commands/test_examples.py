@@ -1,5 +1,8 @@
 """`mjrun examples`: a copy of the models and documents that the documentation uses."""
 
+import errno
+import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -27,6 +30,19 @@ def test_a_copy_has_the_same_files_and_its_documents_run(tmp_path: Path, monkeyp
 def test_an_existing_folder_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["examples", str(tmp_path)]) == 7
     assert "exists already; name a new folder" in capsys.readouterr().err
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_full_disk_is_reported_once_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(shutil, "copy2", fail)
+    assert run(["examples", str(tmp_path / "scenes")]) == 7
+    message = f"mjrun: error: {tmp_path}/scenes: cannot be written: {os.strerror(errno.ENOSPC)}\n"
+    assert capsys.readouterr().err == message
     assert not [*tmp_path.iterdir()]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.errors import MjrunError, UnknownNameError, UsageError
+from mjrun.errors import MjrunError, ModelError, UnknownNameError, UsageError
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.decorations.ghost import OPACITY, GhostPlan, PlannedGhosts
 from mjrun.outputs.decorations.trail import PlannedTrails
@@ -79,6 +79,15 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
     assert moving[2][1] == pytest.approx((angles[50] + angles[51]) / 2, abs=1e-15)
     assert standing[0][1] == 1.5
     assert found.ghosts[1].opacity == 0.5
+
+
+def test_a_ghost_in_a_pose_that_is_not_finite_is_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody>'
+        '<keyframe><key name="lost" qpos="nan 0 0 1 0 0 0"/></keyframe></mujoco>'
+    )
+    with pytest.raises(ModelError, match=r"keyframe 'lost': qpos\[0\] is nan; it must be finite"):
+        ghosts(ViewOptions(ghost=["key=lost"]), model)
 
 
 @pytest.mark.parametrize(
