@@ -5,10 +5,11 @@ start-up, measured with a few rows, is subtracted. The loop is a script with the
 prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
 More expensive outputs and inputs are timed, too, in CPU time: the contact table, columns that are read instant by
 instant, a table of controls, noise, and a controller called at every step, beside the loop that a user would write for
-it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. Of the other two controllers one passes
-its data on to a function, and one keeps it, so that it must get a copy. An episode of the standing humanoid is compared
-with the same loop around the same policy, a network in ONNX and a function in Python, on the same observations; the
-loop has neither rewards nor terminations. A long run of the last model shows that memory stays constant.
+it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. The traces have more columns, energy and
+exact CSV; "alike" has the columns of the loop, in npz. Of the other two controllers one passes its data on to a
+function, and one keeps it, so that it must get a copy. An episode of the standing humanoid is compared with the same
+loop around the same policy, a network in ONNX and a function in Python, on the same observations; the loop has neither
+rewards nor terminations. A long run of the last model shows that memory stays constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -40,6 +41,7 @@ TASK = ROOT / "scenes/humanoid_stand.yaml"
 NETWORK = ROOT / "scenes/policies/humanoid_stand.onnx"
 MJRUN = (sys.executable, "-m", "mjrun")
 FEW = 200  # rows that measure start-up
+ALIKE = ["--probe", "qpos", "--probe", "qvel"]  # the columns that the loops keep
 CONTROLLER = """
 import numpy as np
 
@@ -185,6 +187,7 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
             "noise": ["--ctrl-noise", "1e-9"],
             "table": ["--ctrl-from", str(table)],
             **{name: ["--controller", f"{folder / name}.py:act"] for name in controllers},
+            "alike": ["--controller", f"{code}:act", *ALIKE, "-o", str(folder / "alike.npz")],
             "every 10th": ["--controller", f"{code}:act", "--control-dt", str(10 * timestep(model))],
         }.items()
         if actuated(model) or not {"--controller", "--ctrl-from", "--ctrl-noise"} & {*options}
@@ -202,7 +205,7 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
     medians = {name: statistics.median(each) for name, each in costs.items()}
     texts = [f"{name} {cost:.1f} us ({cost / medians['plain']:.2f} x)" for name, cost in medians.items()]
     print(f"{model.stem:12} {'   '.join(texts)}")
-    for name in controllers if actuated(model) else ():
+    for name in [*controllers, "alike"] if actuated(model) else ():
         ratio = statistics.median(one / other for one, other in zip(costs[name], costs["loop"], strict=True))
         print(f"{'':12} {name} / loop in Python: {ratio:.2f}")
 
@@ -217,7 +220,8 @@ def policies(steps: int, repeats: int, folder: Path) -> None:
     noise.write_text("\n".join(start.read_text().splitlines()[1].split(",")[1:3]))  # of qvel, after the time
     video = ["video", "--size", "320x240", "--fps", "25", "--jobs", "1", "-o", str(folder / "video.mp4")]
     for name, policy, network in (("ONNX", str(NETWORK), [str(NETWORK)]), ("function", f"{code}:act", [])):
-        for command, count in ((["trace"], steps), (video, steps // 5)):
+        alike = ["trace", *ALIKE, "-o", str(folder / "alike.npz")]
+        for command, count in ((["trace"], steps), (alike, steps), (video, steps // 5)):
             ours = [*MJRUN, *command, str(TASK), "--policy", policy, "-q", "--steps"]
             theirs = [sys.executable, str(loop), str(model)]
             gl = {"MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")} if command is video else {}
@@ -227,7 +231,8 @@ def policies(steps: int, repeats: int, folder: Path) -> None:
                 ]
             one, other = (statistics.median(column) for column in zip(*rows, strict=True))
             print(
-                f"{TASK.stem}, {command[0]}, policy {name}: {one:.1f} us/step   loop in Python {other:.1f} us/step   "
+                f"{TASK.stem}, {command[0]}{' alike' * (command is alike)}, policy {name}: {one:.1f} us/step   "
+                f"loop in Python {other:.1f} us/step   "
                 f"ratio {statistics.median(a / b for a, b in rows):.2f}"
             )
 
