@@ -12,7 +12,7 @@ from mujoco import MjModel
 from mjrun import errors as errors
 from mjrun.bench.bench import Bench as _Bench
 from mjrun.bench.results import BenchResult as BenchResult
-from mjrun.camera.script import CameraScript, Event
+from mjrun.camera.script import CameraScript, ConditionEvent
 from mjrun.check.check import CheckResult as CheckResult
 from mjrun.diff.result import DiffResult as DiffResult
 from mjrun.document.camera_and_ghost_forms import read_camera as read_camera
@@ -1156,7 +1156,7 @@ class Image(_Image):
         trail: str | Sequence[str] = ...,
         trail_span: float | str | Fraction | None = ...,
         ghost: str | Sequence[str] = ...,
-        time: float | str | Fraction | Event | None = ...,
+        time: float | str | Fraction | ConditionEvent | None = ...,
         step: int | None = ...,
         format: str | None = ...,
         legend: bool = ...,

@@ -162,7 +162,7 @@ def plain(value: object) -> object:
             return value
         case float():
             return value if math.isfinite(value) else str(value)
-        case Problem():
+        case DocumentProblem():
             return value._asdict()
         case Mapping():
             return {str(key): plain(each) for key, each in cast("Mapping[object, object]", value).items()}
@@ -309,7 +309,7 @@ class BadValueError(UsageError):
         super().__init__(f"{what}: {quoted(self.value)} is not {expected}")
 
 
-class Problem(NamedTuple):
+class DocumentProblem(NamedTuple):
     """A problem in a document, at `place`, `shots.yaml:12:5`, and at `path` in it, `shots[1].orbit`."""
 
     place: str
@@ -323,7 +323,7 @@ class Problem(NamedTuple):
 class DocumentError(UsageError):
     """An invalid document; lists every problem, one per line."""
 
-    def __init__(self, problems: Sequence[Problem]) -> None:
+    def __init__(self, problems: Sequence[DocumentProblem]) -> None:
         self.problems = tuple(problems)
         hidden = len(problems) - FAULTS
         more = [f"… and {hidden} more problem{'s' if hidden > 1 else ''}"] if hidden > 0 else []

@@ -37,7 +37,7 @@ from typing import Literal
 import numpy as np
 from mujoco import MjModel
 
-from mjrun.camera.script import CameraScript, Event
+from mjrun.camera.script import CameraScript, ConditionEvent
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
@@ -53,7 +53,7 @@ INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 # Kinds that accept objects of rooms that declarations do not know.
 ACCEPTED: dict[type[AnyKind], str] = {
     CameraKind: "str | int | PathLike[str] | CameraScript",
-    Instant: "float | str | Fraction | Event",
+    Instant: "float | str | Fraction | ConditionEvent",
     ProcessCount: "int | Literal['auto']",
     PolicyKind: "str | PathLike[str] | Policy | Callable[..., object]",
 }

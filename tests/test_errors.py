@@ -22,6 +22,7 @@ from mjrun.errors import (
     ClosedPipeError,
     CompiledOverrideError,
     DocumentError,
+    DocumentProblem,
     EncoderError,
     EndedFromOutsideError,
     FailedEpisodesError,
@@ -33,7 +34,6 @@ from mjrun.errors import (
     ModelNotFoundError,
     NoRendererError,
     PartlyDoneError,
-    Problem,
     SoftwareRendererError,
     TerminatedError,
     UnknownNameError,
@@ -217,7 +217,9 @@ def test_a_list_is_cut_only_when_it_is_long_and_then_says_how_long() -> None:
         (UnknownNameError("keyframe", "home", []), "no keyframe 'home'\nthere are no keyframes"),
         (BadValueError("--fps", -3, "a positive number"), "--fps: '-3' is not a positive number"),
         (
-            DocumentError([Problem("a.yaml:1:2", "shots[0]", "is bad"), Problem("a.yaml", "", "is worse")]),
+            DocumentError(
+                [DocumentProblem("a.yaml:1:2", "shots[0]", "is bad"), DocumentProblem("a.yaml", "", "is worse")]
+            ),
             "a.yaml:1:2: shots[0]: is bad\na.yaml: is worse",
         ),
         (
@@ -248,7 +250,7 @@ def test_the_first_line_says_what_and_where_and_further_lines_what_is_valid_and_
 def test_of_a_document_with_very_many_problems_the_first_are_shown_and_the_others_counted(
     hidden: int, last: str
 ) -> None:
-    problems = [Problem("a.yaml", "", f"problem {i}") for i in range(FAULTS + hidden)]
+    problems = [DocumentProblem("a.yaml", "", f"problem {i}") for i in range(FAULTS + hidden)]
     assert str(DocumentError(problems[:FAULTS])).splitlines() == [f"a.yaml: problem {i}" for i in range(FAULTS)]
     assert str(DocumentError(problems)).splitlines() == [f"a.yaml: problem {i}" for i in range(FAULTS)] + [last]
 
@@ -293,7 +295,7 @@ def test_where_the_memory_that_a_model_sets_apart_is_too_small_the_message_says_
         (UnknownNameError("geom", "floor", [EVIL]), 2),
         (UnknownNameError("geom", EVIL, [EVIL + "x"]), 2),
         (BadValueError("size", EVIL, "a number"), 1),
-        (DocumentError([Problem(EVIL, EVIL, EVIL), Problem(EVIL, "", "is bad")]), 2),
+        (DocumentError([DocumentProblem(EVIL, EVIL, EVIL), DocumentProblem(EVIL, "", "is bad")]), 2),
         (CompiledOverrideError(EVIL_PATH, [("set", EVIL)]), 2),
         (ModelNotFoundError(EVIL_PATH, "no such file", [EVIL, EVIL + "x"], EVIL), 2),
         (BrokenModelError(EVIL_PATH, EVIL.replace("\n", "").replace("\u2028", "")), 1),
@@ -324,7 +326,7 @@ def test_a_failure_is_plain_json_with_the_facts_of_its_error() -> None:
         "message": "no joint 'knee'\njoints: hip, toe",
         "exit_code": 2,
     }
-    invalid = FailureReport.of(DocumentError([Problem("a.yaml:1:2", "fps", "expected a number")]))
+    invalid = FailureReport.of(DocumentError([DocumentProblem("a.yaml:1:2", "fps", "expected a number")]))
     assert invalid.document()["problems"] == [{"place": "a.yaml:1:2", "path": "fps", "message": "expected a number"}]
     diverged = UnstableError(6, math.inf, "qacc", "hinge", 0.01)
     assert json.loads(json.dumps(FailureReport.of(diverged).document(), allow_nan=False))["time"] == "inf"

@@ -1,7 +1,7 @@
 """Comparison of a benchmark with a saved baseline: whether it is slower, and with what certainty.
 
 Wall times of two benchmarks differ with the state of the machine as well as with the measured model. If both have timed
-the same reference workload alternately with a figure, its samples `s` are divided by those of the workload, `r`, of the
+the same reference workload alternately with a timing, its samples `s` are divided by those of the workload, `r`, of the
 same turn, and the quotients of both benchmarks are compared by the ratio of their medians:
 
     ratio = median(s_i / r_i) now / median(s_j / r_j) in the baseline
@@ -10,7 +10,7 @@ A machine that is slower as a whole changes neither quotient. The interval of th
 quotients; it only assumes that turns are independent of each other.
 
 The interval reflects how samples differ within a benchmark, not how another process has slowed down all of them. Such a
-disturbance can only increase a wall time, and affects the fastest sample least: a figure must therefore be slower by
+disturbance can only increase a wall time, and affects the fastest sample least: a timing must therefore be slower by
 its median and by its fastest sample.
 """
 
@@ -23,7 +23,7 @@ from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
 
-FigureId = tuple[str, str]  # name, and device if that is not the processor
+TimingId = tuple[str, str]  # name, and device if that is not the processor
 Document = Mapping[str, Any]  # a benchmark as JSON
 
 SCHEMA = "mjrun-bench-1"
@@ -39,21 +39,21 @@ EARLIER_SETTINGS = (("--set ", ""), ("--integrator ", "opt.integrator="), ("--ti
 
 
 @dataclass(frozen=True)
-class FigureSamples:
-    """Wall times [s] of one figure and, if it was timed, of the reference workload in the same turns."""
+class TimingSamples:
+    """Wall times [s] of one timing and, if it was timed, of the reference workload in the same turns."""
 
     times: Sequence[float]
     workload: Sequence[float] | None
 
     @classmethod
-    def read(cls, statistics: Document, workload: Document | None) -> "FigureSamples":
+    def read(cls, statistics: Document, workload: Document | None) -> "TimingSamples":
         """Reads `SampleStatistics` in JSON."""
         times = _positive(statistics["samples"])
         if workload is None:
             return cls(times, None)
         workload_times = _positive(workload["samples"])
         if len(workload_times) != len(times):
-            raise ValueError("the reference workload needs as many samples as the figure")
+            raise ValueError("the reference workload needs as many samples as the timing")
         return cls(times, workload_times)
 
     @property
@@ -66,25 +66,25 @@ class FigureSamples:
         return [time / reference for time, reference in zip(self.times, workload, strict=True)]
 
 
-def figures(document: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
-    """Yields all figures that are compared."""
+def timings(document: Document) -> Iterator[tuple[TimingId, TimingSamples]]:
+    """Yields all timings that are compared."""
     for row in document["rows"]:
-        yield from figures_of_row(row)
+        yield from timings_of_row(row)
     for frame in document["frames"]:
         (width, height), renderer = frame["size"], frame["renderer"]
         name = f"{frame['view']} {width}x{height} {frame['quality']}" + f" {renderer}" * (renderer != "classic")
-        yield (name, frame["device"]), FigureSamples.read(frame["total"], frame.get("reference_workload"))
+        yield (name, frame["device"]), TimingSamples.read(frame["total"], frame.get("reference_workload"))
 
 
-def figures_of_row(row: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
-    """Yields the figures of a point of the grid."""
+def timings_of_row(row: Document) -> Iterator[tuple[TimingId, TimingSamples]]:
+    """Yields the timings of a point of the grid."""
     point = "".join(f" {path}={value}" for path, value in row["point"].items())
     if row["step"] is not None:
-        yield (f"step{point}", ""), FigureSamples.read(row["step"], row.get("reference_workload"))
+        yield (f"step{point}", ""), TimingSamples.read(row["step"], row.get("reference_workload"))
     for threads in row["threads"]:
         if threads["threads"] > 1:
             name = f"threads {threads['threads']}{point}"
-            yield (name, ""), FigureSamples.read(threads["step"], threads.get("reference_workload"))
+            yield (name, ""), TimingSamples.read(threads["step"], threads.get("reference_workload"))
 
 
 def _positive(samples: Sequence[Any]) -> list[float]:
@@ -95,11 +95,11 @@ def _positive(samples: Sequence[Any]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class FigureComparison:
-    """Change of one figure.
+class TimingComparison:
+    """Change of one timing.
 
     Attributes:
-      name: name of the figure and its point in the grid: `step`, `threads 2`, `rgb 1280x720 model`.
+      name: name of the timing and its point in the grid: `step`, `threads 2`, `rgb 1280x720 model`.
       base, now: medians of the wall time [s].
       ratio: ratio of the medians, relative to the reference workload if `reference_workload` is a number; above 1 is
         slower.
@@ -123,11 +123,11 @@ class FigureComparison:
 
 
 @dataclass(frozen=True)
-class MissingFigure:
-    """A figure of the baseline that is missing in this benchmark.
+class MissingTiming:
+    """A timing of the baseline that is missing in this benchmark.
 
     Attributes:
-      name: name of the figure, with the device if that is not the processor.
+      name: name of the timing, with the device if that is not the processor.
       base: median of the wall time [s].
       failure: reason why it could not be measured, such as an instability; None if it was not requested.
     """
@@ -143,18 +143,18 @@ class BaselineComparison:
 
     Attributes:
       base: file of the baseline.
-      limit: ratio above which a figure is slower.
-      verdict: worst verdict of all figures; `failed` if one of the baseline could not be measured.
-      ratios: changes of the figures that both contain.
-      gone: figures that only the baseline contains.
+      limit: ratio above which a timing is slower.
+      verdict: worst verdict of all timings; `failed` if one of the baseline could not be measured.
+      ratios: changes of the timings that both contain.
+      gone: timings that only the baseline contains.
       differences: differences of model, options and machine that were overridden.
     """
 
     base: str
     limit: float
     verdict: str
-    ratios: Sequence[FigureComparison]
-    gone: Sequence[MissingFigure]
+    ratios: Sequence[TimingComparison]
+    gone: Sequence[MissingTiming]
     differences: Sequence[str]
 
 
@@ -176,7 +176,7 @@ def read_base(path: str | Path) -> Document:
         raise FileError(path, "is not a benchmark of this mjrun", f"`mjrun bench` makes one with {option('save')}")
 
     try:
-        list(figures(document))
+        list(timings(document))
         differences(document, document)
         workload_obstacle(document, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -250,51 +250,51 @@ def check_same(now: Document, base: Document, path: str, force: bool) -> list[st
 def compare(
     now: Document, base: Document, path: str, threshold: float, overridden: Sequence[str] = ()
 ) -> BaselineComparison:
-    """Compares every figure that both documents contain, and lists those that only the baseline contains.
+    """Compares every timing that both documents contain, and lists those that only the baseline contains.
 
     Args:
-      threshold: accepted slowdown of a figure: 0.1 is a tenth.
+      threshold: accepted slowdown of a timing: 0.1 is a tenth.
       overridden: differences that are ignored, from `check_same`.
 
     Raises:
-      UsageError: the documents have no figure in common, and nothing has failed.
+      UsageError: the documents have no timing in common, and nothing has failed.
     """
-    before, here, limit = dict(figures(base)), dict(figures(now)), 1 + threshold
+    before, here, limit = dict(timings(base)), dict(timings(now)), 1 + threshold
     with_workload = workload_obstacle(now, base) is None
     ratios = [
-        _ratio(figure[0], samples, before[figure], limit, with_workload)
-        for figure, samples in here.items()
-        if figure in before
+        _ratio(timing[0], samples, before[timing], limit, with_workload)
+        for timing, samples in here.items()
+        if timing in before
     ]
 
     failures = _failures(now, base)
     missing = [
-        MissingFigure(_label(figure), samples.median, failures.get(figure))
-        for figure, samples in before.items()
-        if figure not in here
+        MissingTiming(_label(timing), samples.median, failures.get(timing))
+        for timing, samples in before.items()
+        if timing not in here
     ]
 
-    verdicts = [ratio.verdict for ratio in ratios] + [FAILED for figure in missing if figure.failure]
+    verdicts = [ratio.verdict for ratio in ratios] + [FAILED for timing in missing if timing.failure]
     if not verdicts:
         names = listing([*map(_label, before)])
-        message = f"{clean(path)} has no figure in common with this benchmark\nit has {names}"
+        message = f"{clean(path)} has no timing in common with this benchmark\nit has {names}"
         raise UsageError(message, ("compare",))
     return BaselineComparison(path, limit, min(verdicts, key=WORST_FIRST.index), ratios, missing, overridden)
 
 
-def _failures(now: Document, base: Document) -> dict[FigureId, str]:
-    """Returns the figures of the baseline that could not be measured now, with the reasons."""
+def _failures(now: Document, base: Document) -> dict[TimingId, str]:
+    """Returns the timings of the baseline that could not be measured now, with the reasons."""
     failed = [row for row in now["rows"] if row["failure"] is not None]
     return {
-        figure: row["failure"]
+        timing: row["failure"]
         for row in failed
         for before in base["rows"]
         if before["point"] == row["point"]
-        for figure, _ in figures_of_row(before)
+        for timing, _ in timings_of_row(before)
     }
 
 
-def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, with_workload: bool) -> FigureComparison:
+def _ratio(name: str, now: TimingSamples, base: TimingSamples, limit: float, with_workload: bool) -> TimingComparison:
     here, there, fastest, workload = now.times, base.times, min(now.times) / min(base.times), None
     if with_workload and now.workload and base.workload:
         here, there = now.quotients(now.workload), base.quotients(base.workload)
@@ -303,7 +303,7 @@ def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, wit
 
     interval = ratio_interval(here, there, CONFIDENCE)
     low, high = (None, None) if interval is None else (interval.low, interval.high)
-    return FigureComparison(
+    return TimingComparison(
         name=name,
         base=base.median,
         now=now.median,
@@ -327,8 +327,8 @@ def verdict(low: float | None, high: float | None, fastest: float, limit: float)
     return NOT_SLOWER if high <= limit else INCONCLUSIVE
 
 
-def _label(figure: FigureId) -> str:
-    name, device = figure
+def _label(timing: TimingId) -> str:
+    name, device = timing
     return f"{name} by {device}" if device else name
 
 

@@ -17,7 +17,7 @@ from mjrun import errors
 from mjrun.camera import rigs
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, ObjectName, RampKind, Shake
+from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, ObjectNameKind, RampKind, Shake
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, near
 from mjrun.model.names import identify, names
@@ -44,13 +44,13 @@ SHOT_SETTINGS = ("roll", "fovy")
 class FramedObject(Options):
     """An object to keep whole in the image, with everything attached to it, by adjusting the distance."""
 
-    target: str = required(converter=ObjectName(), kw_only=False, help="A body, geom or site.")
+    target: str = required(converter=ObjectNameKind(), kw_only=False, help="A body, geom or site.")
     margin: float = option(
         converter=Real(least=1), default=1.2, kw_only=False, help="Size of the image relative to the object."
     )
 
 
-class InstantOrEnd(ExactNumber):
+class InstantOrEndKind(ExactNumber):
     """A time [s], kept exactly, or the end."""
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class InstantOrEnd(ExactNumber):
 
 
 @options
-class Event(Options):
+class ConditionEvent(Options):
     """An event in the simulation: the instant when a condition becomes true."""
 
     when: str = required(
@@ -87,7 +87,7 @@ class Event(Options):
         help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
-        converter=optional(InstantOrEnd()),
+        converter=optional(InstantOrEndKind()),
         default=None,
         key="else",
         kw_only=False,
@@ -95,7 +95,7 @@ class Event(Options):
     )
 
 
-class InstantOrEvent(OneOf["float | str | Fraction | Event", "Fraction | Event"]):
+class InstantOrEventKind(OneOf["float | str | Fraction | ConditionEvent", "Fraction | ConditionEvent"]):
     """A time [s], kept exactly, or an event.
 
     Args:
@@ -105,13 +105,13 @@ class InstantOrEvent(OneOf["float | str | Fraction | Event", "Fraction | Event"]
     def __init__(self, zero: bool = False) -> None:
         time = ExactNumber(zero=zero)
         forms = "a time [s] or {when, nth, offset, else}"
-        super().__init__(forms, number=time, string=time, object=OptionsMapping(Event, Event))
+        super().__init__(forms, number=time, string=time, object=OptionsMapping(ConditionEvent, ConditionEvent))
 
-    def __call__(self, value: "float | str | Fraction | Event") -> "Fraction | Event":
-        return value if isinstance(value, Event) else ExactNumber(zero=True)(value)
+    def __call__(self, value: "float | str | Fraction | ConditionEvent") -> "Fraction | ConditionEvent":
+        return value if isinstance(value, ConditionEvent) else ExactNumber(zero=True)(value)
 
-    def plain(self, value: "Fraction | Event") -> object:
-        return plain_values(value) if isinstance(value, Event) else value
+    def plain(self, value: "Fraction | ConditionEvent") -> object:
+        return plain_values(value) if isinstance(value, ConditionEvent) else value
 
 
 class BlendKind(OneOf["Blend | str | float", Blend]):
@@ -141,7 +141,7 @@ class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
     def __init__(self) -> None:
         super().__init__(
             "an object's name or {target, margin}",
-            string=ObjectName(),
+            string=ObjectNameKind(),
             object=OptionsMapping(FramedObject, FramedObject),
         )
 
@@ -157,8 +157,8 @@ class Shot(Options):
     """A rig for a stretch of time."""
 
     rig: Rig = field(kw_only=False)
-    until: Fraction | Event | None = option(
-        converter=optional(InstantOrEvent()),
+    until: Fraction | ConditionEvent | None = option(
+        converter=optional(InstantOrEventKind()),
         default=None,
         kw_only=False,
         help="End of the shot: a time of the simulation [s], or an event.",
@@ -205,7 +205,7 @@ class Shot(Options):
     )
 
 
-class ShotForm(OptionsMapping[Shot]):
+class ShotMappingKind(OptionsMapping[Shot]):
     """A shot in a document, whose rig is one of its keys."""
 
     def __init__(self) -> None:
@@ -241,7 +241,7 @@ class CameraDocument(Options):
         help="Simulated seconds per second of video, for shots without a speed: 0.5 is slow motion.",
     )
     shots: tuple[Shot, ...] = required(
-        converter=ListOf[Shot](ShotForm(), least=1),
+        converter=ListOf[Shot](ShotMappingKind(), least=1),
         help="The shots in order; all but the last set their end with until or duration.",
     )
 
@@ -366,7 +366,7 @@ class _RigArgument:
     def __init__(self, rig: type[Rig]) -> None:
         self._rig, self._where, self._example = rig, f"{errors.option('camera')} {rig.kind}", RIG_EXAMPLES[rig.kind]
         declared = options_of(rig)
-        self._object = next((each for each in declared if isinstance(each.kind, ObjectName)), None)
+        self._object = next((each for each in declared if isinstance(each.kind, ObjectNameKind)), None)
         self._settings = {each.key: each for each in declared if each is not self._object}
         shots = {each.key: each for each in options_of(Shot) if each.key in SHOT_SETTINGS}
         self._kinds = {key: each.kind for key, each in (self._settings | shots).items()}

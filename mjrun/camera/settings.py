@@ -107,7 +107,7 @@ class ShakeNoise:
         return self._amplitude * np.sin(2 * math.pi * turns).sum(axis=1)
 
 
-class ObjectName(Text):
+class ObjectNameKind(Text):
     """The name of an object, as in `box`, `geom:edge`, `site:tip` or `subtree:torso`; resolved in a model later."""
 
     metavar = "OBJECT"

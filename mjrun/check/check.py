@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from mjrun.check.catalogue import codes, matching_codes, threshold_values
-from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixOutcome, ModelCopy, ModelResult
+from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixOutcome, ModelResult
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcessPool, CheckQueue, CheckRequest, WorkerOutcome
 from mjrun.child_process import ExitStatus
@@ -234,7 +234,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             return None
         from mjrun.check.fixing import ModelFixer  # which imports MuJoCo
 
-        def check(copies: Sequence[ModelCopy]) -> Sequence[FixOutcome]:
+        def check(copies: Sequence[FixedModelCopy]) -> Sequence[FixOutcome]:
             tasks = [
                 replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
                 for copy in copies

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import SEVERITIES, Finding, ModelCopy, ModelResult, without_repeats
+from mjrun.check.rule import SEVERITIES, Finding, FixedModelCopy, ModelResult, without_repeats
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import ModelError, NoRendererError, clean, counted
@@ -164,7 +164,7 @@ class FindingCards:
             image = self._picture(model, finding)
             yield _card(finding, finding.severity, finding.remedy.splitlines(), [image] if image else [])
 
-    def add_fixes(self, copy: ModelCopy, findings: Sequence[Finding]) -> None:
+    def add_fixes(self, copy: FixedModelCopy, findings: Sequence[Finding]) -> None:
         """Adds a card for each finding that is fixed in the copy of a model, with pictures of both if it is visible."""
         visible = [f for f in findings if any(name.startswith(VISIBLE) for fix in f.fixes for name in fix.fields)]
         models = [self._pictured(str(path)) for path in (copy.original, copy.path)] if visible else []

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from mjrun.check.rule import Finding, Fix, FixedFile, FixOutcome, ModelCopy, ModelResult, short_path
+from mjrun.check.rule import Finding, Fix, FixedFile, FixedModelCopy, FixOutcome, ModelResult, short_path
 from mjrun.check.rules.check_itself import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass
@@ -39,7 +39,7 @@ OUTSIDE = f"it is outside the folders of the models; give a folder that contains
 IN_COLLECTION = f"it belongs to a collection of models; copy its folder, and give that, with {option('fix')}"
 
 
-BeforeFix = Callable[[ModelCopy, Sequence[Finding]], object]
+BeforeFix = Callable[[FixedModelCopy, Sequence[Finding]], object]
 
 
 @dataclass(eq=False)
@@ -91,7 +91,7 @@ class ModelFixer:
         self,
         given: Sequence[str | Path],
         models: Sequence[str],
-        check: Callable[[Sequence[ModelCopy]], Sequence[FixOutcome]],
+        check: Callable[[Sequence[FixedModelCopy]], Sequence[FixOutcome]],
         before: BeforeFix | None = None,
     ) -> None:
         self._check, self._before = check, before
@@ -219,12 +219,12 @@ class _Mirror:
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(texts[real])
 
-    def copies(self, original: "_Mirror | None") -> Iterator[ModelCopy]:
+    def copies(self, original: "_Mirror | None") -> Iterator[FixedModelCopy]:
         """Yields the copies of the models, to be compared with those in another mirror, or with the models."""
         for model in self._group.models:
             path = Path(model).absolute()
             reference = mirrored(original._root, path) if original else Path(model)
-            yield ModelCopy(model, mirrored(self._root, path), self._root, reference)
+            yield FixedModelCopy(model, mirrored(self._root, path), self._root, reference)
 
 
 def changed_fields(original: Path, model: mujoco.MjModel) -> list[tuple[str, str]] | None:

@@ -273,7 +273,7 @@ class FixOutcome(NamedTuple):
     changes: Sequence[tuple[str, str]] | None = None
 
 
-class ModelCopy(NamedTuple):
+class FixedModelCopy(NamedTuple):
     """A copy of a model.
 
     Attributes:

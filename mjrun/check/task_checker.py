@@ -17,7 +17,7 @@ from mjrun.check.worker import ARENAS, Checker
 from mjrun.check.worker_pool import MIB, CheckRequest
 from mjrun.child_process import limit_this_process
 from mjrun.dataclass import dataclass
-from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, Problem, UsageError, clean, option
+from mjrun.errors import DocumentError, DocumentProblem, FileError, MjrunError, ModelError, UsageError, clean, option
 from mjrun.formats.input_file import require_file
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.source import ModelSource
@@ -164,7 +164,7 @@ class TaskPlaces:
             start += width
 
 
-def place_of(problem: Problem, path: Path) -> Place:
+def place_of(problem: DocumentProblem, path: Path) -> Place:
     """Returns the file and line of a problem, whose place is `task.yaml:12:5`; `path` if it is not in a file."""
     file, _, position = problem.place.rpartition(":")
     file, _, line = file.rpartition(":")

@@ -17,7 +17,7 @@ from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
 from mjrun.errors import CellError, MjrunError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.formats.input_file import is_file, is_folder
-from mjrun.formats.table_reader import STDIN, TableReader, open_table
+from mjrun.formats.table_reader import STDIN, OpenTable, open_table
 from mjrun.formats.tables import input_format
 from mjrun.options.diff import ALIGNMENTS, TableDiffOptions
 
@@ -32,7 +32,7 @@ COLUMNS = {
 
 
 @dataclass(frozen=True)
-class ResultTableKind:
+class RecognizedResultTable:
     """A table of results.
 
     Attributes:
@@ -44,7 +44,7 @@ class ResultTableKind:
     keys: Sequence[str]
 
     @classmethod
-    def of(cls, names: Sequence[str]) -> "ResultTableKind | None":
+    def of(cls, names: Sequence[str]) -> "RecognizedResultTable | None":
         """Returns the table with columns of these names; None if it is another kind of table."""
         if names[:1] == [POINT] and {*COLUMNS[STUDY]} <= {*names}:
             return cls(STUDY, names[: names.index(STATUS)])
@@ -53,7 +53,7 @@ class ResultTableKind:
         return None
 
     def common_key(
-        self, other: "ResultTableKind", manifests: Sequence[Mapping[str, Any] | None]
+        self, other: "RecognizedResultTable", manifests: Sequence[Mapping[str, Any] | None]
     ) -> tuple[Sequence[str], Sequence[str]]:
         """Returns the columns that identify a row in both tables, and those with row numbers, which are ignored."""
         both = [name for name in self.keys if name in other.keys]
@@ -145,12 +145,12 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         return table, provenance_notes(*manifests)
 
 
-def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[TableReader, list[str]]]:
+def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[OpenTable, list[str]]]:
     """Opens both tables with their common columns; returns each with the names of all of its columns."""
     first, second = (b, a) if b == STDIN else (a, b)  # standard input can be opened once only
-    second_names, first_names, opened = _names(second), list[str](), list[TableReader]()
+    second_names, first_names, opened = _names(second), list[str](), list[OpenTable]()
     others = set(second_names)
-    own = ResultTableKind.of(second_names)
+    own = RecognizedResultTable.of(second_names)
     keys = {TIME, *_named_keys(options), *(own.keys if own else ())}
 
     def is_late(name: str) -> bool:
@@ -213,7 +213,7 @@ def _key(
         return None, ()
     if TIME in both:
         return TIME, ()
-    results = [ResultTableKind.of(names) for names in (names_a, names_b)]
+    results = [RecognizedResultTable.of(names) for names in (names_a, names_b)]
     one, other = results
     if one and other and one.kind == other.kind:
         return one.common_key(other, manifests)

@@ -16,7 +16,7 @@ import pathlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import cast
 
-from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEvent
+from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEventKind
 from mjrun.document.reader import read
 from mjrun.document.tree import number
 from mjrun.errors import DocumentError, UsageError, quoted
@@ -42,7 +42,7 @@ def read_camera(path: pathlib.Path | str) -> CameraScript:
     return read(path, CAMERA)[0].script(pathlib.Path(path).stem, str(path))
 
 
-class MujocoConstantName(Text):
+class DocumentMujocoNameKind(Text):
     """A name that MuJoCo defines, such as a visual flag."""
 
     def __init__(self, of: str) -> None:
@@ -78,7 +78,7 @@ class MujocoConstantName(Text):
 BROKEN = "free"  # replaces a camera document whose faults are already reported
 
 
-class CameraForm(OneOf[object, object]):
+class DocumentCameraKind(OneOf[object, object]):
     """A camera as text, possibly the file of a camera document, as an index, or as a document of shots."""
 
     def __init__(self) -> None:
@@ -147,7 +147,7 @@ class InlineGhost(Options):
         return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
 
 
-class GhostText(Text):
+class GhostTextKind(Text):
     """The settings of a ghost as text."""
 
     @property
@@ -155,7 +155,7 @@ class GhostText(Text):
         return {"type": "string"}
 
 
-class GhostForm(OneOf[object, object]):
+class DocumentGhostKind(OneOf[object, object]):
     """A ghost as text or as a mapping; its files are relative to the document."""
 
     def __init__(self) -> None:
@@ -163,7 +163,7 @@ class GhostForm(OneOf[object, object]):
             return cast("Callable[..., InlineGhost]", InlineGhost)(**values).text()
 
         forms = "text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, map, recording}"
-        super().__init__(forms, string=GhostText(), object=OptionsMapping(InlineGhost, text))
+        super().__init__(forms, string=GhostTextKind(), object=OptionsMapping(InlineGhost, text))
 
     def read(self, value: object, reader: ReadingContext) -> object:
         return ghost_text(str(super().read(value, reader)), reader.input)
@@ -187,14 +187,14 @@ def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
 
 
 FORMS: dict[type[AnyKind], AnyKind] = {
-    kinds.CameraKind: CameraForm(),
-    kinds.GhostKind: GhostForm(),
-    number_kinds.Instant: InstantOrEvent(zero=True),
+    kinds.CameraKind: DocumentCameraKind(),
+    kinds.GhostKind: DocumentGhostKind(),
+    number_kinds.Instant: InstantOrEventKind(zero=True),
 }
 
 
 def form_of(kind: AnyKind) -> AnyKind:
     """Returns the kind that reads values of `kind` from documents."""
     if isinstance(kind, kinds.MujocoName):
-        return MujocoConstantName(kind.of)
+        return DocumentMujocoNameKind(kind.of)
     return FORMS.get(type(kind), kind)

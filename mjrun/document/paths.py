@@ -6,7 +6,7 @@ from dataclasses import field
 from pathlib import Path, PurePosixPath
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import Problem, UsageError, clean, option, quoted
+from mjrun.errors import DocumentProblem, UsageError, clean, option, quoted
 from mjrun.model.sources import is_file
 from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoName, ReadingContext
 from mjrun.options.number_kinds import Instant
@@ -94,7 +94,7 @@ class DocumentContext(ReadingContext):
     inputs: Path
     outputs: OutputFolder = field(default_factory=lambda: OutputFolder(Path()))
     lexical: bool = False
-    problems: list[Problem] = field(default_factory=list[Problem])
+    problems: list[DocumentProblem] = field(default_factory=list[DocumentProblem])
     documents: list[str] = field(default_factory=list[str])
 
     def model(self, text: str) -> str:

@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple, cast
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import DocumentError, Problem, UsageError, clean, listing, quoted, spelled, suggestion
+from mjrun.errors import DocumentError, DocumentProblem, UsageError, clean, listing, quoted, spelled, suggestion
 from mjrun.options.kinds import OneOrMore
 from mjrun.options.option import Options, document_options
 from mjrun.options.schema_validation import TYPES, Misfit
@@ -212,15 +212,15 @@ NAMED = (
 )
 
 
-def document_error(faults: Iterable[Fault], more: Sequence[Problem] = ()) -> DocumentError:
+def document_error(faults: Iterable[Fault], more: Sequence[DocumentProblem] = ()) -> DocumentError:
     """Returns the error with all `faults`, ordered by place, and `more` problems from other documents."""
     return DocumentError([*(_problem(fault) for fault in sorted(set(faults))), *more])
 
 
-def _problem(fault: Fault) -> Problem:
+def _problem(fault: Fault) -> DocumentProblem:
     # An assignment already contains the path.
     named = not fault.mark.line and fault.mark.source.startswith(f"{fault.path}=")
-    return Problem(str(fault.mark), "" if named else fault.path, fault.message)
+    return DocumentProblem(str(fault.mark), "" if named else fault.path, fault.message)
 
 
 def misfit_faults(misfits: Iterable[Misfit], tree: Node, more_keys: Sequence[str] = ()) -> list[Fault]:

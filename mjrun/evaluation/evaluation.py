@@ -46,7 +46,7 @@ from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.sweep import PARTS, ExecutionOptions
-from mjrun.options.video import SelectedVideoOptions
+from mjrun.options.video import PointOrEpisodeVideoOptions
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.plotting.table_figure import Table
@@ -161,7 +161,7 @@ class _VideoMaker:
         return videos, failures
 
     def _video(self, spec: GroupSpec, seed: int, path: str) -> Video:
-        return Video(spec.simulation(seed), path, **values_of(self._options, SelectedVideoOptions))
+        return Video(spec.simulation(seed), path, **values_of(self._options, PointOrEpisodeVideoOptions))
 
 
 class _DistinctWarnings(WarningReporter):

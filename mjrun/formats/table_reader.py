@@ -140,7 +140,7 @@ def _library(name: str) -> Any:
     return import_module(name)
 
 
-class TableReader:
+class OpenTable:
     """An open table: `with open_table(path) as table`. Leaving the block closes the file.
 
     Attributes:
@@ -199,7 +199,7 @@ class TableReader:
             self._has_begun = True
             yield block
 
-    def skip_equal_rows(self, other: "TableReader") -> int:
+    def skip_equal_rows(self, other: "OpenTable") -> int:
         """Skips rows whose lines have the same bytes in both files, without parsing them.
 
         Starts at the current row of each, after the first block of both was read.
@@ -237,7 +237,7 @@ def open_table(
     *,
     missing: Missing = "error",
     exact: bool = False,
-) -> TableReader:
+) -> OpenTable:
     """Opens a table to read its columns of numbers in blocks, in memory that does not grow with its length.
 
     Integers and booleans are numbers, and so are `nan` and `inf` in text; a number in quotes in JSON is not. Columns
@@ -261,7 +261,7 @@ def open_table(
         file = _standard_input()
         begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()  # consumes nothing; JSON begins with a bracket
         form = FORMATS["jsonl" if begin.startswith((b"{", b"[")) else "csv"]
-        return TableReader(STDIN_LABEL, form, file, columns, cells)
+        return OpenTable(STDIN_LABEL, form, file, columns, cells)
 
     shown = Path(path)
     if not is_url(path):
@@ -270,7 +270,7 @@ def open_table(
     with file_errors(path):
         file = open_url(str(path)) if is_url(path) else shown.open("rb")
     try:
-        return TableReader(shown, form, file, columns, cells)
+        return OpenTable(shown, form, file, columns, cells)
     except BaseException:
         file.close()
         raise

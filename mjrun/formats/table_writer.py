@@ -113,7 +113,7 @@ class RowGroupWriter(RowWriter):
         """Writes what follows the last group."""
 
 
-class ColumnWriter(RowWriter):
+class WholeColumnWriter(RowWriter):
     """Base of the writers that need whole columns.
 
     Rows wait in a file without a name, which no failure leaves behind. It is in the folder of the table, whose disk

@@ -29,7 +29,7 @@ class DemonstrationFileOrigin:
 
 
 @dataclass(frozen=True)
-class DemonstrationSummary:
+class DemonstrationListEntry:
     """A demonstration in a file, as `mjrun info` lists it.
 
     Attributes:
@@ -65,4 +65,4 @@ class DemonstrationList:
     origin: DemonstrationFileOrigin
     cameras: Sequence[str]
     subsets: Mapping[str, int]
-    demonstrations: Sequence[DemonstrationSummary]
+    demonstrations: Sequence[DemonstrationListEntry]

@@ -22,7 +22,7 @@ import numpy as np
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, MjrunError, clean, file_errors, quoted, suggestion
 from mjrun.hdf5.content import require_own_content, text_attributes
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationSummary
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationListEntry
 
 LISTED = 8  # episodes in a message
 SHOWN = 80  # characters of a reason in a message
@@ -141,7 +141,7 @@ class DemonstrationFile:
         with self._decoding(f"{self.path}:{name}"):
             return {key: dataset.shape for key, dataset in _observations(self._groups[name]).items()}
 
-    def episode(self, name: str) -> DemonstrationSummary:
+    def episode(self, name: str) -> DemonstrationListEntry:
         """Returns the facts about an episode; its states are not checked."""
         group, where = self._groups[name], f"{self.path}:{name}"
         with self._decoding(where):
@@ -152,7 +152,7 @@ class DemonstrationFile:
             instruction = _instruction(text_attributes(self._file, group))
             has_rewards = _dataset(group, "rewards") is not None
         reward = float(self.array(name, "rewards").sum()) if has_rewards else None
-        return DemonstrationSummary(
+        return DemonstrationListEntry(
             name, len(dataset), _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images)
         )
 

@@ -25,7 +25,7 @@ SPLIT = "train=0.8,val=0.2"
 YOLO_TASKS = ("detect", "segment", "pose")
 
 
-class NamedShares(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple[str, Fraction], ...]]):
+class NamedSharesKind(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple[str, Fraction], ...]]):
     """Names with their shares, which sum to 1: `train=0.8,val=0.2`."""
 
     metavar = "NAME=SHARE,…"
@@ -123,7 +123,7 @@ class DatasetOptions(LabelledImageOptions, VariationOptions):
         help="Formats: " + "; ".join(f"{name} writes {what}" for name, what in FORMATS.items()) + ".",
     )
     split: tuple[tuple[str, Fraction], ...] = option(
-        converter=NamedShares(),
+        converter=NamedSharesKind(),
         default=SPLIT,
         usual=SPLIT,
         help="Parts of the dataset and their shares. Points keep their part when samples are added.",

@@ -15,7 +15,7 @@ from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
-from mjrun.options.video import SelectedVideoOptions
+from mjrun.options.video import PointOrEpisodeVideoOptions
 
 # Extras of evaluations: the library that each installs, and what needs it.
 EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
@@ -73,7 +73,7 @@ class VideoCountKind(Kind[int | str, int | str]):
 
 
 @options
-class EpisodeVideoOptions(SelectedVideoOptions):
+class EpisodeVideoOptions(PointOrEpisodeVideoOptions):
     """Videos of selected episodes."""
 
     section: ClassVar[str] = "Videos"

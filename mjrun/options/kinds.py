@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from typing import Any, Generic, TypeVar, cast
 
-from mjrun.errors import Problem, suggestion
+from mjrun.errors import DocumentProblem, suggestion
 from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfits, Schema, check
 from mjrun.suffixes import is_url
 
@@ -33,7 +33,7 @@ class ReadingContext:
     """
 
     def __init__(self) -> None:
-        self.problems: list[Problem] = []
+        self.problems: list[DocumentProblem] = []
         self.documents: list[str] = []
 
     def input(self, path: str) -> str:

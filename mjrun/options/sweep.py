@@ -16,7 +16,7 @@ from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
-from mjrun.options.video import SelectedVideoOptions
+from mjrun.options.video import PointOrEpisodeVideoOptions
 
 # The extras of studies, with the libraries that each installs and the feature that needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -47,7 +47,7 @@ KEPT = ("trace", "recording", "video")
 
 
 @options
-class KeptFileOptions(SelectedVideoOptions):
+class KeptFileOptions(PointOrEpisodeVideoOptions):
     """Files of selected points, which are simulated again, with identical results, once all metrics are known."""
 
     section: ClassVar[str] = "Files of points"
@@ -87,7 +87,7 @@ class KeptFileOptions(SelectedVideoOptions):
     )
 
 
-class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
+class JobTaskNumberKind(Kind[Sequence[int], tuple[int, int]]):
     """One of N tasks, counted from 1: `3/16`."""
 
     metavar = "I/N"
@@ -339,7 +339,7 @@ class StudyCommandOptions(Options):
         help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )
     task: tuple[int, int] | None = option(
-        converter=optional(TaskNumber()),
+        converter=optional(JobTaskNumberKind()),
         default=None,
         help="Simulate the I-th of N equal parts of a plan and exit; for job arrays, xargs and make.",
     )

@@ -72,7 +72,7 @@ class LimitsKind(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]
         return [NumberVector().plain(bound) for bound in value]
 
 
-class VectorOrKey(Kind["float | str | Sequence[float]", "Numbers | str"]):
+class VectorOrKeyframeKind(Kind["float | str | Sequence[float]", "Numbers | str"]):
     """One number, one per component, or the name of a keyframe that contains them."""
 
     metavar = "NUMBERS|KEY"
@@ -285,7 +285,7 @@ class ActionOptions(Options):
         converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     offset: "Numbers | str" = option(
-        converter=VectorOrKey(),
+        converter=VectorOrKeyframeKind(),
         default=(0.0,),
         help="Value added last: one number, one per component, or the keyframe that contains the targets.",
     )
@@ -297,7 +297,7 @@ class ActionOptions(Options):
 
 
 @options
-class CommandOptions(Options):
+class CommandTermOptions(Options):
     """A command that the policy receives over the time of an episode."""
 
     section: ClassVar[str] = "Command"
@@ -361,7 +361,7 @@ PARTS: dict[str, tuple[str, type[Options]]] = {
     "reset": ("", ResetOptions),
     "observations": ("[]", ObservationOptions),
     "actions": ("[]", ActionOptions),
-    "commands": (".NAME", CommandOptions),
+    "commands": (".NAME", CommandTermOptions),
     "rewards": (".NAME", RewardOptions),
     "terminations": (".NAME", TerminationOptions),
 }

@@ -74,7 +74,7 @@ class VideoOptions(ViewOptions, OutputOptions):
 
 
 @options
-class SelectedVideoOptions(Options):
+class PointOrEpisodeVideoOptions(Options):
     """Videos of selected simulations: points of a study, or episodes."""
 
     section: ClassVar[str] = "Videos"

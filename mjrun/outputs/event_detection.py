@@ -22,7 +22,7 @@ from mjrun.task.episode import ControlInstants
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
-    from mjrun.camera.script import Event
+    from mjrun.camera.script import ConditionEvent
     from mjrun.probe.verdict import Verdict
 
 MOST = 200  # marks of one condition
@@ -109,7 +109,7 @@ class EventDetector(ConditionDetector):
 
 
 def conditions(
-    events: Mapping[OptionPath, "Event"], model: mujoco.MjModel, episode: EpisodeColumns | None = None
+    events: Mapping[OptionPath, "ConditionEvent"], model: mujoco.MjModel, episode: EpisodeColumns | None = None
 ) -> list[str]:
     """Returns the conditions of `events` without duplicates.
 
@@ -136,7 +136,7 @@ def _vocabulary(model: mujoco.MjModel, episode: EpisodeColumns | None) -> ModelV
 
 
 def time_of(
-    event: "Event", steps: Sequence[int], timeline: Timeline, where: str, after: Fraction = Fraction(-1)
+    event: "ConditionEvent", steps: Sequence[int], timeline: Timeline, where: str, after: Fraction = Fraction(-1)
 ) -> Fraction:
     """Returns the time of `event` [s], counting only occurrences later than `after`.
 
@@ -161,7 +161,7 @@ def time_of(
 
 
 @dataclass(frozen=True)
-class Mark:
+class TimelineMark:
     """A mark on the time line of a simulation.
 
     Attributes:
@@ -214,14 +214,14 @@ class MarkDetector(ConditionDetector):
         self.enable_flags: int = self.table.model.opt.enableflags
         self._timeline, self._rows = timeline, 0
 
-    def finish(self) -> "tuple[list[Mark], list[Verdict]]":
+    def finish(self) -> "tuple[list[TimelineMark], list[Verdict]]":
         """Returns the marks in the order of time, and the verdicts of the assertions."""
-        marks: list[Mark] = []
+        marks: list[TimelineMark] = []
         for label, steps in zip(self._labels, self.onsets(), strict=True):
-            marks += [Mark(float(self._timeline.time(step)), "event", label) for step in steps[:MOST]]
+            marks += [TimelineMark(float(self._timeline.time(step)), "event", label) for step in steps[:MOST]]
         verdicts = [checker.verdict() for checker in self._checkers]
         for checker, verdict in zip(self._checkers, verdicts, strict=True):
-            marks.append(Mark(checker.first_failure, "pass" if verdict.passed else "fail", verdict.text))
+            marks.append(TimelineMark(checker.first_failure, "pass" if verdict.passed else "fail", verdict.text))
         return sorted(marks, key=lambda mark: float("inf") if mark.time is None else mark.time), verdicts
 
     def evaluate(self, rows: SampledRows) -> None:

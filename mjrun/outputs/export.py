@@ -22,11 +22,11 @@ from mjrun.options.export import ExportOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
-from mjrun.outputs.event_detection import Mark, MarkDetector
+from mjrun.outputs.event_detection import MarkDetector, TimelineMark
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import (
-    PlacedScene,
+    RecordedScene,
     RenderedOutputRequest,
     ScenePlan,
     check_scene,
@@ -44,7 +44,7 @@ from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track, camera_lens
-from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneContent, compute_poses, record_scene
+from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
             scene.context.reporter.warn(text)
         return schedule
 
-    def plan(self, context: output.PassContext) -> "output.Plan[ExportResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[ExportResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         images = self._images(context) if self.renderer_options else None
         scene = images.scene if images else plan_scene(self, context, self.cameras)
@@ -300,10 +300,10 @@ class SceneToExport:
         self,
         request: Export,
         plan: ScenePlan,
-        frames: PlacedScene,
+        frames: RecordedScene,
         images: "OpenFrames | None",
         values: MeasuredValues | None,
-        marks: Sequence[Mark],
+        marks: Sequence[TimelineMark],
         contacts: FrameContacts | None,
         facts: Mapping[str, object],
     ) -> None:
@@ -372,7 +372,7 @@ class SceneToExport:
     @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
         model, decorations = self.model, self.frames.decorations
-        scene_request = SceneContent(
+        scene_request = SceneContentSettings(
             options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
             room=sum(each.geoms for each in decorations),
@@ -417,7 +417,7 @@ class SceneToExport:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportPlan(output.Plan[ExportResult]):
+class ExportPlan(output.OutputPlan[ExportResult]):
     """A planned export.
 
     Attributes:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.camera.script import Event
+from mjrun.camera.script import ConditionEvent
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.options.number_kinds import AUTO
@@ -18,10 +18,10 @@ from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import BackendsAndWorkers, OutputResult, PassContext, Plan
+from mjrun.outputs.output import BackendsAndWorkers, OutputPlan, OutputResult, PassContext
 from mjrun.outputs.recorded_scene import (
-    PlacedScene,
     R_co,
+    RecordedScene,
     RenderedOutputRequest,
     ScenePlan,
     SceneStates,
@@ -273,7 +273,7 @@ def plan_frames(
     plots: Sequence[str] = (),
     side: str = "under",
     *,
-    events: Mapping[OptionPath, Event] | None = None,
+    events: Mapping[OptionPath, ConditionEvent] | None = None,
 ) -> FramePlan:
     """Resolves every name in the model.
 
@@ -294,7 +294,7 @@ def plan_frames(
 
 
 @dataclass(frozen=True, kw_only=True)
-class VideoOrImagePlan(Plan[R_co]):
+class VideoOrImagePlan(OutputPlan[R_co]):
     """A planned output of frames.
 
     Attributes:
@@ -342,7 +342,7 @@ class OpenFrames:
             taps.append(Tap(self.schedule.steps, lambda stepper: self.values.append(probes.read(stepper))))
         return taps
 
-    def place(self) -> PlacedScene:
+    def place(self) -> RecordedScene:
         """Returns the scene at the frames that were recorded."""
         assert self.schedule
         return place_scene(self.plan.scene, self.schedule, self.states)
@@ -389,7 +389,7 @@ def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backen
     return [*check_drawing(request, context.model, backend), *remarks, *unused]
 
 
-def frame_compositor(frames: OpenFrames, scene: PlacedScene, *, legend: bool = False) -> SceneCompositor:
+def frame_compositor(frames: OpenFrames, scene: RecordedScene, *, legend: bool = False) -> SceneCompositor:
     """Returns the compositor of all files.
 
     Args:
@@ -526,7 +526,7 @@ class FrameDrawer:
       MjrunError: the frames sampled for the colours of depth cannot be rendered, or no processes can be started.
     """
 
-    def __init__(self, frames: OpenFrames, scene: PlacedScene, compositor: SceneCompositor) -> None:
+    def __init__(self, frames: OpenFrames, scene: RecordedScene, compositor: SceneCompositor) -> None:
         self._compositor, self._states = compositor, scene.states
         self._processes, self._backend = frames.processes, frames.backend
         self._reporter = frames.plan.scene.context.reporter

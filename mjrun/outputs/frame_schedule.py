@@ -7,7 +7,7 @@ from decimal import Decimal
 from fractions import Fraction
 from itertools import repeat
 
-from mjrun.camera.script import CameraScript, Event
+from mjrun.camera.script import CameraScript, ConditionEvent
 from mjrun.dataclass import dataclass
 from mjrun.errors import OptionPath, UsageError, clean, option
 from mjrun.outputs.event_detection import time_of
@@ -85,13 +85,13 @@ def image_schedule(
     return FrameSchedule([step], [float(timeline.time(step))], [1.0], _seconds(spans), observed)
 
 
-def shot_events(scripts: Sequence[CameraScript]) -> dict[OptionPath, Event]:
+def shot_events(scripts: Sequence[CameraScript]) -> dict[OptionPath, ConditionEvent]:
     """Returns the events that end shots, keyed by the option paths of their conditions."""
     return {
         ("camera", i, "shots", j, "until", "when"): shot.until
         for i, script in enumerate(scripts)
         for j, shot in enumerate(script.shots)
-        if isinstance(shot.until, Event)
+        if isinstance(shot.until, ConditionEvent)
     }
 
 
@@ -101,7 +101,7 @@ def shot_spans(script: CameraScript, timeline: Timeline, event_steps: Mapping[st
     start = Fraction(0)
     for index, shot in enumerate(script.shots):
         where = f"{clean(script.name)}: shots[{index}]"
-        if isinstance(shot.until, Event):
+        if isinstance(shot.until, ConditionEvent):
             after = start if index else Fraction(-1)  # the event that ended the previous shot cannot end this one too
             end = time_of(shot.until, event_steps.get(shot.until.when, ()), timeline, where, after)
         elif shot.until is not None:

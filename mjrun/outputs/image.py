@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.camera.script import Event
+from mjrun.camera.script import ConditionEvent
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, clean, option
 from mjrun.formats.image_format import image_format
@@ -84,9 +84,11 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         timeline = scene.context.timeline
         return image_schedule(scene.scripts, timeline, event_steps, step=_step(self, timeline, event_steps))
 
-    def plan(self, context: output.PassContext) -> "output.Plan[ImageResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[ImageResult]":
         """Resolves every name in the model, and the step unless events decide."""
-        events: dict[OptionPath, Event] = {("time", "when"): self.time} if isinstance(self.time, Event) else {}
+        events: dict[OptionPath, ConditionEvent] = (
+            {("time", "when"): self.time} if isinstance(self.time, ConditionEvent) else {}
+        )
         frames, file = plan_frames(self, context, events=events), self.formatted_files[0]
         schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
         when = "at an event" if schedule is None else f"at {schedule.times[0]:g} s"
@@ -267,7 +269,7 @@ def _step(request: Image, timeline: Timeline, event_steps: output.EventSteps) ->
     if request.step is not None:
         require_countable(request.step, "step")
         return request.step
-    if isinstance(request.time, Event):
+    if isinstance(request.time, ConditionEvent):
         at = time_of(request.time, event_steps[request.time.when], timeline, request.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
     if request.time is not None and not isinstance(request.time, Fraction):

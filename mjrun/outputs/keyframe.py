@@ -57,7 +57,7 @@ class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
             raise UsageError(f"{model} has no {SUFFIX} file to add a keyframe to")
         return main
 
-    def plan(self, context: output.PassContext) -> "output.Plan[KeyframeResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[KeyframeResult]":
         """Reads the XML and finds the place for the key.
 
         Raises:
@@ -103,7 +103,7 @@ class KeyframeResult(output.OutputResult):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeyframePlan(output.Plan[KeyframeResult]):
+class KeyframePlan(output.OutputPlan[KeyframeResult]):
     """A planned keyframe at the step `until`.
 
     Attributes:

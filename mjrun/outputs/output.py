@@ -235,7 +235,7 @@ class OpenBlockOutput(OpenOutput[R_co]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(ABC, Generic[R_co]):
+class OutputPlan(ABC, Generic[R_co]):
     """An output for a model, with every name resolved and every number checked; nothing is open yet.
 
     Attributes:
@@ -316,7 +316,7 @@ class OutputRequest(OutputOptions, ABC, Generic[R_co]):
         return
 
     @abstractmethod
-    def plan(self, context: PassContext) -> Plan[R_co]:
+    def plan(self, context: PassContext) -> OutputPlan[R_co]:
         """Resolves every name in the model and checks every number.
 
         Raises:

@@ -20,11 +20,11 @@ from mjrun.outputs.output import (
     FinishedOutput,
     OpenBlockOutput,
     OpenOutput,
+    OutputPlan,
     OutputPreview,
     OutputRequest,
     OutputResult,
     PassContext,
-    Plan,
     ReservedFiles,
 )
 from mjrun.physics.simulation_loop import Tap, run_with_taps
@@ -128,7 +128,7 @@ class PassPlan(Generic[R]):
     requests: Sequence[OutputRequest[R]]
     context: PassContext
     stepper: Stepper
-    outputs: Sequence[Plan[R]]
+    outputs: Sequence[OutputPlan[R]]
 
 
 def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends: BackendsAndWorkers) -> PassPlan[R]:
@@ -155,7 +155,7 @@ def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends
         context = _context(simulation, reporter)
     collected.raise_all()
 
-    plans = list[Plan[R]]()
+    plans = list[OutputPlan[R]]()
     for index, request in enumerate(requests):
         with collected.errors_of(index):
             plans.append(request.plan(context))

@@ -46,7 +46,7 @@ class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
         require_matplotlib()
         _ = self.figure_format
 
-    def plan(self, context: output.PassContext) -> "output.Plan[PlotResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[PlotResult]":
         """Resolves the probes in the model and the curves among their columns."""
         panels = self.probe_panels(context)  # first, since it names the probe that is wrong
         table = self.probe_sampler(context)
@@ -113,7 +113,7 @@ class PlotResult(output.OutputResult):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlotPlan(output.Plan[PlotResult]):
+class PlotPlan(output.OutputPlan[PlotResult]):
     """A planned plot.
 
     Attributes:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import PoseArray
-from mjrun.camera.script import CameraScript, Event, parse_camera
+from mjrun.camera.script import CameraScript, ConditionEvent, parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option
@@ -114,7 +114,7 @@ def plan_scene(
     context: PassContext,
     cameras: Sequence[object],
     *,
-    events: Mapping[OptionPath, Event] | None = None,
+    events: Mapping[OptionPath, ConditionEvent] | None = None,
     is_measured: bool = False,
 ) -> ScenePlan:
     """Resolves every name in the model.
@@ -171,7 +171,7 @@ def state_taps(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) ->
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedScene:
+class RecordedScene:
     """The scene at the frames that were recorded.
 
     Attributes:
@@ -191,7 +191,7 @@ class PlacedScene:
     decorations: Sequence[Decoration]
 
 
-def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -> PlacedScene:
+def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -> RecordedScene:
     """Places the stage, the cameras and the decorations for the frames that were recorded.
 
     Raises:
@@ -217,7 +217,7 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
     decorations = list[Decoration]()
     for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
         decorations += decoration.drawn(iter(buffer), times)
-    return PlacedScene(model, frames, schedule, times, poses, decorations)
+    return RecordedScene(model, frames, schedule, times, poses, decorations)
 
 
 def check_scene(options: SceneOptions) -> None:

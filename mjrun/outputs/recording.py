@@ -21,7 +21,7 @@ class Recording(RecordingOptions, output.OutputRequest["RecordingResult"]):
     def keeps_partial(self) -> bool:
         return self.keep_partial
 
-    def plan(self, context: output.PassContext) -> "output.Plan[RecordingResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[RecordingResult]":
         """Plans the recording; there is nothing to check."""
         size, steps = state.size(context.model), context.timeline.steps
         preview = output.OutputPreview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
@@ -45,7 +45,7 @@ class RecordingResult(output.OutputResult):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordingPlan(output.Plan[RecordingResult]):
+class RecordingPlan(output.OutputPlan[RecordingResult]):
     """A planned recording."""
 
     request: Recording

@@ -104,7 +104,7 @@ class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
             formats[self.contacts] = output_format(self.contacts)
         return [table for table, form in formats.items() if form.commented]
 
-    def plan(self, context: output.PassContext) -> "output.Plan[TraceResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[TraceResult]":
         """Resolves the probes in the model and parses the assertions."""
         require_golden_table(self)
         steps = row_steps(context.timeline, self.every, self.rate)
@@ -163,7 +163,7 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TracePlan(output.Plan[TraceResult]):
+class TracePlan(output.OutputPlan[TraceResult]):
     """A planned trace.
 
     Attributes:

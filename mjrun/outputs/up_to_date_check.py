@@ -17,11 +17,12 @@ from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.file_digests import FileDigestCache
 from mjrun.formats.input_file import is_file
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.table_reader import STDIN
-from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
+from mjrun.formats.user_cache import UserCache, program_facts
 from mjrun.options.output import RerunOptions
 from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.outputs.perform import PublishedOutput
@@ -86,7 +87,7 @@ class UpToDateCheck:
         self.reason = ""
         self._requests, self._options, self._documents, self._page = requests, options, documents, page
         self._stack, self._facts = ExitStack(), dict[str, Any]()
-        self._digests, self._entries = FileDigests(), UserCache("run")
+        self._digests, self._entries = FileDigestCache(), UserCache("run")
         self._check()
         depfile = options.depfile
         self._writer = self._stack.enter_context(OutputWriter(StagedFile(Path(depfile)))) if depfile else None

@@ -32,7 +32,7 @@ from mjrun.outputs.frame_drawing import (
 )
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.perform import open_pass, plan_pass
-from mjrun.outputs.recorded_scene import PlacedScene, ScenePlan
+from mjrun.outputs.recorded_scene import RecordedScene, ScenePlan
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.reporter import WarningReporter, pass_on
 
@@ -80,7 +80,7 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
             context.reporter.warn(text)
         return schedule
 
-    def plan(self, context: output.PassContext) -> "output.Plan[VideoResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
         schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
@@ -191,7 +191,7 @@ class OpenVideo(output.OpenOutput[VideoResult]):
         result = self._result(count, simulation_wall, perf_counter() - start)
         return output.FinishedOutput(result, writers, {**self._facts, "frames": count})
 
-    def _draw(self, scene: PlacedScene, compositor: SceneCompositor) -> None:
+    def _draw(self, scene: RecordedScene, compositor: SceneCompositor) -> None:
         """Draws every frame into the encoders, and writes the labels of segmentations."""
         count = len(scene.states)
         for writer in self._writers:
@@ -262,7 +262,7 @@ class VideoInMemory(Video):
     def files(self) -> list[tuple[str, str]]:
         return []
 
-    def plan(self, context: output.PassContext) -> output.Plan[Any]:
+    def plan(self, context: output.PassContext) -> output.OutputPlan[Any]:
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames = plan_frames(self, context, self.plot, self.plot_side)
         return VideoInMemoryPlan(

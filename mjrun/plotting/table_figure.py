@@ -10,7 +10,7 @@ from mjrun.errors import CellError, FileError, UsageError, listing, option
 from mjrun.formats import table_reader
 from mjrun.formats.image_format import figure_format
 from mjrun.formats.study_reader import point_names, point_values
-from mjrun.formats.table_reader import STDIN, TableReader, open_table
+from mjrun.formats.table_reader import STDIN, OpenTable, open_table
 from mjrun.options.option import options_for
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_data import DrawnFigure, PanelGrid
@@ -101,7 +101,7 @@ class TableFigure:
         labels = [panel.label for panel in self.plan.panels]
         return PageFigure(svg, f"{listing(self._paths)}: {listing(labels)}", self.notes())
 
-    def _narrowed(self, path: str, reader: TableReader, also: Collection[str]) -> TableReader:
+    def _narrowed(self, path: str, reader: OpenTable, also: Collection[str]) -> OpenTable:
         """Returns the table with only the required columns, if it can be opened again."""
         wanted = [name for name in reader.names if name in self.plan.columns or name in also] or list(reader.names[:1])
         if path == STDIN:

@@ -116,13 +116,13 @@ def read_statistics(path: Path) -> NormalizationStatistics | None:
 
 def _vec_normalize(path: Path) -> dict[str, object] | None:
     root = read_inert(path)
-    state = root.values if isinstance(root, InertObject) and root.name.endswith(".VecNormalize") else {}
+    state = root.values if isinstance(root, InertPickledObject) and root.name.endswith(".VecNormalize") else {}
     if not state:
         raise FileError(path, "is not a VecNormalize of Stable-Baselines3")
     if state.get("norm_obs") is False:
         return None
     running = state.get("obs_rms")
-    if not isinstance(running, InertObject):
+    if not isinstance(running, InertPickledObject):
         raise FileError(path, "contains statistics of several observations by name; only one is supported")
     return {**running.values, "epsilon": state.get("epsilon"), "clip": state.get("clip_obs")}
 
@@ -140,7 +140,7 @@ def _statistics(values: dict[str, object], path: Path) -> NormalizationStatistic
     return NormalizationStatistics(mean, var, epsilon, clip, path)
 
 
-class InertObject:
+class InertPickledObject:
     """A replacement of any object of a pickle.
 
     Attributes:
@@ -151,7 +151,7 @@ class InertObject:
     name = ""
     values: dict[str, object]
 
-    def __new__(cls, *arguments: object, **keywords: object) -> "InertObject":
+    def __new__(cls, *arguments: object, **keywords: object) -> "InertPickledObject":
         self = super().__new__(cls)
         self.values = {}
         return self
@@ -245,7 +245,9 @@ MAKERS: dict[tuple[str, str], object] = {
 
 class _Reader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> object:
-        return MAKERS.get((module, name)) or type("InertObject", (InertObject,), {"name": f"{module}.{name}"})
+        return MAKERS.get((module, name)) or type(
+            "InertPickledObject", (InertPickledObject,), {"name": f"{module}.{name}"}
+        )
 
 
 def read_inert(path: Path) -> object:

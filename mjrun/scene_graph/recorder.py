@@ -36,7 +36,7 @@ Adder = Callable[[mujoco.MjvScene, int], None]
 
 
 @dataclass(frozen=True)
-class SceneContent:
+class SceneContentSettings:
     """The contents of a scene.
 
     Attributes:
@@ -67,7 +67,7 @@ class SceneContent:
 
 
 def record_scene(
-    model: mujoco.MjModel, instants: Iterable[mujoco.MjData], times: Sequence[float], request: SceneContent
+    model: mujoco.MjModel, instants: Iterable[mujoco.MjData], times: Sequence[float], request: SceneContentSettings
 ) -> tuple[SceneGraph, SceneMotion]:
     """Collects the scene of a model and its motion.
 
@@ -84,7 +84,7 @@ def record_scene(
 class _Recorder:
     """The scene so far."""
 
-    def __init__(self, model: mujoco.MjModel, count: int, request: SceneContent) -> None:
+    def __init__(self, model: mujoco.MjModel, count: int, request: SceneContentSettings) -> None:
         self._model, self._request, self._count = model, request, count
         self._shapes, self._surfaces = MeshCache(model, request.detail), MaterialCache(model)
         self._items = ItemRecorder(model, self._shapes, self._surfaces)

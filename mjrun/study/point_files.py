@@ -24,7 +24,7 @@ from mjrun.formats.output_writer import written_file
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
 from mjrun.options.option import values_of
 from mjrun.options.sweep import KeptFileOptions
-from mjrun.options.video import SelectedVideoOptions
+from mjrun.options.video import PointOrEpisodeVideoOptions
 from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
@@ -321,7 +321,7 @@ class PointFileRequest:
             case "video":
                 from mjrun.outputs.video import Video
 
-                return Video(self.simulation, path, jobs=1, **values_of(options, SelectedVideoOptions))
+                return Video(self.simulation, path, jobs=1, **values_of(options, PointOrEpisodeVideoOptions))
             case _:
                 raise ValueError(f"no output {kind} can be kept")
 

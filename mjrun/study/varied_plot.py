@@ -70,7 +70,7 @@ class VariedPlot(VariationOptions, Plot):
     def keeps_partial(self) -> bool:
         return True
 
-    def plan(self, context: output.PassContext) -> "output.Plan[PlotResult]":
+    def plan(self, context: output.PassContext) -> "output.OutputPlan[PlotResult]":
         """Checks the values of all points, and resolves the curves among the columns of their traces."""
         points = self._points(context)
         varies = MODEL in self._design.names  # otherwise, all points have the same columns

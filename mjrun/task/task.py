@@ -94,7 +94,7 @@ class Action(options_of_tasks.ActionOptions):
 
 
 @options
-class Command(options_of_tasks.CommandOptions):
+class Command(options_of_tasks.CommandTermOptions):
     """A command to the policy.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Comparison of figures and their samples with those of a baseline."""
+"""Comparison of timings and their samples with those of a baseline."""
 
 import copy
 import json
@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.bench.baseline import (
-    FigureSamples,
+    TimingSamples,
     check_same,
     compare,
-    figures,
     read_base,
     steps_of,
+    timings,
     verdict,
     workload_obstacle,
 )
@@ -59,7 +59,7 @@ def scaled(factor: float) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("factor", "expected"), [(1.3, "slower"), (1.0, "not slower"), (1.1, "inconclusive"), (0.8, "faster")]
 )
-def test_every_figure_that_both_have_is_compared(factor: float, expected: str) -> None:
+def test_every_timing_that_both_have_is_compared(factor: float, expected: str) -> None:
     result = compare(scaled(factor), document(), "base.json", 0.1)
     assert [ratio.name for ratio in result.ratios] == ["step", "threads 2", "rgb 64x48 model"]
     for ratio in result.ratios:
@@ -135,7 +135,7 @@ def test_the_verdict_follows_from_the_interval_the_fastest_sample_and_the_limit(
     assert verdict(low, high, fastest, 1.1) == expected
 
 
-def test_the_worst_figure_decides() -> None:
+def test_the_worst_timing_decides() -> None:
     now = scaled(0.8)
     now["rows"][0]["step"] = {"samples": [2 * sample for sample in BASE]}
     assert compare(now, document(), "base.json", 0.1).verdict == "slower"
@@ -176,13 +176,13 @@ def grid(*timesteps: str, failed: str = "") -> dict[str, Any]:
         (grid(".2", failed=".2"), [False, False, True, True], "failed"),
     ],
 )
-def test_a_figure_that_only_the_base_has_is_named_and_fails_where_it_could_not_be_measured(
+def test_a_timing_that_only_the_base_has_is_named_and_fails_where_it_could_not_be_measured(
     now: dict[str, Any], gone: list[bool], expected: str
 ) -> None:
     result = compare(now, grid(".1", ".2"), "base.json", 0.1)
     assert [one.failure is not None for one in result.gone] == gone
     assert result.verdict == expected
-    names = [name for name, _ in (of for of, _ in figures(grid(".1", ".2")))]
+    names = [name for name, _ in (of for of, _ in timings(grid(".1", ".2")))]
     assert sorted([one.name for one in result.gone] + [ratio.name for ratio in result.ratios]) == sorted(names)
     assert {one.base for one in result.gone} <= {1.005, 0.5025}
 
@@ -192,9 +192,9 @@ def test_what_the_base_could_not_measure_either_is_no_loss() -> None:
     assert compare(unstable, unstable, "base.json", 0.1).verdict == "not slower"
 
 
-def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
+def test_benchmarks_of_different_things_have_no_timing_in_common() -> None:
     now, base = document(rows=[]), document(frames=[])
-    with pytest.raises(UsageError, match=r"no figure in common.*\nit has step, threads 2"):
+    with pytest.raises(UsageError, match=r"no timing in common.*\nit has step, threads 2"):
         compare(now, base, "base.json", 0.1)
 
 
@@ -253,7 +253,7 @@ def without(key: str) -> Callable[[dict[str, Any]], None]:
         (lambda d: d["rows"][0]["step"].update(samples=[]), "samples must be positive"),
         (lambda d: d.update(rows=3), "is an incomplete benchmark: TypeError"),
         (lambda d: d.update(reference_workload={}), "is an incomplete benchmark: KeyError 'version'"),
-        (lambda d: d["rows"][0].update(reference_workload={"samples": [1.0]}), "as many samples as the figure"),
+        (lambda d: d["rows"][0].update(reference_workload={"samples": [1.0]}), "as many samples as the timing"),
     ],
 )
 def test_a_file_that_is_no_benchmark_is_refused(
@@ -313,15 +313,15 @@ def frame(**changed: Any) -> dict[str, Any]:
         ),
     ],
 )
-def test_a_figure_is_named_by_what_it_measures_its_point_and_its_device(
+def test_a_timing_is_named_by_what_it_measures_its_point_and_its_device(
     document: dict[str, Any], expected: list[tuple[str, str]]
 ) -> None:
-    assert [figure for figure, _ in figures(document)] == expected
+    assert [timing for timing, _ in timings(document)] == expected
 
 
 def test_samples_are_divided_by_those_of_the_workload_in_the_same_turn() -> None:
     document = {"rows": [row(reference_workload=WORKLOAD)], "frames": [frame()]}
-    (_, step), (_, drawn) = figures(document)
+    (_, step), (_, drawn) = timings(document)
     assert step.workload is not None
     assert step.quotients(step.workload) == [2.0, 2.0, 6.0]
     assert (step.median, drawn.median, drawn.workload) == (4.0, 4.0, None)
@@ -330,4 +330,4 @@ def test_samples_are_divided_by_those_of_the_workload_in_the_same_turn() -> None
 @pytest.mark.parametrize("workload", [{"samples": [1.0]}, {"samples": [1.0, 0.0, 1.0]}, {"samples": []}])
 def test_a_workload_without_a_positive_sample_for_each_turn_is_refused(workload: dict[str, list[float]]) -> None:
     with pytest.raises(ValueError, match="samples"):
-        FigureSamples.read(STEP, workload)
+        TimingSamples.read(STEP, workload)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mjrun.camera.pose import Pose, pose_of
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.script import LEVEL, CameraScript, Event, FramedObject, Shot, parse_camera, shot_conflicts
+from mjrun.camera.script import LEVEL, CameraScript, ConditionEvent, FramedObject, Shot, parse_camera, shot_conflicts
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.settings import Blend, EasedNumber, Shake
 from mjrun.errors import MjrunError, UsageError
@@ -44,7 +44,9 @@ def test_a_shot_is_level_at_every_time(phase: float) -> None:
 
 
 def test_an_event_is_the_first_of_its_kind_as_it_happens_and_must_happen() -> None:
-    assert Event("speed(box) > 0.02") == Event("speed(box) > 0.02", nth=1, offset=Fraction(0), otherwise=None)
+    assert ConditionEvent("speed(box) > 0.02") == ConditionEvent(
+        "speed(box) > 0.02", nth=1, offset=Fraction(0), otherwise=None
+    )
 
 
 def test_a_script_is_the_same_in_another_process() -> None:
@@ -52,7 +54,9 @@ def test_a_script_is_the_same_in_another_process() -> None:
     script = CameraScript(
         "around",
         [
-            Shot(ModelRig("side"), until=Event("speed(box) > 1", 2, Fraction(1, 3), "end"), speed=Fraction(1, 2)),
+            Shot(
+                ModelRig("side"), until=ConditionEvent("speed(box) > 1", 2, Fraction(1, 3), "end"), speed=Fraction(1, 2)
+            ),
             Shot(
                 free, lasting=Fraction(2), blend=Blend("sigmoid", 0.5), fovy=EasedNumber.still(30.0), shake=Shake(0.5)
             ),
@@ -104,11 +108,11 @@ def test_shots_that_do_not_go_together_are_refused_as_in_a_document(
 
 
 def test_shots_that_go_together_are_accepted() -> None:
-    event = replace(SHOT, until=Event("speed(box) > 1"))
+    event = replace(SHOT, until=ConditionEvent("speed(box) > 1"))
     CameraScript("a", [event, replace(BLENDED, lasting=Fraction(1)), replace(SHOT, until=Fraction(3)), SHOT]).check()
 
 
-@pytest.mark.parametrize("value", [True, "2", None, [1], float("nan"), float("inf"), Event("a > 1")])
+@pytest.mark.parametrize("value", [True, "2", None, [1], float("nan"), float("inf"), ConditionEvent("a > 1")])
 def test_what_is_no_time_is_not_compared(value: object) -> None:
     assert list(shot_conflicts([{"until": 1}, {"until": value}, {"until": 2}, {}])) == []
     assert [path for path, _ in shot_conflicts([{"until": 1}, {"until": value}, {"until": 1}, {}])] == [

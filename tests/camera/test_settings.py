@@ -18,7 +18,7 @@ from mjrun.camera.settings import (
     EASINGS,
     Blend,
     EasedNumber,
-    ObjectName,
+    ObjectNameKind,
     RampKind,
     Shake,
     ShakeNoise,
@@ -134,7 +134,7 @@ class CraneRig(Rig):
     kind: ClassVar[str] = "crane"
     help: ClassVar[str] = "On a crane."
 
-    base: str = required(converter=ObjectName(), kw_only=False, help="What it stands on.")
+    base: str = required(converter=ObjectNameKind(), kw_only=False, help="What it stands on.")
     height: EasedNumber = option(
         converter=RampKind("metres"), default=2, key="up", kw_only=False, help="Its height [m]."
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 from mjrun.check.check import _of_original
 from mjrun.check.context import CheckContext
 from mjrun.check.fixing import ModelFixer, changed_fields
-from mjrun.check.rule import FixOutcome, ModelCopy, ModelResult
+from mjrun.check.rule import FixedModelCopy, FixOutcome, ModelResult
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.errors import ModelError
@@ -14,7 +14,7 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.xml_source import read_xml
 
 
-def lint(model: str, copy: ModelCopy | None = None, *, unsafe: bool = False) -> FixOutcome:
+def lint(model: str, copy: FixedModelCopy | None = None, *, unsafe: bool = False) -> FixOutcome:
     """Checks a model, or a copy of it."""
     path = copy.path if copy else Path(model)
     source = read_xml(path)

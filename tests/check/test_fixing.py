@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
-from mjrun.check.rule import NOT_CERTAIN, FixOutcome, ModelCopy
+from mjrun.check.rule import NOT_CERTAIN, FixedModelCopy, FixOutcome
 from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option
@@ -143,7 +143,7 @@ def test_a_file_that_changes_meanwhile_is_left_alone(monkeypatch: pytest.MonkeyP
     model = write("model.xml", text := hinged(SWAPPED))
     check = fixes.lint
 
-    def changing(name: str, copy: ModelCopy | None = None, **options: bool) -> FixOutcome:
+    def changing(name: str, copy: FixedModelCopy | None = None, **options: bool) -> FixOutcome:
         write(model, f"{text}<!-- new -->")
         return check(name, copy, **options)
 

@@ -14,7 +14,8 @@ from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
 from mjrun.child_process import ExitStatus
-from mjrun.formats.user_cache import VARIABLE, FileDigests
+from mjrun.formats.file_digests import FileDigestCache
+from mjrun.formats.user_cache import VARIABLE
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
 
 DONE = ({"loaded": True}, {"done": True})
@@ -163,7 +164,7 @@ def test_untouched_files_are_not_read_again_and_no_change_is_missed(
         time.sleep(0.02)  # longer than a tick of the system's clock
     before = key()
     with monkeypatch.context() as patch:
-        patch.setattr(FileDigests, "of", lambda self, place: "read")
+        patch.setattr(FileDigestCache, "of", lambda self, place: "read")
         assert (key() == before) is is_settled
     CHANGES[change]()
     assert key() != before

@@ -9,7 +9,7 @@ import pytest
 from mjrun.check.rule import Finding, Place
 from mjrun.check.task_checker import COUNT, NonFiniteOccurrence, TaskPlaces, place_of, watch
 from mjrun.document.task import read_task
-from mjrun.errors import Problem, spelled
+from mjrun.errors import DocumentProblem, spelled
 from mjrun.policy.load import load_policy
 from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
@@ -172,4 +172,4 @@ def test_a_task_without_a_document_is_at_the_file_as_a_whole() -> None:
     ],
 )
 def test_the_place_of_a_problem_is_its_file_and_line(place: str, expected: Place) -> None:
-    assert place_of(Problem(place, "", "lost"), Path("own.yaml")) == expected
+    assert place_of(DocumentProblem(place, "", "lost"), Path("own.yaml")) == expected

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.bench.baseline import BaselineComparison, FigureComparison, MissingFigure
+from mjrun.bench.baseline import BaselineComparison, MissingTiming, TimingComparison
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.results import BenchResult
@@ -46,9 +46,9 @@ def grid(path: Path) -> BenchResult:
 
 @pytest.fixture
 def compared(result: BenchResult) -> BenchResult:
-    ratio = FigureComparison("step", 1.0, 2.6, 1.3, 1.25, 1.35, 1.28, 2.0, "slower")
+    ratio = TimingComparison("step", 1.0, 2.6, 1.3, 1.25, 1.35, 1.28, 2.0, "slower")
     unsure = replace(ratio, name="threads 2", low=None, high=None, reference_workload=2.5, verdict="inconclusive")
-    missing = [MissingFigure("step a=1", 1.0, "unstable"), MissingFigure("step a=2", 1.0, None)]
+    missing = [MissingTiming("step a=1", 1.0, "unstable"), MissingTiming("step a=2", 1.0, None)]
     comparison = BaselineComparison("a|b.json", 1.1, "failed", [ratio, unsure], missing, ["key: a there, b\x1b here"])
     return replace(result, comparison=comparison)
 

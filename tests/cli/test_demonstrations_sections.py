@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.cli.info_sections import demonstrations_page
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList, DemonstrationSummary
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList, DemonstrationListEntry
 from tests.cases import cases
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
@@ -41,7 +41,7 @@ def test_the_page_lists_the_demonstrations_and_a_command_for_one(mjrun_here: Com
 
 def test_texts_in_the_file_are_cleaned() -> None:
     hostile = "\x1b]0;owned\x07"
-    episode = DemonstrationSummary(hostile, 1, None, hostile, None, [hostile])
+    episode = DemonstrationListEntry(hostile, 1, None, hostile, None, [hostile])
     origin = DemonstrationFileOrigin(hostile, hostile, hostile, hostile)
     page = demonstrations_page(DemonstrationList("d.hdf5", origin, [hostile], {hostile: 1}, [episode]))
     assert "\x1b" not in page

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from mjrun.diff import tables
 from mjrun.diff.result import CellDifference, TableDifference, UnmatchedRows
 from mjrun.diff.sentences import table_sentences
-from mjrun.diff.table_files import ResultTableKind, compare_tables, is_results, result_manifest, table_path
+from mjrun.diff.table_files import RecognizedResultTable, compare_tables, is_results, result_manifest, table_path
 from mjrun.errors import CellError, FileError, UnknownNameError, UsageError
 from mjrun.experiment.design import Design
 from mjrun.formats import number_text
@@ -411,8 +411,8 @@ def test_episodes_are_compared_by_policy_parameters_and_seed(tmp_path: Path) -> 
 
 
 def test_other_tables_and_folders_are_none_of_these(tmp_path: Path) -> None:
-    assert ResultTableKind.of(["point", "x"]) is None
-    assert ResultTableKind.of(["time", *EPISODE_NAMES[1:]]) is None
+    assert RecognizedResultTable.of(["point", "x"]) is None
+    assert RecognizedResultTable.of(["time", *EPISODE_NAMES[1:]]) is None
     assert not is_results(tmp_path)
     assert kind_of(str(tmp_path)) == VIDEO
     assert table_path(str(tmp_path)) == str(tmp_path)

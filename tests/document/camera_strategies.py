@@ -10,7 +10,7 @@ from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
-from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
 from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.timeline import rational
 
@@ -94,7 +94,11 @@ rigs = st.one_of(
 )
 
 events = st.builds(
-    Event, texts, st.integers(1, 9), numbers.map(rational), maybe(decimals) | st.just("end") | st.just(Fraction(0))
+    ConditionEvent,
+    texts,
+    st.integers(1, 9),
+    numbers.map(rational),
+    maybe(decimals) | st.just("end") | st.just(Fraction(0)),
 )
 
 

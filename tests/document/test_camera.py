@@ -12,7 +12,7 @@ from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.script import RIGS, CameraScript, Event, FramedObject, Shot
+from mjrun.camera.script import RIGS, CameraScript, ConditionEvent, FramedObject, Shot
 from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import DocumentError
@@ -55,7 +55,7 @@ def test_shots_are_what_the_document_says() -> None:
         [
             Shot(
                 OrbitRig("floor", still(0.9), EasedNumber(140, 240, "cosine"), still(-30)),
-                until=Event("speed(box) > 0.02"),
+                until=ConditionEvent("speed(box) > 0.02"),
                 speed=Fraction(1, 4),
             ),
             Shot(
@@ -128,13 +128,13 @@ def test_a_rig_is_what_the_document_says(text: str, rig: Rig) -> None:
         ("until: 1e-3", Shot(ModelRig("a"), until=Fraction(1, 1000))),
         ("duration: 0.3", Shot(ModelRig("a"), lasting=Fraction(3, 10))),
         ("speed: 0.1", Shot(ModelRig("a"), speed=Fraction(1, 10))),
-        ("until: {when: 'ncon > 0'}", Shot(ModelRig("a"), until=Event("ncon > 0"))),
+        ("until: {when: 'ncon > 0'}", Shot(ModelRig("a"), until=ConditionEvent("ncon > 0"))),
         (
             "until: {when: x < 1, nth: 2, offset: -0.1, else: 2.5}",
-            Shot(ModelRig("a"), until=Event("x < 1", 2, Fraction(-1, 10), Fraction(5, 2))),
+            Shot(ModelRig("a"), until=ConditionEvent("x < 1", 2, Fraction(-1, 10), Fraction(5, 2))),
         ),
-        ("until: {when: x < 1, else: end}", Shot(ModelRig("a"), until=Event("x < 1", otherwise="end"))),
-        ("until: {when: x < 1, else: 0}", Shot(ModelRig("a"), until=Event("x < 1", otherwise=Fraction(0)))),
+        ("until: {when: x < 1, else: end}", Shot(ModelRig("a"), until=ConditionEvent("x < 1", otherwise="end"))),
+        ("until: {when: x < 1, else: 0}", Shot(ModelRig("a"), until=ConditionEvent("x < 1", otherwise=Fraction(0)))),
         ("roll: -5", Shot(ModelRig("a"), roll=EasedNumber(-5, -5))),
         ("roll: {from: 0, to: 360, ease: smoother}", Shot(ModelRig("a"), roll=EasedNumber(0, 360, "smoother"))),
         ("fovy: 45", Shot(ModelRig("a"), fovy=EasedNumber(45, 45))),

@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.document.camera_and_ghost_forms import CameraForm, InlineGhost, ghost_text
+from mjrun.document.camera_and_ghost_forms import DocumentCameraKind, InlineGhost, ghost_text
 from mjrun.errors import DocumentError
 from mjrun.options.kinds import ReadingContext
 from mjrun.simulation.simulation import Simulation
@@ -35,9 +35,11 @@ def test_the_files_of_a_ghost_in_a_text_are_resolved_too() -> None:
 
 def test_an_inline_camera_has_a_name_of_its_own() -> None:
     shots = [{"camera": "top"}]
-    camera = CameraForm().read({"name": "fly", "shots": shots}, ReadingContext())
+    camera = DocumentCameraKind().read({"name": "fly", "shots": shots}, ReadingContext())
     assert camera == CameraScript("fly", [Shot(ModelRig("top"))])
-    assert CameraForm().read({"shots": shots}, ReadingContext()) == CameraScript("script", [Shot(ModelRig("top"))])
+    assert DocumentCameraKind().read({"shots": shots}, ReadingContext()) == CameraScript(
+        "script", [Shot(ModelRig("top"))]
+    )
 
 
 @cases("written, texts")

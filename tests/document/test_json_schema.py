@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mjrun.camera.script import RIGS, ShotForm
+from mjrun.camera.script import RIGS, ShotMappingKind
 from mjrun.camera.settings import BLENDS, EASINGS
 from mjrun.document import camera_and_ghost_forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
@@ -85,7 +85,7 @@ def test_keys_and_choices_are_those_of_the_forms() -> None:
     made = json_schema("camera")
     assert [*made["properties"]] == ["speed", "shots"]
     shot = made["$defs"]["Shot"]
-    assert [*shot["properties"]] == ShotForm().keys
+    assert [*shot["properties"]] == ShotMappingKind().keys
     assert [rule["required"] for rule in shot["oneOf"]] == [[rig] for rig in RIGS]
     assert made["$defs"]["Blend"]["properties"]["shape"]["enum"] == [*BLENDS]
     assert made["$defs"]["RampOptions"]["properties"]["ease"]["enum"] == [*EASINGS]

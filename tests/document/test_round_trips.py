@@ -25,7 +25,7 @@ from mjrun.options.schema_validation import Schema
 from mjrun.options.setting_kinds import VariedSettings
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
-from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKey
+from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKeyframeKind
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import flags, frames, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
@@ -103,7 +103,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.dictionaries(names, spans | lists | drawn | numbers, max_size=3)
         case RandomValueKind():
             return st.sampled_from(["uniform(-1, 1)", "normal(0, 0.01)"]) | numbers
-        case VectorOrKey():
+        case VectorOrKeyframeKind():
             return numbers | st.lists(numbers, min_size=1, max_size=3) | names
         case LimitsKind():
             low, high = st.floats(-9, -1), st.floats(1, 9)

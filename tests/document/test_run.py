@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.script import CameraScript, Event, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.camera.settings import EasedNumber
 from mjrun.document import run
 from mjrun.document.run import read_run
@@ -154,10 +154,10 @@ def test_a_video_is_what_the_document_says(text: str, said: dict[str, Any]) -> N
         ("time: 0", {"time": 0}),
         ("time: 1/3", {"time": Fraction(1, 3)}),
         ("step: 10", {"step": 10}),
-        ("time: {when: 'contact(ball, floor)'}", {"time": Event("contact(ball, floor)")}),
+        ("time: {when: 'contact(ball, floor)'}", {"time": ConditionEvent("contact(ball, floor)")}),
         (
             "time: {when: a > 1, nth: 2, offset: 0.1, else: end}",
-            {"time": Event("a > 1", 2, Fraction(1, 10), "end")},
+            {"time": ConditionEvent("a > 1", 2, Fraction(1, 10), "end")},
         ),
         ("legend: false\n  format: palette\n  view: seg", {"legend": False, "format": "palette", "view": ("seg",)}),
         ("pointcloud: a.ply\n  size: 64x48", {"pointcloud": "out/a.ply", "size": (64, 48)}),

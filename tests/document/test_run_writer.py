@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
-from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
 from mjrun.camera.settings import Blend, EasedNumber, Shake
 from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text
@@ -279,7 +279,7 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
         [
             Shot(
                 OrbitRig("floor", EasedNumber(0.9, 0.9), EasedNumber(140, 240, "cosine"), EasedNumber(-30, -30)),
-                until=Event("speed(box) > 0.02", otherwise="end"),
+                until=ConditionEvent("speed(box) > 0.02", otherwise="end"),
                 speed=Fraction(1, 4),
             ),
             Shot(
@@ -292,7 +292,7 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
         ],
     )
     film = Video(simulation, "a.mp4", camera=["top", script], fps=Fraction(30000, 1001), speed=Fraction(1, 4))
-    still = Image(simulation, "a.png", show="joint", geomgroup=[0, 1], quality="high", time=Event("a > 1", 2))
+    still = Image(simulation, "a.png", show="joint", geomgroup=[0, 1], quality="high", time=ConditionEvent("a > 1", 2))
     assert (
         document_text([film, still])
         == """\

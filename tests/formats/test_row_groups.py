@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.formats import table_writer
-from mjrun.formats.table_writer import ColumnWriter, RowGroups, TableWriter
+from mjrun.formats.table_writer import RowGroups, TableWriter, WholeColumnWriter
 from mjrun.formats.tables import FORMATS
 from mjrun.model.table_column import Column
 
@@ -31,7 +31,7 @@ def test_groups_are_the_transposed_rows_however_these_are_cut(columns: int, cuts
     assert list(groups.rest()) == []
 
 
-class Spilled(ColumnWriter):
+class Spilled(WholeColumnWriter):
     """Columns that wait until they are whole."""
 
     def save(self, manifest: str) -> None:

@@ -25,7 +25,7 @@ from mjrun.scene_graph.graph import (
     Texture,
     Track,
 )
-from mjrun.scene_graph.recorder import SceneContent, compute_poses, record_scene
+from mjrun.scene_graph.recorder import SceneContentSettings, compute_poses, record_scene
 
 RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.25, 0.75)
 BALL = meshes.sphere(8, 8)
@@ -213,7 +213,7 @@ def test_a_camera_with_intrinsics_sees_points_where_mujocos_camera_does(tmp_path
     )
     data = mujoco.MjData(model)
     compute_poses(model, data)
-    stage, _ = stage_of(tmp_path, *record_scene(model, [data], [0.0], SceneContent(mujoco.MjvOption())))
+    stage, _ = stage_of(tmp_path, *record_scene(model, [data], [0.0], SceneContentSettings(mujoco.MjvOption())))
     frustum = UsdGeom.Camera(stage.GetPrimAtPath("/World/eye")).GetCamera(Usd.TimeCode(0)).frustum
     seen = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
     for point in np.eye(3) * 0.3:

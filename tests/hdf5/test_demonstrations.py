@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.hdf5 import content
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationSummary
+from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationListEntry
 from mjrun.hdf5.demonstrations import DemonstrationFile
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
@@ -70,7 +70,7 @@ def test_an_episode_is_described_with_its_images_and_rewards(tmp_path: Path) -> 
         written["data/demo_1"].attrs["ep_meta"] = '{"lang": "lift it"}'
         written["mask/train"] = np.array([b"demo_1"])
     with DemonstrationFile(path) as file:
-        assert file.episode("demo_1") == DemonstrationSummary("demo_1", 5, 0.2, "lift it", 1.0, ("agentview_image",))
+        assert file.episode("demo_1") == DemonstrationListEntry("demo_1", 5, 0.2, "lift it", 1.0, ("agentview_image",))
         assert file.observations("demo_1") == {key: values.shape for key, values in observations.items()}
         assert file.subsets == {"train": 1}
         assert file.origin("demo_1").instruction == "lift it"
@@ -126,7 +126,7 @@ def test_states_that_would_fill_the_memory_are_refused(tmp_path: Path) -> None:
         del file["data/demo/states"]
         file.create_dataset("data/demo/states", (10**9, 16), float, chunks=(1000, 16), compression="gzip")
     with DemonstrationFile(path) as file:
-        assert file.episode("demo") == DemonstrationSummary("demo", 10**9, 0.0)
+        assert file.episode("demo") == DemonstrationListEntry("demo", 10**9, 0.0)
         with pytest.raises(FileError, match="would expand to 128 GB in memory"):
             file.states("demo")
 

@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.options.kinds import AnyKind
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKey
+from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
 
 
 @pytest.mark.parametrize(
@@ -14,8 +14,8 @@ from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, Vector
     [
         (LimitsKind(), [-1, 1], ((-1.0,), (1.0,)), [-1.0, 1.0]),
         (LimitsKind(), [[-1, -2], 3], ((-1.0, -2.0), (3.0,)), [[-1.0, -2.0], 3.0]),
-        (VectorOrKey(), "home", "home", "home"),
-        (VectorOrKey(), [1, 2], (1.0, 2.0), [1.0, 2.0]),
+        (VectorOrKeyframeKind(), "home", "home", "home"),
+        (VectorOrKeyframeKind(), [1, 2], (1.0, 2.0), [1.0, 2.0]),
         (RandomValueKind(), {"uniform": [-1, 1]}, "uniform(-1, 1)", "uniform(-1, 1)"),
         (RandomValueKind(), 0.5, "0.5", "0.5"),
         (ScheduleKind(), [[0, [1, 0]], [0.1, [0, 1]]], ((0, (1.0, 0.0)), (Fraction(1, 10), (0.0, 1.0))), None),
@@ -34,8 +34,8 @@ def test_a_kind_takes_what_documents_write(kind: AnyKind, value: object, made: o
         (LimitsKind(), [1]),
         (LimitsKind(), "ab"),
         (LimitsKind(), [[1, 2], [3, 4, 5]]),
-        (VectorOrKey(), ""),
-        (VectorOrKey(), [float("nan")]),
+        (VectorOrKeyframeKind(), ""),
+        (VectorOrKeyframeKind(), [float("nan")]),
         (RandomValueKind(), {"from": 0, "to": 1}),
         (RandomValueKind(), [1, 2]),
         (ScheduleKind(), []),

@@ -11,7 +11,7 @@ import pytest
 
 import mjrun
 from mjrun.camera.rigs.around import FreeRig
-from mjrun.camera.script import CameraScript, Event, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.cli.console import Console
 from mjrun.errors import MjrunError, SimulationError, clean
 from mjrun.outputs.export import Export
@@ -74,7 +74,7 @@ def test_an_unstable_simulation_leaves_nothing_unless_asked(exploding: Path, tmp
 
 def test_as_much_is_kept_of_an_export_that_waits_for_an_event(exploding: Path, tmp_path: Path) -> None:
     simulation = mjrun.Simulation(exploding, key="fast", duration=5)
-    later = CameraScript("later", [Shot(FreeRig(), until=Event("time > 0.05")), Shot(FreeRig())])
+    later = CameraScript("later", [Shot(FreeRig(), until=ConditionEvent("time > 0.05")), Shot(FreeRig())])
     frames = list[int]()
     for camera in ([], [later]):
         with pytest.raises(SimulationError) as caught:

@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.script import CameraScript, Event, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.outputs.event_detection import EventDetector, conditions, time_of
 from mjrun.outputs.frame_schedule import video_schedule
@@ -87,7 +87,9 @@ def test_frame_k_shows_what_the_video_has_reached_at_k_over_fps(data: st.DataObj
 
 
 def test_a_shot_ends_when_an_event_happens_and_later_ones_count_from_there() -> None:
-    twice = shots({"until": Event("hit")}, {"until": Event("hit", nth=2, offset=Fraction(-1, 10))}, {})
+    twice = shots(
+        {"until": ConditionEvent("hit")}, {"until": ConditionEvent("hit", nth=2, offset=Fraction(-1, 10))}, {}
+    )
     assert paced(twice, hit=[0, 100, 200, 500]).spans == [[(0, 0), (0, 0.3), (0.3, 2)]]
     assert paced(twice, hit=[50, 100, 200]).spans == [[(0, 0.1), (0.1, 0.3), (0.3, 2)]]
 
@@ -95,28 +97,34 @@ def test_a_shot_ends_when_an_event_happens_and_later_ones_count_from_there() -> 
 @pytest.mark.parametrize(
     ("event", "hit", "message"),
     [
-        (Event("hit"), [], r"^intro: shots\[0\]: 'hit' never happens in the 2 s of the simulation\nadd `else: end` or"),
-        (Event("hit", nth=3), [4, 9], r"^intro: shots\[0\]: 'hit' happens only 2 times, not 3, in the 2 s"),
         (
-            Event("hit", offset=Fraction(-1)),
+            ConditionEvent("hit"),
+            [],
+            r"^intro: shots\[0\]: 'hit' never happens in the 2 s of the simulation\nadd `else: end` or",
+        ),
+        (ConditionEvent("hit", nth=3), [4, 9], r"^intro: shots\[0\]: 'hit' happens only 2 times, not 3, in the 2 s"),
+        (
+            ConditionEvent("hit", offset=Fraction(-1)),
             [100],
             r"^intro: shots\[0\] would end at -0\.8 s, before it begins at 0 s$",
         ),
     ],
 )
-def test_an_event_that_cannot_end_a_shot_is_an_error_that_says_so(event: Event, hit: list[int], message: str) -> None:
+def test_an_event_that_cannot_end_a_shot_is_an_error_that_says_so(
+    event: ConditionEvent, hit: list[int], message: str
+) -> None:
     with pytest.raises(UsageError, match=message):
         paced(shots({"until": event}, {}), hit=hit)
 
 
 def test_what_counts_when_an_event_never_happens_can_be_said() -> None:
-    assert paced(shots({"until": Event("hit", otherwise="end")}, {})).spans == [[(0, 2), (2, 2)]]
-    assert paced(shots({"until": Event("hit", otherwise=Fraction(1, 2))}, {})).spans == [[(0, 0.5), (0.5, 2)]]
+    assert paced(shots({"until": ConditionEvent("hit", otherwise="end")}, {})).spans == [[(0, 2), (2, 2)]]
+    assert paced(shots({"until": ConditionEvent("hit", otherwise=Fraction(1, 2))}, {})).spans == [[(0, 0.5), (0.5, 2)]]
 
 
 def test_the_last_shot_may_end_the_video_early_but_none_continues_after_the_simulation() -> None:
     assert len(paced(shots({"until": Fraction(1)})).steps) == 30
-    assert list(paced(shots({"until": Event("hit")}), hit=[0]).steps) == [0]  # one frame at least
+    assert list(paced(shots({"until": ConditionEvent("hit")}), hit=[0]).steps) == [0]  # one frame at least
     late = paced(shots({"until": Fraction(1)}, {"lasting": Fraction(5)}, {}))
     assert len(late.steps) == 60
     assert late.spans == [[(0, 1), (1, 6), (6, 6)]]
@@ -158,7 +166,7 @@ def test_an_event_cuts_stills_and_videos_at_the_very_step(swing: Path, tmp_path:
     hit = thrown(swing)
     assert 20 < hit < 200
     simulation = Simulation(swing, duration=0.5)
-    event = Event("contact(ball, floor)")
+    event = ConditionEvent("contact(ball, floor)")
     slow = CameraScript("hit", [Shot(FreeRig(), until=event), Shot(TrackRig("ball"), speed=Fraction(1, 2))])
     slow_video = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
     still = Image(simulation, f"{tmp_path}/i.png", time=event, size=SIZE)
@@ -209,42 +217,46 @@ STEPS = [0, 100, 250]  # 0, 0.2 and 0.5 s
 @pytest.mark.parametrize(
     ("event", "after", "time"),
     [
-        (Event("c"), -1, 0),
-        (Event("c"), 0, Fraction(1, 5)),
-        (Event("c", nth=3), -1, Fraction(1, 2)),
-        (Event("c", nth=2, offset=Fraction(-1, 10)), 0, Fraction(2, 5)),
-        (Event("c", nth=4, otherwise="end"), -1, 1),
-        (Event("c", nth=4, otherwise=Fraction(1, 3)), -1, Fraction(1, 3)),
+        (ConditionEvent("c"), -1, 0),
+        (ConditionEvent("c"), 0, Fraction(1, 5)),
+        (ConditionEvent("c", nth=3), -1, Fraction(1, 2)),
+        (ConditionEvent("c", nth=2, offset=Fraction(-1, 10)), 0, Fraction(2, 5)),
+        (ConditionEvent("c", nth=4, otherwise="end"), -1, 1),
+        (ConditionEvent("c", nth=4, otherwise=Fraction(1, 3)), -1, Fraction(1, 3)),
     ],
 )
-def test_the_time_of_an_event_is_that_of_its_step(event: Event, after: int, time: Fraction) -> None:
+def test_the_time_of_an_event_is_that_of_its_step(event: ConditionEvent, after: int, time: Fraction) -> None:
     assert time_of(event, STEPS, TIMELINE, "here", Fraction(after)) == time
 
 
 @pytest.mark.parametrize(
     ("event", "after", "message"),
     [
-        (Event("c"), 0.5, r"here: 'c' never happens in the 1 s of the simulation after 0.5 s\nadd `else: end`"),
         (
-            Event("c", nth=4),
+            ConditionEvent("c"),
+            0.5,
+            r"here: 'c' never happens in the 1 s of the simulation after 0.5 s\nadd `else: end`",
+        ),
+        (
+            ConditionEvent("c", nth=4),
             -1,
             r"here: 'c' happens only 3 times, not 4, in the 1 s .*\nadd `else: end`",
         ),
     ],
 )
-def test_an_event_that_does_not_happen_is_an_error(event: Event, after: float, message: str) -> None:
+def test_an_event_that_does_not_happen_is_an_error(event: ConditionEvent, after: float, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         time_of(event, STEPS, TIMELINE, "here", Fraction(after))
 
 
 def test_a_condition_is_evaluated_once_however_many_wait_for_it(swing: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
-    events = [Event("time > 1"), Event("qpos(hinge) > 0"), Event("time > 1", nth=2)]
+    events = [ConditionEvent("time > 1"), ConditionEvent("qpos(hinge) > 0"), ConditionEvent("time > 1", nth=2)]
     assert conditions({("camera", i): event for i, event in enumerate(events)}, model) == [
         "time > 1",
         "qpos(hinge) > 0",
     ]
     with pytest.raises(UnknownNameError, match="nobody") as caught:
-        conditions({("time", "when"): Event("speed(nobody) > 1")}, model)
+        conditions({("time", "when"): ConditionEvent("speed(nobody) > 1")}, model)
     assert caught.value.path == ("time", "when")
     assert caught.value.__notes__ == ["in 'speed(nobody) > 1'"]

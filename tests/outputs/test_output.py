@@ -12,7 +12,7 @@ import pytest
 from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig, TrackRig
-from mjrun.camera.script import CameraScript, Event, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
@@ -171,7 +171,7 @@ def test_videos_of_one_pass_share_one_group_of_workers(
     swing: Path, tmp_path: Path, started: dict[str, int], jobs: int
 ) -> None:
     simulation = Simulation(swing, duration=0.15)
-    event = CameraScript("hit", [Shot(FreeRig(), until=Event("time > 0.1")), Shot(TrackRig("ball"))])
+    event = CameraScript("hit", [Shot(FreeRig(), until=ConditionEvent("time > 0.1")), Shot(TrackRig("ball"))])
 
     def videos(folder: Path, count: int) -> list[Video]:
         folder.mkdir()

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig
-from mjrun.camera.script import CameraScript, Event, Shot
+from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.errors import (
     FailedAssertionError,
     FaultyRequestsError,
@@ -91,7 +91,7 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     for bad, error in (
         (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), FaultyRequestsError),
         (Plot(simulation, "/dev/null/p.png", probe=["energy"]), FileError),
-        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), FaultyRequestsError),
+        (Image(simulation, f"{tmp_path}/i.png", time=ConditionEvent("speed(nobody) > 1")), FaultyRequestsError),
     ):
         with pytest.raises(error):
             perform([good, bad])
@@ -117,7 +117,7 @@ def test_jobs_of_two_simulations_or_none_are_no_pass(swing: Path) -> None:
 
 def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1)
-    event = CameraScript("hit", [Shot(FreeRig(), until=Event("time > 0.05")), Shot(FreeRig())])
+    event = CameraScript("hit", [Shot(FreeRig(), until=ConditionEvent("time > 0.05")), Shot(FreeRig())])
     jobs = [
         Video(simulation, f"{tmp_path}/f.mp4", fps=20, size=(64, 48)),
         Video(simulation, f"{tmp_path}/g.mp4", fps=20, size=(64, 48), camera=event),
@@ -361,7 +361,7 @@ def test_a_writer_that_fails_before_an_instability_publishes_nothing(
 
 def test_an_event_that_never_happens_costs_its_own_output_only(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1)
-    never = Image(simulation, f"{tmp_path}/i.png", time=Event("time > 9"), size=SIZE)
+    never = Image(simulation, f"{tmp_path}/i.png", time=ConditionEvent("time > 9"), size=SIZE)
     with pytest.raises(PartlyDoneError, match="never happens") as caught:
         perform([never, Recording(simulation, f"{tmp_path}/r.npz")])
     assert [result.path for result in caught.value.results] == [f"{tmp_path}/r.npz"]

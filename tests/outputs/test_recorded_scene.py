@@ -13,7 +13,7 @@ from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
 from mjrun.outputs.output import PassContext
 from mjrun.outputs.recorded_scene import (
-    PlacedScene,
+    RecordedScene,
     camera_motions,
     check_scene,
     open_states,
@@ -25,7 +25,7 @@ from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.reporter import WarningReporter
 
 
-def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> PlacedScene:
+def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> RecordedScene:
     """Returns the frames of an export, recorded up to a step."""
     simulation = mjrun.Simulation(model, duration=0.5)
     job = Export(simulation, "a.glb", fps=10, **options)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.policy.normalization import InertObject, read_inert
+from mjrun.policy.normalization import InertPickledObject, read_inert
 
 
 class Plain:
@@ -33,11 +33,11 @@ def test_arrays_are_arrays_and_objects_their_values(tmp_path: Path, protocol: in
     assert isinstance(root, dict)
     thing = root["thing"]
     if protocol < 2:  # which makes objects by calling a function: one more that does nothing
-        assert isinstance(thing, InertObject)
+        assert isinstance(thing, InertPickledObject)
         return
     assert thing.name.endswith("test_safe_unpickler.Plain")
     array, number, inner = thing.values["array"], thing.values["number"], thing.values["inner"]
-    assert isinstance(inner, InertObject)
+    assert isinstance(inner, InertPickledObject)
     assert np.array_equal(np.asarray(array), Plain().array)
     assert float(np.asarray(number)) == 2.5
     assert np.asarray(inner.values["a"]).tolist() == [1, 1]

@@ -7,7 +7,7 @@ import pytest
 from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import Mesh, Node
 from mjrun.scene_graph.materials import PADDING, MaterialCache, TextureMapping, atlas, cube_mapped
-from mjrun.scene_graph.recorder import SceneContent, compute_poses, record_scene
+from mjrun.scene_graph.recorder import SceneContentSettings, compute_poses, record_scene
 
 MODEL = """
 <mujoco>
@@ -36,7 +36,7 @@ def nodes() -> dict[str, Node]:
     model = mujoco.MjModel.from_xml_string(MODEL)
     data = mujoco.MjData(model)
     compute_poses(model, data)
-    graph, _ = record_scene(model, [data], [0.0], SceneContent(mujoco.MjvOption()))
+    graph, _ = record_scene(model, [data], [0.0], SceneContentSettings(mujoco.MjvOption()))
     return {node.name: node for node in graph.nodes if node.kind == "geom"}
 
 

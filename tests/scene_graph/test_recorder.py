@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.scene_graph.graph import SceneGraph, SceneMotion, Track
-from mjrun.scene_graph.recorder import FLAGS, SceneContent, compute_poses, record_scene
+from mjrun.scene_graph.recorder import FLAGS, SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.visualizer_geoms import MOST
 
 ROPE = """
@@ -61,7 +61,7 @@ def recorded(
             yield data
             mujoco.mj_step(model, data, nstep=following - step)
 
-    graph, motion = record_scene(model, instants(), np.array(steps) * model.opt.timestep, SceneContent(options))
+    graph, motion = record_scene(model, instants(), np.array(steps) * model.opt.timestep, SceneContentSettings(options))
     return model, graph, motion
 
 
@@ -139,7 +139,7 @@ def test_names_cannot_be_drawn_and_the_user_is_told() -> None:
     data, options = mujoco.MjData(model), mujoco.MjvOption()
     options.label = int(mujoco.mjtLabel.mjLABEL_BODY)
     compute_poses(model, data)
-    graph, _ = record_scene(model, [data], [0.0], SceneContent(options))
+    graph, _ = record_scene(model, [data], [0.0], SceneContentSettings(options))
     assert [remark for remark in graph.remarks if "names" in remark]
 
 
@@ -155,7 +155,7 @@ def test_decorations_are_nodes_of_their_own() -> None:
             mujoco.mjv_initGeom(geom, box, np.ones(3), np.array([frame, number, 0.0]), np.eye(3).ravel(), np.ones(4))
             scene.ngeom += 1
 
-    request = SceneContent(mujoco.MjvOption(), [("trail", add)], room=5)
+    request = SceneContentSettings(mujoco.MjvOption(), [("trail", add)], room=5)
     graph, motion = record_scene(model, [data] * 3, [0, 1, 2], request)
     tracks = [track for track in motion.tracks if graph.nodes[track.node].name.startswith("trail")]
     shown = [[int(at(track, frame)[1].any()) for track in tracks] for frame in range(3)]
@@ -165,9 +165,9 @@ def test_decorations_are_nodes_of_their_own() -> None:
 
 def test_what_depends_on_forces_is_known() -> None:
     model, options = mujoco.MjModel.from_xml_string(ROPE), mujoco.MjvOption()
-    assert not SceneContent(options).needs_forces(model)
+    assert not SceneContentSettings(options).needs_forces(model)
     options.flags[FLAGS["contactforce"]] = 1
-    assert SceneContent(options).needs_forces(model)
+    assert SceneContentSettings(options).needs_forces(model)
 
 
 def test_there_is_a_limit_to_items(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,5 +190,5 @@ def test_an_empty_scene_is_reported() -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1' group='5'/></worldbody></mujoco>")
     data = mujoco.MjData(model)
     compute_poses(model, data)
-    graph, _ = record_scene(model, [data], [0.0], SceneContent(mujoco.MjvOption()))
+    graph, _ = record_scene(model, [data], [0.0], SceneContentSettings(mujoco.MjvOption()))
     assert [remark for remark in graph.remarks if "empty" in remark]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.scene_graph.graph import Node, SceneGraph
-from mjrun.scene_graph.recorder import SceneContent, compute_poses, record_scene
+from mjrun.scene_graph.recorder import SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, toward
 
 ARM = """
@@ -39,7 +39,7 @@ def stepped(count: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 def whole(model: mujoco.MjModel, data: mujoco.MjData, options: mujoco.MjvOption | None = None) -> SceneGraph:
     compute_poses(model, data)
-    return record_scene(model, [data], [0.0], SceneContent(options or mujoco.MjvOption()))[0]
+    return record_scene(model, [data], [0.0], SceneContentSettings(options or mujoco.MjvOption()))[0]
 
 
 def matrix(node: Node) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_hidden_groups_are_left_out() -> None:
 def test_what_collides_and_is_hidden_is_included_on_request() -> None:
     model, data = stepped(0)
     compute_poses(model, data)
-    request = SceneContent(mujoco.MjvOption(), hidden=True)
+    request = SceneContentSettings(mujoco.MjvOption(), hidden=True)
     nodes = {node.name: node for node in record_scene(model, [data], [0.0], request)[0].nodes if node.kind == "geom"}
     assert (nodes["hidden"].visible, nodes["hidden"].layer) == (False, "collision")
     assert (nodes["egg"].visible, nodes["egg"].layer) == (True, "both")

@@ -13,7 +13,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from mjrun.camera.script import Event
+from mjrun.camera.script import ConditionEvent
 from mjrun.document.run import read_run
 from mjrun.document.task import read_task
 from mjrun.errors import DocumentError, InvalidActionError, UsageError
@@ -309,7 +309,7 @@ def test_an_event_of_the_episode_decides_when_an_image_is_taken(task: Path, tmp_
     columns = read_table(tmp_path / "t.csv").columns
     begins = columns["time"][columns["return"] > 0.5][0]
     result = Image(
-        simulation, str(tmp_path / "i.png"), time=Event("return > 0.5"), size=(64, 48), text="{return:.3f}"
+        simulation, str(tmp_path / "i.png"), time=ConditionEvent("return > 0.5"), size=(64, 48), text="{return:.3f}"
     ).run()
     assert result.time == begins
     assert result.episode is not None

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
-from mjrun.camera.settings import EASINGS, EasedNumber, ObjectName, PlaceKind, RampKind
+from mjrun.camera.settings import EASINGS, EasedNumber, ObjectNameKind, PlaceKind, RampKind
 from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
@@ -86,7 +86,7 @@ class TrackRig(Rig):
     eased: ClassVar[bool] = True
 
     target: str = required(
-        converter=ObjectName(), kw_only=False, help="The object: box, geom:edge, site:tip or subtree:torso."
+        converter=ObjectNameKind(), kw_only=False, help="The object: box, geom:edge, site:tip or subtree:torso."
     )
     distance: EasedNumber | None = option(
         converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE

@@ -39,7 +39,7 @@ class FeatherWriter(RowGroupWriter):
         self.writer.write_batch(arrow.record_batch(group, self.columns, self._schema))
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
     """Reads the accepted columns."""
     with decoding(path):
         require_expandable(path, max(batch_sizes(file)), file)  # dictionaries, or a batch, are whole in memory
@@ -48,7 +48,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     indices = arrow.select_columns(path, schema, wanted, cells)
     rows = decoded(path, arrow.blocks(path, list(indices), _batches(file, list(indices.values())), cells))
     manifest = parse_manifest((schema.metadata or {}).get(arrow.MANIFEST.encode()))
-    return tables.TableContents(list(indices), rows, arrow.units(schema, indices), manifest)
+    return tables.TableStream(list(indices), rows, arrow.units(schema, indices), manifest)
 
 
 def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]:

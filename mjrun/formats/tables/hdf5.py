@@ -29,7 +29,7 @@ from mjrun.errors import FileError, clean
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name
-from mjrun.formats.table_writer import ColumnWriter
+from mjrun.formats.table_writer import WholeColumnWriter
 from mjrun.hdf5.content import SIZES, StringHeap, content_at, require_own_content
 
 LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 holds 64 KiB
@@ -37,7 +37,7 @@ DEEPEST = 32  # groups within each other that are searched
 REFERENCE = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])  # of a text of variable length
 
 
-class Hdf5Writer(ColumnWriter):
+class Hdf5Writer(WholeColumnWriter):
     """A writer of datasets, once all rows are stored."""
 
     def save(self, manifest: str) -> None:
@@ -90,7 +90,7 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
     """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")

@@ -28,7 +28,7 @@ from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import largest_expansion, require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
-from mjrun.formats.table_writer import ColumnWriter
+from mjrun.formats.table_writer import WholeColumnWriter
 from mjrun.model.table_column import Column
 
 LIMIT = 2**31  # bytes in one variable
@@ -47,7 +47,7 @@ KINDS = {1: "cells", 2: "a structure", 4: "text", 5: "a sparse matrix"}
 IMAGINARY = 0x800
 
 
-class MatWriter(ColumnWriter):
+class MatWriter(WholeColumnWriter):
     """A writer of variables, once all rows are stored."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
@@ -93,7 +93,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
     """Reads the accepted columns. A variable is whole in memory, as it may be compressed."""
     with decoding(path):
         mat = MatParser(file)

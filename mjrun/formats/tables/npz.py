@@ -19,13 +19,13 @@ from mjrun.decompression_limits import require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name, read_header
-from mjrun.formats.table_writer import ColumnWriter
+from mjrun.formats.table_writer import WholeColumnWriter
 
 UNITS, MANIFEST = "__units__", "__manifest__"
 TEXT_SIZE = 2**24  # bytes of units, and of a manifest, that are read, at most
 
 
-class NpzWriter(ColumnWriter):
+class NpzWriter(WholeColumnWriter):
     """A writer of the archive, once all rows are stored."""
 
     def save(self, manifest: str) -> None:
@@ -47,7 +47,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
     """Reads the accepted columns; those of an array with two dimensions are `name/0`, `name/1`, …"""
     with decoding(path):
         archive = zipfile.ZipFile(file)

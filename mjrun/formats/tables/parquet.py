@@ -43,7 +43,7 @@ class ParquetWriter(RowGroupWriter):
         self.writer.is_open = False  # otherwise its finalizer would try once more
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
     """Reads the accepted columns."""
     with decoding(path):
         parquet = pyarrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
@@ -57,4 +57,4 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     batches = parquet.iter_batches(arrow.block_rows(len(names)), columns=names)
     rows = decoded(path, arrow.blocks(path, names, (batch.select(names) for batch in batches), cells))
     manifest = parse_manifest(metadata.get(arrow.MANIFEST.encode()))
-    return tables.TableContents(names, rows, arrow.units(schema, indices), manifest)
+    return tables.TableStream(names, rows, arrow.units(schema, indices), manifest)
