@@ -147,8 +147,8 @@ def test_without_any_extra_the_rest_works(
 
 
 # Modules that import a library of an extra at their top, and are themselves imported within functions.
-DRAWING = ("matplotlib_figure", "figure_painter")
-STUDIES = ("figure_painter",)
+DRAWING = ("matplotlib_layout", "matplotlib_drawing")
+STUDIES = ("matplotlib_drawing",)
 EAGER = {
     "mjrun.gym",
     "mjrun.formats.arrow_columns",
@@ -158,7 +158,7 @@ EAGER = {
     "mjrun.formats.usd",
     *(f"mjrun.formats.tables.{name}" for name in ("feather", "hdf5", "parquet")),
     *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
-    *(f"mjrun.hdf5.{name}" for name in ("content", "demonstrations")),
+    *(f"mjrun.hdf5.{name}" for name in ("untrusted_content", "demonstrations")),
     *(f"mjrun.plotting.{name}" for name in DRAWING),
     *(f"mjrun.plotting.study.{name}" for name in STUDIES),
 }

@@ -23,9 +23,9 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.source import ModelSource
 from mjrun.model.xml_source import read_xml
 from mjrun.options.policy import RANDOM
-from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.policy.task_agreement import check_agreement
 from mjrun.suffixes import YAML
 from mjrun.task.task import UNSTABLE, Task
 from mjrun.task.worlds import TaskWorlds

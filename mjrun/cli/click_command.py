@@ -19,7 +19,7 @@ from mjrun.cli.console import Console, HelpContext, flag, shown_help
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
-from mjrun.options.command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OutputOpeningOptions
+from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OutputOpeningOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, OneOrMore
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError

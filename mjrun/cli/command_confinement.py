@@ -20,7 +20,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY
-from mjrun.options.command import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
+from mjrun.options.every_command import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, OneOrMore, PathKind
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores

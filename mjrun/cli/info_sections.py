@@ -27,7 +27,7 @@ from mjrun.errors import clean, listing
 if TYPE_CHECKING:
     import mujoco
 
-    from mjrun.hdf5.demonstration_summary import DemonstrationList
+    from mjrun.hdf5.demonstration_list import DemonstrationList
     from mjrun.model.description.actuators_sensors import Actuator
     from mjrun.model.description.assets import Asset
     from mjrun.model.description.bodies import Body, Camera, Geom, Light

@@ -24,12 +24,12 @@ from mjrun.model.variants import BYTES
 from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import is_code
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.policy.task_agreement import check_agreement
 from mjrun.probe.metric import MetricEvaluator
-from mjrun.simulation.episode import UNLIMITED, require_undisturbed
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.policy_episode import UNLIMITED, require_undisturbed
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, Status
 from mjrun.task.batch_columns import ALL, Rows
@@ -261,7 +261,7 @@ def player_of(spec: GroupSpec) -> EpisodePlayer:
     elif isinstance(task, Task):
         player = TaskPlayer(task.with_disturbances(spec.disturbances), policy)
     else:
-        from mjrun.policy.agreement import inferred_task
+        from mjrun.policy.task_inference import inferred_task
 
         player = TaskPlayer(inferred_task(policy, task).with_disturbances(spec.disturbances), policy)
     return _MeasuringPlayer(player, spec, policy) if spec.metrics else player

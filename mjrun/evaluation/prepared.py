@@ -21,8 +21,8 @@ from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.packages import require_all
 from mjrun.python_code import memory_warning, module_sources
-from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.policy_episode import policy_files
 from mjrun.task.task import Task
 
 POLICY, SEED = "policy", "seed"

@@ -21,8 +21,8 @@ import numpy as np
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, MjrunError, clean, file_errors, quoted, suggestion
-from mjrun.hdf5.content import require_own_content, text_attributes
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationListEntry
+from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationListEntry
+from mjrun.hdf5.untrusted_content import require_own_content, text_attributes
 
 LISTED = 8  # episodes in a message
 SHOWN = 80  # characters of a reason in a message

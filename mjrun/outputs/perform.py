@@ -31,7 +31,7 @@ from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.shared_status import doing
-from mjrun.simulation.episode import EpisodeResult
+from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
 

@@ -69,9 +69,9 @@ def encoded(
     tags: Mapping[str, str],
 ) -> bytes:
     """Draws a figure and returns it as the content of a file."""
-    from mjrun.plotting.figure_painter import paint
-    from mjrun.plotting.matplotlib_figure import MatplotlibFigure, settings
-    from mjrun.plotting.study.figure_painter import paint_study
+    from mjrun.plotting.matplotlib_drawing import paint
+    from mjrun.plotting.matplotlib_layout import MatplotlibFigure, settings
+    from mjrun.plotting.study.matplotlib_drawing import paint_study
 
     theme = THEMES[style]
     with settings(theme, grid.em), warnings.catch_warnings():

@@ -42,7 +42,7 @@ from mjrun.timeline import EXACT, Timeline, rational
 if TYPE_CHECKING:
     from mjrun.physics.kinematic_samples import KinematicMotion
     from mjrun.simulation.demonstration import DemonstratedEpisode
-    from mjrun.simulation.episode import Episode
+    from mjrun.simulation.policy_episode import Episode
 
 DURATION = Fraction(5)  # [s] without an option for it
 LONG = 10**9  # steps of a replay that must be requested explicitly
@@ -167,7 +167,7 @@ class Simulation(SimulationOptions):
         """
         if self.policy is None:
             return None
-        from mjrun.simulation.episode import cached_policy, episode_of
+        from mjrun.simulation.policy_episode import cached_policy, episode_of
 
         policy = cached_policy(self.policy, self.trust, self.normalize, self._stored)
         return episode_of(self.source, policy, self.seed, self.disturbances, self.control_dt, self.duration)
@@ -222,7 +222,7 @@ class Simulation(SimulationOptions):
 
             files += [("file of columns", Path(file)) for file in map_files(self.map)]
         if self.policy is not None:
-            from mjrun.simulation.episode import policy_files
+            from mjrun.simulation.policy_episode import policy_files
 
             files += [("policy", file) for file in policy_files(self.policy, self.normalize)]
         return files

@@ -36,7 +36,7 @@ from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.drawn_model import drawn_model, place_stage
-from mjrun.simulation import episode as played
+from mjrun.simulation import policy_episode as played
 from mjrun.simulation.demonstration import DemonstratedEpisode
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.dataset_specs import FOLDER, NEARLY, EpisodeSpec

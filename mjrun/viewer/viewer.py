@@ -25,8 +25,8 @@ from mjrun.outputs.output import ReservedFiles
 from mjrun.physics.recorded_states import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
-from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.manifest import origin
+from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.timeline import rational

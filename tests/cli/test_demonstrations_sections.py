@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.cli.info_sections import demonstrations_page
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationList, DemonstrationListEntry
+from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList, DemonstrationListEntry
 from tests.cases import cases
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.cli.console import CiVerdict, Console, Report, document_form
 from mjrun.errors import flag
-from mjrun.options.command import DOCUMENT_FORMS
+from mjrun.options.every_command import DOCUMENT_FORMS
 
 
 @dataclass(frozen=True)

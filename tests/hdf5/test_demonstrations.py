@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.hdf5 import content
-from mjrun.hdf5.demonstration_summary import DemonstrationFileOrigin, DemonstrationListEntry
+from mjrun.hdf5 import untrusted_content
+from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationListEntry
 from mjrun.hdf5.demonstrations import DemonstrationFile
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
@@ -136,11 +136,11 @@ def test_chunks_that_would_fill_the_memory_and_content_elsewhere_are_refused(tmp
         large = file.create_dataset("large", (2**28,), "f8", chunks=(2**28,), compression="gzip")
         outside = file.create_dataset("outside", (1,), "f8", external=[(str(tmp_path / "secret"), 0, 8)])
         small = file.create_dataset("small", (1,), "f8")
-        content.require_own_content(tmp_path / "d.hdf5", "small", small)
+        untrusted_content.require_own_content(tmp_path / "d.hdf5", "small", small)
         with pytest.raises(FileError, match=r"would expand to 2\.15 GB in memory"):
-            content.require_own_content(tmp_path / "d.hdf5", "large", large)
+            untrusted_content.require_own_content(tmp_path / "d.hdf5", "large", large)
         with pytest.raises(FileError, match="outside is in another file, which is not read"):
-            content.require_own_content(tmp_path / "d.hdf5", "outside", outside)
+            untrusted_content.require_own_content(tmp_path / "d.hdf5", "outside", outside)
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:

@@ -18,9 +18,9 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.codecs import CODECS
 from mjrun.options.bench import BenchOptions, BenchReportOptions, EngineOptions
 from mjrun.options.check import CheckOptions
-from mjrun.options.command import ConfinementOptions, ConsoleOptions
 from mjrun.options.diff import DiffOptions
 from mjrun.options.evaluation import EvaluationOptions
+from mjrun.options.every_command import ConfinementOptions, ConsoleOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.model import InfoOptions, ModelOptions

@@ -8,8 +8,8 @@ import pytest
 
 from tests.conftest import Command
 from tests.policy.networks import linear
-from tests.policy.test_agreement import METADATA, MODEL, MOTORS
-from tests.policy.test_inferred_task import DOCUMENT
+from tests.policy.test_task_agreement import METADATA, MODEL, MOTORS
+from tests.policy.test_task_inference import DOCUMENT
 
 WEIGHTS = np.full((2, 6), 0.5, np.float32)
 

@@ -11,7 +11,7 @@ from mjrun.cli.console import Console, Report
 from mjrun.cli.info_sections import SECTIONS, LineSection, demonstrations_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
-from mjrun.options.command import ConfinementOptions
+from mjrun.options.every_command import ConfinementOptions
 from mjrun.options.model import InfoOptions, ServoOptions
 from mjrun.suffixes import is_hdf5
 
@@ -35,7 +35,7 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
     reports={
         "info": "mjrun.model.info:InfoResult",
         "info-task": "mjrun.task.description:TaskDescription",
-        "info-demos": "mjrun.hdf5.demonstration_summary:DemonstrationList",
+        "info-demos": "mjrun.hdf5.demonstration_list:DemonstrationList",
     },
 )
 def info(console: Console, command_line: CommandLine) -> None:

@@ -6,7 +6,7 @@ from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import clean
-from mjrun.options.command import ConfinementOptions
+from mjrun.options.every_command import ConfinementOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.viewer import ViewerOptions
 

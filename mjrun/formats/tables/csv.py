@@ -29,7 +29,7 @@ from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
 from mjrun.formats.csv_sidecar import units_beside
 from mjrun.formats.number_text import ROW_END, WholeLinePieces
-from mjrun.formats.table_contents import EXACT, AcceptedCells, ColumnFilter, TableStream, select, shown
+from mjrun.formats.table_stream import EXACT, AcceptedCells, ColumnFilter, TableStream, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 

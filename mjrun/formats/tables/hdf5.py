@@ -6,8 +6,8 @@ Datasets have the attributes `unit` and `index`, their place in the table. The f
 is JSON; if it is too long for one attribute, `manifest_1` … hold the rest. A name that HDF5 does not accept as a path,
 or that is the group of another, is stored in the attribute `name`.
 
-Attributes of variable length are ignored. Columns of variable length are read by the parser of `mjrun.hdf5.content`,
-unless they are compressed.
+Attributes of variable length are ignored. Columns of variable length are read by the parser of
+`mjrun.hdf5.untrusted_content`, unless they are compressed.
 
 In a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`, if it has
 two dimensions. Links to other files are not followed: a column behind one cannot be read.
@@ -26,11 +26,11 @@ import h5py
 import numpy as np
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import table_contents as tables
+from mjrun.formats import table_stream as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name
 from mjrun.formats.table_writer import WholeColumnWriter
-from mjrun.hdf5.content import SIZES, StringHeap, content_at, require_own_content
+from mjrun.hdf5.untrusted_content import SIZES, StringHeap, content_at, require_own_content
 
 LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 holds 64 KiB
 DEEPEST = 32  # groups within each other that are searched

@@ -20,7 +20,7 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
-from mjrun.formats.table_contents import AcceptedCells, ColumnFilter, TableStream, select, shown
+from mjrun.formats.table_stream import AcceptedCells, ColumnFilter, TableStream, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 

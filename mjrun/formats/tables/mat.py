@@ -26,7 +26,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import largest_expansion, require_expandable
-from mjrun.formats import table_contents as tables
+from mjrun.formats import table_stream as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.table_writer import WholeColumnWriter
 from mjrun.model.table_column import Column

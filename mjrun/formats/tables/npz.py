@@ -16,7 +16,7 @@ from typing import IO, BinaryIO
 import numpy as np
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.formats import table_contents as tables
+from mjrun.formats import table_stream as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name, read_header
 from mjrun.formats.table_writer import WholeColumnWriter

@@ -13,7 +13,7 @@ import pyarrow.parquet
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
-from mjrun.formats import table_contents as tables
+from mjrun.formats import table_stream as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
 from mjrun.formats.table_writer import RowGroupWriter
 from mjrun.model.table_column import Column

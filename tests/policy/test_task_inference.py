@@ -12,15 +12,16 @@ import pytest
 from mjrun.document.task import read_task
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.sources import source_of
-from mjrun.policy.agreement import check_agreement, inferred_task
 from mjrun.policy.loaders.leapp import LeappPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ActionSpace, Policy
+from mjrun.policy.task_agreement import check_agreement
+from mjrun.policy.task_inference import inferred_task
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskWorlds
 from tests.policy.leapp_packages import package
 from tests.policy.networks import linear
-from tests.policy.test_agreement import METADATA, MODEL, MOTORS, SERVOS
+from tests.policy.test_task_agreement import METADATA, MODEL, MOTORS, SERVOS
 
 DT = Fraction(1, 50)
 WEIGHTS = np.random.default_rng(0).normal(size=(2, 6)).astype(np.float32)

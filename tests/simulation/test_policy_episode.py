@@ -28,13 +28,13 @@ from mjrun.outputs.perform import perform
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.policy.load import load_policy
-from mjrun.simulation.episode import cached_policy, episode_of
+from mjrun.simulation.policy_episode import cached_policy, episode_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import StudyPoint, StudySpec
 from tests.policy.networks import linear
-from tests.policy.test_agreement import METADATA, MODEL, MOTORS
-from tests.policy.test_inferred_task import DOCUMENT
+from tests.policy.test_task_agreement import METADATA, MODEL, MOTORS
+from tests.policy.test_task_inference import DOCUMENT
 from tests.task.environments import registered
 
 

@@ -18,7 +18,7 @@ from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_trans
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import DPI, POINT, DrawnFigure, DrawnPanel, PanelGrid, ParameterAxis
-from mjrun.plotting.matplotlib_figure import MatplotlibFigure, curve_line, rgb, set_scales
+from mjrun.plotting.matplotlib_layout import MatplotlibFigure, curve_line, rgb, set_scales
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
 NAMED = 8  # maximum number of reference lines with one name that are all labelled
@@ -33,7 +33,7 @@ TITLE_ROOM, ABOVE, BELOW = 2.6, 2.5, 3.4
 
 
 def paint(drawing: DrawnFigure, grid: PanelGrid, canvas: MatplotlibFigure) -> None:
-    """Draws a figure on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
+    """Draws a figure on a canvas; to be called within `mjrun.plotting.matplotlib_layout.settings`."""
     spec = canvas.figure.add_gridspec(grid.rows, grid.columns)
     count = len(drawing.panels)
     panels: list[Axes] = []

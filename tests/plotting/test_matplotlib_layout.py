@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import BadValueError
 from mjrun.options.plot import STYLES
 from mjrun.plotting.figure_data import FigureCounts, PanelGrid, panel_grid
-from mjrun.plotting.matplotlib_figure import LONGEST, MatplotlibFigure, settings
+from mjrun.plotting.matplotlib_layout import LONGEST, MatplotlibFigure, settings
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 

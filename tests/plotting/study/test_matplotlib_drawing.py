@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.plotting.figure_data import ParameterAxis
-from mjrun.plotting.matplotlib_figure import WHOLE, MatplotlibFigure, settings
+from mjrun.plotting.matplotlib_layout import WHOLE, MatplotlibFigure, settings
 from mjrun.plotting.study.figure_data import (
     Band,
     DrawnStudyFigure,
@@ -21,10 +21,10 @@ from mjrun.plotting.study.figure_data import (
     Series,
     study_grid,
 )
-from mjrun.plotting.study.figure_painter import BANDS as BAND_NAMES
-from mjrun.plotting.study.figure_painter import COLOUR_MAP, paint_study
+from mjrun.plotting.study.matplotlib_drawing import BANDS as BAND_NAMES
+from mjrun.plotting.study.matplotlib_drawing import COLOUR_MAP, paint_study
 from mjrun.plotting.theme import THEMES
-from tests.plotting.test_figure_painter import require_room, words
+from tests.plotting.test_matplotlib_drawing import require_room, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import ZeroPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
+from mjrun.policy.task_agreement import check_agreement
 from mjrun.task.task import Action, Command, Observation, Task
 from tests.policy.networks import linear
 

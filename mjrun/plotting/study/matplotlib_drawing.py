@@ -17,7 +17,7 @@ from matplotlib.text import Annotation
 
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import POINT, PanelGrid, ParameterAxis
-from mjrun.plotting.matplotlib_figure import (
+from mjrun.plotting.matplotlib_layout import (
     SMALL,
     TITLE,
     MatplotlibFigure,
@@ -57,7 +57,7 @@ VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an 
 
 
 def paint_study(drawing: DrawnStudyFigure, grid: PanelGrid, canvas: MatplotlibFigure) -> None:
-    """Draws the figure of a study on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
+    """Draws the figure of a study on a canvas; to be called within `mjrun.plotting.matplotlib_layout.settings`."""
     panels, side = drawing.panels, grid.columns
     rows = -(-len(panels) // side)
     key = _key(drawing, canvas)

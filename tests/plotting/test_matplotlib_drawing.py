@@ -13,8 +13,8 @@ from mjrun.options.plot import STYLES
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import CurvePoints, Envelope
 from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, panel_grid
-from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveLabel, arranged, paint
-from mjrun.plotting.matplotlib_figure import MatplotlibFigure, settings
+from mjrun.plotting.matplotlib_drawing import BESIDE, SMALLEST, CurveLabel, arranged, paint
+from mjrun.plotting.matplotlib_layout import MatplotlibFigure, settings
 from mjrun.plotting.theme import THEMES
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from mjrun.hdf5.content import content_at, text_attributes
+from mjrun.hdf5.untrusted_content import content_at, text_attributes
 
 LONG = "<mujoco>" + "é" * 70_000 + "</mujoco>"
 

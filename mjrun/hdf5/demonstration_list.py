@@ -1,4 +1,4 @@
-"""Facts about files of demonstrations, and about the episodes in them."""
+"""The list of the demonstrations in a file, each with its facts, and the origin of the file."""
 
 from collections.abc import Mapping, Sequence
 
