@@ -84,7 +84,7 @@ class Timeline:
         """Returns the simulated time [s] at `step`."""
         return step * self.timestep
 
-    def frames(self, fps: Fraction, speed: Fraction = Fraction(1)) -> list[int]:
+    def frame_steps(self, fps: Fraction, speed: Fraction = Fraction(1)) -> list[int]:
         """Returns the step of each frame of a video.
 
         Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the video

@@ -96,7 +96,7 @@ def test_a_run_of_n_steps_has_n_steps_and_lasts_exactly_n_timesteps(timestep: Fr
 
 
 def test_a_film_of_two_seconds_at_thirty_fps_has_sixty_frames() -> None:
-    assert len(Timeline.lasting(MILLI2, Fraction(2)).frames(Fraction(30))) == 60
+    assert len(Timeline.lasting(MILLI2, Fraction(2)).frame_steps(Fraction(30))) == 60
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_a_film_of_two_seconds_at_thirty_fps_has_sixty_frames() -> None:
     ],
 )
 def test_frames_of_eighty_milliseconds_fall_on_these_steps(fps: str, speed: str, expected: list[int]) -> None:
-    assert Timeline.lasting(MILLI2, Fraction("0.08")).frames(Fraction(fps), Fraction(speed)) == expected
+    assert Timeline.lasting(MILLI2, Fraction("0.08")).frame_steps(Fraction(fps), Fraction(speed)) == expected
 
 
 @given(RUNS, FPS, SPEEDS)
@@ -120,7 +120,7 @@ def test_frame_k_shows_the_step_nearest_its_time_and_the_film_ends_before_the_du
     run: Timeline, fps: Fraction, speed: Fraction
 ) -> None:
     times = itertools.takewhile(lambda t: t < run.duration, (k * speed / fps for k in itertools.count()))
-    assert run.frames(fps, speed) == [(time / run.timestep + Fraction(1, 2)).__floor__() for time in times]
+    assert run.frame_steps(fps, speed) == [(time / run.timestep + Fraction(1, 2)).__floor__() for time in times]
 
 
 @given(RUNS, FPS, SPEEDS)
@@ -128,7 +128,7 @@ def test_frame_k_shows_the_step_nearest_its_time_and_the_film_ends_before_the_du
 def test_frames_never_go_back_nor_beyond_the_last_step_and_last_as_long_as_the_run(
     run: Timeline, fps: Fraction, speed: Fraction
 ) -> None:
-    frames = run.frames(fps, speed)
+    frames = run.frame_steps(fps, speed)
     assert frames[0] == 0
     assert frames == sorted(frames)
     assert frames[-1] <= run.steps
@@ -140,7 +140,7 @@ def test_frames_never_go_back_nor_beyond_the_last_step_and_last_as_long_as_the_r
 def test_neighbouring_frames_are_equally_far_apart_up_to_one_step(
     run: Timeline, fps: Fraction, speed: Fraction
 ) -> None:
-    gaps = {after - before for before, after in itertools.pairwise(run.frames(fps, speed))}
+    gaps = {after - before for before, after in itertools.pairwise(run.frame_steps(fps, speed))}
     apart = speed / (fps * run.timestep)
     assert all(abs(gap - apart) < 1 for gap in gaps)
 

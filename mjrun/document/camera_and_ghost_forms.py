@@ -52,9 +52,9 @@ class DocumentMujocoNameKind(Text):
     @property
     def form(self) -> Schema:
         from mjrun.rendering.segmentation import groupings
-        from mjrun.rendering.visual import flags, frames, labels
+        from mjrun.rendering.visual import flags, frame_axes, labels
 
-        names = {"visual flag": flags, "segmentation": lambda: [*groupings()], "frame": frames, "label": labels}
+        names = {"visual flag": flags, "segmentation": lambda: [*groupings()], "frame": frame_axes, "label": labels}
         return {"type": "string", "enum": names[self._of]()}
 
     def read(self, value: object, reader: ReadingContext) -> object:

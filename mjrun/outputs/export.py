@@ -108,7 +108,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         if self.images is not None and not self.camera:
             raise UsageError(f"{option('images')} requires {option('camera')}", path=("images",))
 
-    def schedule(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
+    def schedule_frames(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
         """Schedules the frames, with the shots of cameras if there are any, and warns about those that are not shown.
 
         Raises:
@@ -116,7 +116,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         """
         timeline = scene.context.timeline
         if not scene.scripts:
-            steps = timeline.frames(self.fps, self.speed)
+            steps = timeline.frame_steps(self.fps, self.speed)
             times = [float(k / self.fps) for k in range(len(steps))]
             return FrameSchedule(steps, times, [float(self.speed)] * len(steps), [], timeline)
         schedule = video_schedule(scene.scripts, timeline, event_steps, fps=self.fps, speed=self.speed)
@@ -128,7 +128,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         """Resolves every name in the model and schedules the frames unless events decide."""
         images = self._images(context) if self.renderer_options else None
         scene = images.scene if images else plan_scene(self, context, self.cameras)
-        schedule = None if scene.conditions else self.schedule(scene, {})
+        schedule = None if scene.conditions else self.schedule_frames(scene, {})
         table, rows = self._table(context)
         count = None if schedule is None else len(schedule.steps)
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
@@ -252,8 +252,8 @@ class ContactRecorder:
         if not self._copies:
             return
         contacts = RecordedContacts(self._model, self._copies)
-        forces = np.einsum("ni,nij->nj", contacts.wrenches[:, :3], contacts.frames)
-        self._rows.extend(np.column_stack([contacts.fields["pos"], contacts.frames[:, 0], forces]))
+        forces = np.einsum("ni,nij->nj", contacts.wrenches[:, :3], contacts.contact_frames)
+        self._rows.extend(np.column_stack([contacts.fields["pos"], contacts.contact_frames[:, 0], forces]))
         self._counts += contacts.counts.tolist()
         self._copies = []
 
@@ -300,14 +300,14 @@ class SceneToExport:
         self,
         request: Export,
         plan: ScenePlan,
-        frames: RecordedScene,
+        recorded_scene: RecordedScene,
         images: "OpenFrames | None",
         values: MeasuredValues | None,
         marks: Sequence[TimelineMark],
         contacts: FrameContacts | None,
         facts: Mapping[str, object],
     ) -> None:
-        self.request, self.context, self.frames, self.facts = request, plan.context, frames, facts
+        self.request, self.context, self.recorded_scene, self.facts = request, plan.context, recorded_scene, facts
         self.values, self.marks, self.contacts = values, marks, contacts
         self._plan, self._images = plan, images
 
@@ -319,12 +319,12 @@ class SceneToExport:
     @property
     def times(self) -> Sequence[float]:
         """The time of each frame in the file [s]: frame k is at k/fps."""
-        return self.frames.schedule.times
+        return self.recorded_scene.schedule.times
 
     @property
     def model(self) -> mujoco.MjModel:
         """The model that is shown, which may have a stage."""
-        return self.frames.model
+        return self.recorded_scene.model
 
     @property
     def graph(self) -> SceneGraph:
@@ -338,15 +338,15 @@ class SceneToExport:
 
     def instants(self) -> Iterator[mujoco.MjData]:
         """Yields each frame with all derived fields, contacts and forces computed; to be read before the next."""
-        return instants_of(self.context.model, iter(self.frames.states))
+        return instants_of(self.context.model, iter(self.recorded_scene.states))
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
         from mjrun.outputs.frame_drawing import FrameDrawer, frame_compositor
 
         assert self._images
-        compositor = frame_compositor(self._images, self.frames)
-        with closing(FrameDrawer(self._images, self.frames, compositor)) as drawing:
+        compositor = frame_compositor(self._images, self.recorded_scene)
+        with closing(FrameDrawer(self._images, self.recorded_scene, compositor)) as drawing:
             for _ in self.times:
                 yield drawing.draw()
 
@@ -371,7 +371,7 @@ class SceneToExport:
 
     @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
-        model, decorations = self.model, self.frames.decorations
+        model, decorations = self.model, self.recorded_scene.decorations
         scene_request = SceneContentSettings(
             options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
@@ -379,7 +379,7 @@ class SceneToExport:
             hidden=self.request.file_format.hidden,
             detail=DETAIL[self.request.quality],
         )
-        states = (widened(model, state) for state in iter(self.frames.states))
+        states = (widened(model, state) for state in iter(self.recorded_scene.states))
         instants = instants_of(model, states) if scene_request.needs_forces(model) else _positions(model, states)
         graph, motion = record_scene(model, instants, self.times, scene_request)
         for text in [*graph.remarks, *self._unused()]:
@@ -395,7 +395,7 @@ class SceneToExport:
 
     def _with_shots(self, graph: SceneGraph, motion: SceneMotion) -> tuple[SceneGraph, SceneMotion]:
         """Adds the cameras that are not the model's."""
-        poses = self.frames.poses
+        poses = self.recorded_scene.poses
         nodes, tracks, frames = [*graph.nodes], [*motion.tracks], np.arange(len(self.times))
         for index, camera in enumerate(self._plan.motions):
             positions = np.array([each[index].position for each in poses])
@@ -466,8 +466,8 @@ class OpenExport(output.OpenOutput[ExportResult]):
         if plan.schedule:
             self._observe(plan.schedule)
 
-    def schedule(self, event_steps: output.EventSteps) -> None:
-        self._observe(self._request.schedule(self._plan.scene, event_steps))
+    def choose_taps(self, event_steps: output.EventSteps) -> None:
+        self._observe(self._request.schedule_frames(self._plan.scene, event_steps))
 
     def _observe(self, schedule: FrameSchedule) -> None:
         """Makes the taps that record the frames of a schedule."""

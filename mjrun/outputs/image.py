@@ -75,7 +75,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         """
         _ = self.formatted_files
 
-    def schedule(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
+    def schedule_frames(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
         """Schedules the single frame.
 
         Raises:
@@ -90,7 +90,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
             {("time", "when"): self.time} if isinstance(self.time, ConditionEvent) else {}
         )
         frames, file = plan_frames(self, context, events=events), self.formatted_files[0]
-        schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
+        schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
         when = "at an event" if schedule is None else f"at {schedule.times[0]:g} s"
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
         return ImagePlan(
@@ -180,8 +180,8 @@ class OpenImage(output.OpenOutput[ImageResult]):
             labels = Segmentation(model, request.seg_by).legend if "seg" in request.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(request.pointcloud, labels))
 
-    def schedule(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule(self._plan.frames.scene, event_steps)
+    def choose_taps(self, event_steps: output.EventSteps) -> None:
+        self._frames.schedule = self._request.schedule_frames(self._plan.frames.scene, event_steps)
         self.taps = self._frames.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[ImageResult]:

@@ -123,7 +123,7 @@ def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dic
 
 def instants(scene: SceneToExport, channels: "InstantTopics") -> Generator[TimedMessage]:
     """Yields the poses, joints and contacts of each frame."""
-    poses = scene.frames.poses if cameras_of(scene) else itertools.repeat(())
+    poses = scene.recorded_scene.poses if cameras_of(scene) else itertools.repeat(())
     for time, data, cameras in zip(frame_times(scene), scene.instants(), poses, strict=False):
         yield from channels.messages(time, data, [lens(pose, scene.request.size) for pose in cameras])
 
@@ -160,7 +160,7 @@ def images(scene: SceneToExport, cameras: Sequence["CameraTopics"]) -> Generator
             for index, (encoder, queue) in enumerate(zip(encoders, waiting, strict=True)):
                 queue += encoder.end() if pixels is None else encoder.write(pixels[index])
             while all(waiting):
-                time, poses = next(times), scene.frames.poses[encoded]
+                time, poses = next(times), scene.recorded_scene.poses[encoded]
                 for camera, pose, queue in zip(cameras, poses, waiting, strict=True):
                     yield from camera.messages(time, queue.popleft(), lens(pose, scene.request.size))
                 encoded += 1
@@ -168,7 +168,7 @@ def images(scene: SceneToExport, cameras: Sequence["CameraTopics"]) -> Generator
 
 def frame_times(scene: SceneToExport) -> Generator[int]:
     """Yields the simulated time of each frame [ns]."""
-    for step in scene.frames.schedule.steps:
+    for step in scene.recorded_scene.schedule.steps:
         yield nanoseconds(scene.context.timeline.time(step))
 
 
@@ -221,7 +221,7 @@ class InstantTopics:
 
     def _arrows(self, time: int, contacts: RecordedContacts) -> bytes:
         """Returns the force that acts on the second object of each contact."""
-        forces = (contacts.wrenches[:, None, :3] @ contacts.frames)[:, 0]
+        forces = (contacts.wrenches[:, None, :3] @ contacts.contact_frames)[:, 0]
         vectors = self._length * forces
         visible = np.linalg.norm(vectors, axis=1) > SHORTEST
         starts = contacts.fields["pos"][visible]

@@ -203,7 +203,7 @@ class OpenOutput(ABC, Generic[R_co]):
 
     taps: Sequence[Tap] = ()
 
-    def schedule(self, event_steps: EventSteps) -> None:
+    def choose_taps(self, event_steps: EventSteps) -> None:
         """Chooses the taps of an output that waits for events.
 
         Args:

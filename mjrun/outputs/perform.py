@@ -383,7 +383,7 @@ class OpenPass(Generic[R]):
             for index in waiting:
                 if self._can_finish(index):
                     with self._failing(index):
-                        self.outputs[index].schedule(detector.event_steps)
+                        self.outputs[index].choose_taps(detector.event_steps)
             observing = [index for index in waiting if self._can_finish(index)]
             if observing:
                 run_with_taps(detector.replay(self._plan.stepper.model), self._taps(observing), until)

@@ -68,7 +68,7 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
         for file in self.encoded_files:
             file.encoding.check_fps(self.rate)
 
-    def schedule(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
+    def schedule_frames(self, scene: ScenePlan, event_steps: output.EventSteps) -> FrameSchedule:
         """Schedules the frames, and warns about shots that are not shown.
 
         Raises:
@@ -83,7 +83,7 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
     def plan(self, context: output.PassContext) -> "output.OutputPlan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
-        schedule = None if frames.scene.conditions else self.schedule(frames.scene, {})
+        schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
         count = None if schedule is None else len(schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
         return VideoPlan(
@@ -170,8 +170,8 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             self._calibration = CalibrationFile(request, self._scene_plan.motions, request.encoded_files, numbers)
             stack.enter_context(self._calibration.writer)
 
-    def schedule(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule(self._scene_plan, event_steps)
+    def choose_taps(self, event_steps: output.EventSteps) -> None:
+        self._frames.schedule = self._request.schedule_frames(self._scene_plan, event_steps)
         self.taps = self._frames.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[VideoResult]:
@@ -272,7 +272,7 @@ class VideoInMemory(Video):
             conditions=frames.scene.conditions,
             request=self,
             frames=frames,
-            schedule=None if frames.scene.conditions else self.schedule(frames.scene, {}),
+            schedule=None if frames.scene.conditions else self.schedule_frames(frames.scene, {}),
         )
 
 
@@ -294,8 +294,8 @@ class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):
         self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
 
-    def schedule(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule(self._frames.plan.scene, event_steps)
+    def choose_taps(self, event_steps: output.EventSteps) -> None:
+        self._frames.schedule = self._request.schedule_frames(self._frames.plan.scene, event_steps)
         self.taps = self._frames.taps
 
     def images(self) -> Generator[np.ndarray]:

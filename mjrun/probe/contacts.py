@@ -79,7 +79,7 @@ class RecordedContacts:
         return np.arange(len(self.fields)) - np.repeat(ends - self.counts, self.counts)
 
     @property
-    def frames(self) -> np.ndarray:
+    def contact_frames(self) -> np.ndarray:
         """Contact frames `(m, 3, 3)`; their rows are the normal and two tangents."""
         return self.fields["frame"].reshape(-1, 3, 3)
 
@@ -193,7 +193,7 @@ def contact_rows(contacts: RecordedContacts, times: np.ndarray) -> np.ndarray:
     Args:
       times: times of the instants `(n,)` [s].
     """
-    frames, wrenches = contacts.frames, contacts.wrenches
+    frames, wrenches = contacts.contact_frames, contacts.wrenches
     world = wrenches.reshape(-1, 2, 3) @ frames
     parts = (
         times[contacts.instants],

@@ -121,7 +121,7 @@ def contact_force(model: mujoco.MjModel) -> ContactProbe:
     ]
 
     def compute(contacts: RecordedContacts) -> np.ndarray:
-        frames, wrenches = contacts.frames, contacts.wrenches
+        frames, wrenches = contacts.contact_frames, contacts.wrenches
         friction = (frames[:, 1:].swapaxes(1, 2) @ wrenches[:, 1:3, None])[..., 0]
         sums = np.zeros((len(contacts.counts), 6))
         np.add.at(sums, contacts.instants, np.column_stack([frames[:, 0] * wrenches[:, :1], friction]))

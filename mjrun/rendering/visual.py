@@ -126,7 +126,7 @@ def flags() -> list[str]:
     return [*enum_members(mujoco.mjtVisFlag), *enum_members(mujoco.mjtRndFlag)]
 
 
-def frames() -> list[str]:
+def frame_axes() -> list[str]:
     """Returns every kind of object whose axes the option frame_axes can show."""
     return [*enum_members(mujoco.mjtFrame)]
 

@@ -218,7 +218,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
     """
     model = simulation.load()
     timeline = final_timeline(simulation, model)
-    rows = timeline.frames(fps)
+    rows = timeline.frame_steps(fps)
     if not rows:
         raise UsageError(f"{clean(simulation.source.text)}: an episode of 0 s has no rows")
     sampler = ProbeSampler(model, probe, timeline)

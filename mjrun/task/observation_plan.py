@@ -132,7 +132,7 @@ class ObservationPlan:
         return {each.term.name: each.expression for each in self.terms if each.expression}
 
     @property
-    def frames(self) -> list[tuple[ObservedTerm, int]]:
+    def rotated_terms(self) -> list[tuple[ObservedTerm, int]]:
         """The terms that are rotated into the axes of a body, and its id."""
         bodies: list[tuple[ObservedTerm, int]] = []
         for index, each in enumerate(self.terms):
@@ -274,7 +274,7 @@ class BatchObservations:
         self.measured_places = [i for _, place in self._measured for i in range(place.start, place.stop)]
         self.places_of_values = [each.place.start for each in self._values]
         self._dt = control_dt
-        self._frames = plan.frames
+        self._frames = plan.rotated_terms
         noise = [each.term.noise for each in plan.terms for _ in each.columns]
         self._noise = ObservationNoise(noise, count) if any(noise) else None
         self._shifted, self._scaled = bool(plan.offset.any()), bool((plan.scale != 1).any())

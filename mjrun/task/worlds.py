@@ -330,8 +330,8 @@ class TaskWorlds:
         self._counters = self._batch.warning
         self._warnings = self._counters[:, min(BAD) : max(BAD) + 1, 1]
         self._motion = self._state[:, 1 : 1 + model.nq + model.nv]  # qpos and qvel, after the time
-        self._rotations = self._batch.bind("xmat") if plan.frames else None
-        self._stage_of_frames = POSITION if plan.frames else NONE
+        self._rotations = self._batch.bind("xmat") if plan.rotated_terms else None
+        self._stage_of_frames = POSITION if plan.rotated_terms else NONE
         stage = max(measured.stage, self._stage_of_frames)
         self._stage, at_start = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
         self._stage_at_start = max(at_start, POSITION)

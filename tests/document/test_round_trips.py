@@ -27,7 +27,7 @@ from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKeyframeKind
 from mjrun.rendering.segmentation import groupings
-from mjrun.rendering.visual import flags, frames, labels
+from mjrun.rendering.visual import flags, frame_axes, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
 from tests.document.schema_oracle import fits
 
@@ -47,7 +47,7 @@ EVERY_KIND = {
     for where, declared in reversed(DECLARED.items())
     for each in document_options(declared)
 }
-NAMES = {"visual flag": flags(), "segmentation": [*groupings()], "frame": frames(), "label": labels()}
+NAMES = {"visual flag": flags(), "segmentation": [*groupings()], "frame": frame_axes(), "label": labels()}
 FILES = st.sampled_from(["a.csv", "b/c.npz", "é x.yml.png"])
 HERE = DocumentContext(Path(), OutputFolder(Path()))
 

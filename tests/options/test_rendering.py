@@ -26,7 +26,7 @@ from mjrun.rendering import backend, text
 from mjrun.rendering.compositor import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering.compositor import columns
 from mjrun.rendering.segmentation import groupings
-from mjrun.rendering.visual import GROUPS, Visual, flags, frames, labels
+from mjrun.rendering.visual import GROUPS, Visual, flags, frame_axes, labels
 
 OPTIONS = {each.name: each for each in options_of(ViewOptions)}
 
@@ -64,7 +64,7 @@ def test_there_is_an_option_for_the_groups_of_each_kind_of_object() -> None:
 
 @pytest.mark.parametrize(
     ("option", "names"),
-    [("show", flags), ("hide", flags), ("frame_axes", frames), ("label", labels), ("seg_by", groupings)],
+    [("show", flags), ("hide", flags), ("frame_axes", frame_axes), ("label", labels), ("seg_by", groupings)],
 )
 def test_names_in_help_are_those_there_are(option: str, names: Callable[[], list[str]]) -> None:
     listed = re.findall(r"[a-z][a-z-]*", OPTIONS[option].help.partition(":")[2].replace(" or ", " "))

@@ -198,4 +198,6 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     context = PassContext(simulation, model, simulation.timeline(model), WarningReporter())
     plan = plan_frames(video, context)
     with ExitStack() as stack, pytest.raises(NoRendererError):
-        open_frames(plan, video.schedule(plan.scene, {}), video.encoded_files, stack, BackendsAndWorkers(), asked)
+        open_frames(
+            plan, video.schedule_frames(plan.scene, {}), video.encoded_files, stack, BackendsAndWorkers(), asked
+        )

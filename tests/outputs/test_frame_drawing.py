@@ -70,7 +70,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     data = mujoco.MjData(model)
     with ExitStack() as stack:
         plan = plan_frames(job, context, job.plot, job.plot_side)
-        schedule = job.schedule(plan.scene, {})
+        schedule = job.schedule_frames(plan.scene, {})
         backends = stack.enter_context(closing(BackendsAndWorkers()))
         frames = open_frames(plan, schedule, job.encoded_files, stack, backends)
         run_with_taps(PhysicsStepper(model, data), frames.taps, 50)

@@ -41,7 +41,7 @@ def paced(*scripts: CameraScript, speed: int | Fraction = 1, **happened: list[in
 
 def test_shots_without_a_word_about_time_are_the_whole_video() -> None:
     found = paced(shots({}))
-    assert list(found.steps) == LINE.frames(FPS)
+    assert list(found.steps) == LINE.frame_steps(FPS)
     assert found.spans == [[(0, 2)]]
     assert list(found.speeds) == [1] * 60
 

@@ -32,7 +32,7 @@ def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> Re
     loaded = simulation.load()
     context = PassContext(simulation, loaded, simulation.timeline(loaded), WarningReporter())
     plan = plan_scene(job, context, job.cameras)
-    schedule, states = job.schedule(plan, {}), open_states(plan, stack)
+    schedule, states = job.schedule_frames(plan, {}), open_states(plan, stack)
     run_with_taps(simulation.stepper(loaded), state_taps(plan, schedule, states), until)
     return place_scene(plan, schedule, states)
 

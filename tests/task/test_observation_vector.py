@@ -117,5 +117,5 @@ def test_what_does_not_fit_is_told_where_it_stands(
     term: Observation, message: str, path: tuple[str | int, ...]
 ) -> None:
     with pytest.raises(UsageError, match=message) as caught:
-        assert not plan(term).frames
+        assert not plan(term).rotated_terms
     assert caught.value.path == ("observations", 0, *path)

@@ -29,7 +29,7 @@ def write(scene: "SceneToExport", file: BinaryIO) -> None:
         title=Path(scene.context.simulation.source.text).stem,
         subtitle=_subtitle(scene),
         maker=scene.generator,
-        times=np.array(scene.frames.times),
+        times=np.array(scene.recorded_scene.times),
         direction=_direction(scene),
         panels=list(_panels(scene)),
         curve_times=scene.values.rows[:, 0] if scene.values else None,
@@ -42,7 +42,7 @@ def write(scene: "SceneToExport", file: BinaryIO) -> None:
 
 
 def _subtitle(scene: "SceneToExport") -> str:
-    if len(scene.frames.times) == 1:
+    if len(scene.recorded_scene.times) == 1:
         return ""
     rate = float(scene.request.fps / scene.request.speed)
     return f"{float(scene.context.timeline.duration):g} s, {rate:g} frames per second"
