@@ -39,7 +39,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.folders import LocalFolder
+from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.study import executors
 from mjrun.study.chunk_files import ChunkFiles, PartWriter
 from mjrun.study.job_plan import task_blocks, task_points

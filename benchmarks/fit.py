@@ -37,7 +37,7 @@ from scipy import optimize, special
 from mjrun.errors import MjrunError
 from mjrun.fitting.fit import Fit
 from mjrun.fitting.free_parameter import FreeParameter, free_parameters, overrides
-from mjrun.fitting.prediction import ChunkRollout, Predictor
+from mjrun.fitting.prediction import ChunkRolloutInputs, Predictor
 from mjrun.model import state
 from mjrun.model.override import apply
 from mjrun.simulation.simulation import Simulation
@@ -133,7 +133,7 @@ def by_mjrun(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> N
     begin, steps = time.process_time(), 0
     predict = Predictor.predict
 
-    def counted(self: Predictor, rollouts: Sequence[ChunkRollout]) -> list[np.ndarray]:
+    def counted(self: Predictor, rollouts: Sequence[ChunkRolloutInputs]) -> list[np.ndarray]:
         nonlocal steps
         steps += sum(each.chunk.steps for each in rollouts)
         return predict(self, rollouts)

@@ -61,10 +61,10 @@ from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation as _Simulation
 from mjrun.simulation.verification import VerificationResult as VerificationResult
 from mjrun.simulation.verification import verify as verify
-from mjrun.study.dataset import Dataset as _Dataset
-from mjrun.study.dataset import DatasetResult as DatasetResult
 from mjrun.study.episode_dataset import EpisodeDataset as _EpisodeDataset
 from mjrun.study.episode_dataset import EpisodeDatasetResult as EpisodeDatasetResult
+from mjrun.study.image_dataset import Dataset as _Dataset
+from mjrun.study.image_dataset import DatasetResult as DatasetResult
 from mjrun.study.study import Study as _Study
 from mjrun.study.study import StudyResult as StudyResult
 from mjrun.study.varied_plot import VariedPlot as _VariedPlot

@@ -63,18 +63,18 @@ class ModuleSource:
 
 
 @dataclass(frozen=True)
-class SealedValue:
+class PickledWithCode:
     """A pickled value with the source of the user's code in it, to be opened by another process, perhaps elsewhere.
 
-    The code that runs there is the code as it was when the value was sealed, whatever the files hold by then.
+    The code that runs there is the code as it was when the value was pickled, whatever the files hold by then.
     """
 
     payload: bytes
     modules: tuple[ModuleSource, ...]
 
     @classmethod
-    def of(cls, value: object, code: Iterable[object]) -> "SealedValue":
-        """Seals a picklable value.
+    def of(cls, value: object, code: Iterable[object]) -> "PickledWithCode":
+        """Pickles a value with the source of its code.
 
         Args:
           code: the functions and objects in it that are written by the user.
@@ -82,7 +82,7 @@ class SealedValue:
         return cls(pickle.dumps(value), module_sources(code))
 
     def open(self) -> object:
-        """Returns the value. Modules that this process has not imported yet are made from the sealed sources."""
+        """Returns the value. Modules that this process has not imported yet are made from the pickled sources."""
         import_from(self.modules)
         return pickle.loads(self.payload)
 
@@ -90,7 +90,7 @@ class SealedValue:
 def import_from(sources: Sequence[ModuleSource]) -> None:
     """Lets this process import modules from sources rather than from their files, from now on."""
     if sources:
-        sys.meta_path.insert(0, _SealedModules(sources))
+        sys.meta_path.insert(0, _PickledModules(sources))
 
 
 def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> tuple[ModuleSource, ...]:
@@ -184,13 +184,13 @@ def _installed() -> tuple[str, ...]:
 
 
 def _content(path: str) -> bytes:
-    """Returns the source of a module: as it was sealed, if this process has it from there."""
-    sealed = _sealed(path)
-    return sealed.content if sealed else Path(path).read_bytes()
+    """Returns the source of a module: as it was pickled, if this process has it from there."""
+    pickled = _pickled_source(path)
+    return pickled.content if pickled else Path(path).read_bytes()
 
 
-def _sealed(path: str) -> ModuleSource | None:
-    finders = (each for each in sys.meta_path if isinstance(each, _SealedModules))
+def _pickled_source(path: str) -> ModuleSource | None:
+    finders = (each for each in sys.meta_path if isinstance(each, _PickledModules))
     return next((each.by_path[path] for each in finders if path in each.by_path), None)
 
 
@@ -209,8 +209,8 @@ def _imported(content: bytes, name: str) -> list[str]:
     return [each for each in names | parents if each]
 
 
-class _SealedModules(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
-    """An importer of modules from sealed sources."""
+class _PickledModules(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
+    """An importer of modules from pickled sources."""
 
     def __init__(self, sources: Sequence[ModuleSource]) -> None:
         self.by_path = {source.path: source for source in sources}
@@ -287,11 +287,11 @@ def _file(path: Path, form: str) -> ModuleType:
     known = sys.modules.get(path.stem)
     if known and getattr(known, "__file__", None) == str(path.resolve()):
         return known  # or what it defines could not be pickled
-    sealed = _sealed(str(path.resolve()))
-    if not sealed and not path.is_file():
+    pickled = _pickled_source(str(path.resolve()))
+    if not pickled and not path.is_file():
         raise FileError(path, "there is no such file" if not path.exists() else "is not a file", form)
     sys.path.insert(0, str(path.parent.resolve()))  # as `python FILE.py` does
-    loader = _SealedModules([sealed]) if sealed else None
+    loader = _PickledModules([pickled]) if pickled else None
     spec = importlib.util.spec_from_file_location(path.stem, path.resolve(), loader=loader)
     assert spec
     assert spec.loader

@@ -73,7 +73,7 @@ LIBRARIES = {
         "formats.study_reader",
         "study.chunk_files",
     ),
-    "fsspec": ("formats.folders",),
+    "fsspec": ("formats.local_and_remote_folders",),
     "distributed": ("study.clusters",),
     "ray": ("study.clusters",),
     "submitit": ("study.clusters",),

@@ -19,7 +19,7 @@ from mjrun.cli.console import Console, HelpContext, flag, shown_help
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
-from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OutputOpeningOptions
+from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, OneOrMore
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
@@ -32,7 +32,7 @@ C = TypeVar("C", bound=Options)
 Body = Callable[[Console, "CommandLine"], None]
 
 
-ON_FILES = (OutputOpeningOptions, ConfinementOptions)  # of commands that may read untrusted files, and make others
+ON_FILES = (OpenWhenDoneOptions, ConfinementOptions)  # of commands that may read untrusted files, and make others
 # Sections that several commands share; they follow the sections of a single command.
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text

@@ -25,8 +25,8 @@ from mjrun.document.paths import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import DocumentPlace, Fault, Mapped, MappingNode, Node, document_error, misfit_faults, node_of
 from mjrun.errors import FileError, UsageError, clean, option, quoted
-from mjrun.formats.folders import folder_at, opened_at
 from mjrun.formats.input_file import opened
+from mjrun.formats.local_and_remote_folders import folder_at, opened_at
 from mjrun.formats.output_writer import publish_together, written_file
 from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
 from mjrun.options.option import Options, document_options, options, required

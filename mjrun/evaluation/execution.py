@@ -26,7 +26,7 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import ModelSource
 from mjrun.options.option import is_given
 from mjrun.options.sweep import PARTS, ExecutionOptions
-from mjrun.python_code import SealedValue
+from mjrun.python_code import PickledWithCode
 from mjrun.reporter import Reporter
 from mjrun.study.chunk_files import point_keys, study_identity
 from mjrun.study.prepared_points import PreparedPoints
@@ -160,8 +160,8 @@ class PreparedEpisodes(PreparedPoints):
         values = EpisodeParameters(
             [(*([group.name] if several else []), *prepared.points.points[group.point]) for group in groups], seeds
         )
-        sealed = SealedValue(pickle.dumps(spec), prepared.modules)
-        shipped = ShippedStudy(sealed, len(spec.numbers), prepared.snapshot)
+        pickled = PickledWithCode(pickle.dumps(spec), prepared.modules)
+        shipped = ShippedStudy(pickled, len(spec.numbers), prepared.snapshot)
         super().__init__(spec, Design(names, values), shipped, folder, spec.numbers)
 
     @property

@@ -15,7 +15,7 @@ from mjrun.fitting.free_parameter import free_parameters, require_effect
 from mjrun.fitting.information import all_information, sensitivity
 from mjrun.fitting.measurements import CONTROLS, Floats, LogSegment, commands
 from mjrun.fitting.outputs import TIME
-from mjrun.fitting.prediction import Chunk, ChunkRollout, Predictor
+from mjrun.fitting.prediction import Chunk, ChunkRolloutInputs, Predictor
 from mjrun.fitting.shooting_fit import ShootingFit
 from mjrun.fitting.shooting_problem import Solution
 from mjrun.fitting.starting_states import StateGuesses
@@ -403,7 +403,7 @@ class _Excitation:
         values = tuple(p.value(c) for p, c in zip(self._parameters, coordinates, strict=True))
         steps = np.arange(round(float(inputs[0].times[-1]) / self._judge.timestep) + 1)
         chunks = [Chunk(each, slice(None), 0, steps) for each in inputs]
-        return self._judge.predict([ChunkRollout(chunk, values, self._start) for chunk in chunks])
+        return self._judge.predict([ChunkRolloutInputs(chunk, values, self._start) for chunk in chunks])
 
     def _look(self, segment: LogSegment) -> Solution:
         parts = self._shooting.cut([segment])

@@ -69,7 +69,7 @@ def chunks(segments: Sequence[LogSegment], rows: int, timestep: float, lead: int
 
 
 @dataclass(frozen=True, eq=False)
-class ChunkRollout:
+class ChunkRolloutInputs:
     """A simulation of a chunk from an initial state with given parameters.
 
     Attributes:
@@ -166,7 +166,7 @@ class Predictor:
         source = replace(self._source, overrides=(*self._source.overrides, *changed))
         return self._variants.load(source).model
 
-    def predict(self, rollouts: Sequence[ChunkRollout]) -> list[np.ndarray]:
+    def predict(self, rollouts: Sequence[ChunkRolloutInputs]) -> list[np.ndarray]:
         """Predicts the signals of each rollout, `(n, signals)` of its chunk; NaN where the simulation fails."""
         self.rollouts += len(rollouts)
         compiled = {values: self.compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
@@ -190,7 +190,7 @@ class Predictor:
             self.failures.refused(values, str(error))
             return None
 
-    def _recorded(self, rollouts: Sequence[ChunkRollout], models: Sequence[mujoco.MjModel]) -> list[np.ndarray]:
+    def _recorded(self, rollouts: Sequence[ChunkRolloutInputs], models: Sequence[mujoco.MjModel]) -> list[np.ndarray]:
         """Records the signals at every step, `(steps + 1, signals)` of each rollout; NaN where the simulation fails."""
 
         def signals(fields: Fields, initial: Fields) -> np.ndarray:
@@ -206,14 +206,14 @@ class Predictor:
         Args:
           states: integration states at the beginning of each chunk, `(chunks, nstate)`.
         """
-        rollouts = [ChunkRollout(part, values, start) for part, start in zip(parts, states, strict=True)]
+        rollouts = [ChunkRolloutInputs(part, values, start) for part, start in zip(parts, states, strict=True)]
         models = [self.model_with(values)] * len(parts)
         measured = self._measured(rollouts, models, ["qpos"], lambda fields, _: fields["qpos"])
         return [_interpolated(rows, part.positions, slice(None)) for part, rows in zip(parts, measured, strict=True)]
 
     def _measured(
         self,
-        rollouts: Sequence[ChunkRollout],
+        rollouts: Sequence[ChunkRolloutInputs],
         models: Sequence[mujoco.MjModel],
         names: Sequence[str],
         measure: Callable[[Fields, Fields], np.ndarray],
@@ -230,13 +230,13 @@ class Predictor:
         values: np.ndarray = np.concatenate(recorded, axis=1)
         return list(values)
 
-    def controls(self, rollout: ChunkRollout, steps: int) -> np.ndarray:
+    def controls(self, rollout: ChunkRolloutInputs, steps: int) -> np.ndarray:
         """Returns the controls of the first steps of a rollout, `(steps, nu)`, with their delays."""
         chunk, values = rollout.chunk, rollout.values
         delays = {} if values is None else {actuator: values[i] for actuator, i in self._late_controls.items()}
         return commands(chunk.segment, chunk.first_step, steps, self.timestep, self._linear, delays)
 
-    def _sampled(self, rollout: ChunkRollout, rows: np.ndarray) -> np.ndarray:
+    def _sampled(self, rollout: ChunkRolloutInputs, rows: np.ndarray) -> np.ndarray:
         """Interpolates `rows` of all steps at the positions of the chunk's rows, with the delays of signals."""
         positions = rollout.chunk.positions
         values = _interpolated(rows, positions, slice(None))

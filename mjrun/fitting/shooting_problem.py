@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import FreeParameter, values_at
 from mjrun.fitting.measurements import NORMAL_MEDIAN, Floats
-from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRollout, Predictor
+from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRolloutInputs, Predictor
 
 # The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
 LOSSES: dict[str, Callable[[Floats], Floats]] = {
@@ -117,14 +117,14 @@ def with_noise(solution: Solution, noise: Floats) -> Solution:
 
 
 Result = TypeVar("Result")
-Simulating = Generator[Sequence[ChunkRollout], Sequence[Floats], Result]
+Simulating = Generator[Sequence[ChunkRolloutInputs], Sequence[Floats], Result]
 Advanced = Callable[[Solution], None]
 
 
 def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[Result]:
     """Runs generators side by side and simulates their requests as one batch."""
     results: dict[int, Result] = {}
-    waiting: dict[int, Sequence[ChunkRollout]] = {}
+    waiting: dict[int, Sequence[ChunkRolloutInputs]] = {}
 
     def advance(index: int, predicted: Sequence[Floats] | None) -> None:
         try:
@@ -268,6 +268,6 @@ class ShootingProblem:
         left = [(rows - self.parts[i].values) / self.noise for (i, _, _), rows in zip(starts, predicted, strict=True)]
         return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
 
-    def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> ChunkRollout:
+    def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> ChunkRolloutInputs:
         values = None if self._is_nominal else values_at(self._parameters, coordinates)
-        return ChunkRollout(self.parts[index], values, self._states.moved(self._guesses[index], deviation))
+        return ChunkRolloutInputs(self.parts[index], values, self._states.moved(self._guesses[index], deviation))

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.fitting.measurements import LogSegment
-from mjrun.fitting.prediction import Chunk, ChunkRollout, Predictor
+from mjrun.fitting.prediction import Chunk, ChunkRolloutInputs, Predictor
 from mjrun.model import state
 from mjrun.model.names import BALL, FREE
 from mjrun.probe.fields import field_probe
@@ -182,7 +182,7 @@ def _simulated(
     rows = _rows_by_step(segment, predictor.timestep)
     last = max(wanted)
     whole = Chunk(segment, slice(None), 0, segment.steps(predictor.timestep))
-    controls = predictor.controls(ChunkRollout(whole, values, starting.start), last + 1)
+    controls = predictor.controls(ChunkRolloutInputs(whole, values, starting.start), last + 1)
 
     for step in range(last + 1):
         if step in rows:

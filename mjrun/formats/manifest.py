@@ -84,7 +84,7 @@ def _describes(outputs: object, table: Path) -> bool:
     return bool(same_size) and fingerprint(table)["sha256"] in [output.get("sha256") for output in same_size]
 
 
-class SidecarWriter(ManifestWriter):
+class TableManifestWriter(ManifestWriter):
     """A writer of the manifest of a table that is finished before it, and published with it."""
 
     def __init__(self, table: OutputWriter, path: Path, facts: Mapping[str, Any]) -> None:

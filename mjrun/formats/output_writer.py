@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, Self, TypeVar
 
 from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError, file_errors
 from mjrun.formats.destinations import Destination
-from mjrun.formats.folders import destination_at
+from mjrun.formats.local_and_remote_folders import destination_at
 from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
 from mjrun.shared_status import completing

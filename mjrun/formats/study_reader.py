@@ -10,8 +10,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.folders import folder_at, opened_at
 from mjrun.formats.input_file import decoding
+from mjrun.formats.local_and_remote_folders import folder_at, opened_at
 from mjrun.formats.tables import input_format
 from mjrun.model.table_column import with_unit
 from mjrun.options.sweep import MANIFEST

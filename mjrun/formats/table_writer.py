@@ -17,7 +17,7 @@ import numpy as np
 from mjrun.formats import tables
 from mjrun.formats.csv_sidecar import metadata, metadata_path
 from mjrun.formats.destinations import StandardOutput
-from mjrun.formats.folders import destination_at
+from mjrun.formats.local_and_remote_folders import destination_at
 from mjrun.formats.output_writer import OutputWriter, written_file
 from mjrun.model.table_column import Column
 from mjrun.options.trace import COMMENT, METADATA

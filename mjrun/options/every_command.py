@@ -11,7 +11,7 @@ TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
 
 
 @options
-class OutputOpeningOptions(Options):
+class OpenWhenDoneOptions(Options):
     """Use of the files that a command has made."""
 
     section: ClassVar[str] = "Output"

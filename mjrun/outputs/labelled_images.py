@@ -17,7 +17,7 @@ from mjrun.model.flex_and_skin_bodies import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
 from mjrun.model.rendered_view import CameraCalibration, RenderedView
 from mjrun.model.stage import FLOOR, GROUND
-from mjrun.options.dataset import LabelledImageOptions
+from mjrun.options.image_dataset import LabelledImageOptions
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.object_boxes import CORNERS, ObjectBox, ObjectBoxes
 from mjrun.probe.row_expression import Condition, parse_condition

@@ -14,7 +14,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
 from mjrun.formats.csv_sidecar import metadata_path
 from mjrun.formats.input_file import exists
-from mjrun.formats.manifest import SidecarWriter, sidecar_path
+from mjrun.formats.manifest import TableManifestWriter, sidecar_path
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS, input_format, output_format
@@ -363,7 +363,7 @@ class GoldenTable:
             self._table = stack.enter_context(TableWriter(self._path, name, columns, facts))
             self._writers.append(self._table)
             if beside := sidecar_path(Path(self._path)):
-                self._writers.append(stack.enter_context(SidecarWriter(self._table, beside, facts)))
+                self._writers.append(stack.enter_context(TableManifestWriter(self._table, beside, facts)))
 
     def write(self, values: np.ndarray) -> None:
         """Compares and writes rows, float64 `(n, columns)`."""

@@ -15,7 +15,7 @@ from mjrun.model.names import enum_members, object_names
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping
 from mjrun.scene_graph.meshes import unique_rows, unit
-from mjrun.scene_graph.visualizer_geoms import ItemRecorder, MeshCache, flex_ends
+from mjrun.scene_graph.visualizer_geoms import MeshCache, VisualizerGeomRecorder, flex_ends
 from mjrun.scene_graph.walk import SKIN, UNSCALED, ModelWalk, is_attached, matrix_quaternion, toward
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -87,7 +87,7 @@ class _Recorder:
     def __init__(self, model: mujoco.MjModel, count: int, request: SceneContentSettings) -> None:
         self._model, self._request, self._count = model, request, count
         self._shapes, self._surfaces = MeshCache(model, request.detail), MaterialCache(model)
-        self._items = ItemRecorder(model, self._shapes, self._surfaces)
+        self._items = VisualizerGeomRecorder(model, self._shapes, self._surfaces)
         self._options = _without_contacts(request.options)
         self._scene = mujoco.MjvScene(model, 2 * (model.ngeom + model.nsite) + 1000 + request.room)
         self._has_items = False

@@ -74,7 +74,7 @@ class MeshCache:
         return self.shared(name, makers[name])
 
 
-class ItemRecorder:
+class VisualizerGeomRecorder:
     """The items of all frames so far, each a node under the world.
 
     Attributes:

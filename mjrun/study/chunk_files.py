@@ -23,7 +23,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.experiment.design_points import ABSENT, Design
-from mjrun.formats.folders import Folder, LocalFolder, folder_at
+from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS

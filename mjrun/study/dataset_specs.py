@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.codecs import VideoEncoding
-from mjrun.options.dataset import CAMERA, LabelledImageOptions
+from mjrun.options.image_dataset import CAMERA, LabelledImageOptions
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.simulation.manifest import plain
 

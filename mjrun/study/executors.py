@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
-from mjrun.formats.folders import Folder, LocalFolder
+from mjrun.formats.local_and_remote_folders import Folder, LocalFolder
 from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library

@@ -24,7 +24,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.folders import Folder
+from mjrun.formats.local_and_remote_folders import Folder
 from mjrun.platform import system
 from mjrun.study.chunk_files import ChunkFiles
 from mjrun.study.columnar_results import ResultColumns

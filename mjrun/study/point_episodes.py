@@ -88,7 +88,7 @@ class EpisodeFileMaker:
             files = episode.files(videos)
             return rollout.steps[-1], tuple((f"{FOLDER}/{index:06}/{name}", content) for name, content in files)
 
-    def _simulated(self, simulation: Simulation, stack: ExitStack) -> "EpisodeCourse":
+    def _simulated(self, simulation: Simulation, stack: ExitStack) -> "EpisodeTrajectory":
         spec = self._spec
         if simulation.demonstration is not None:
             return demonstrated(simulation, spec, stack)
@@ -101,7 +101,7 @@ class EpisodeFileMaker:
         return acted(self._episode, spec.probe, spec.every, stack)
 
     def _videos(
-        self, simulation: Simulation, rollout: "EpisodeCourse", folder: Path
+        self, simulation: Simulation, rollout: "EpisodeTrajectory", folder: Path
     ) -> tuple[dict[str, bytes], dict[str, np.ndarray]]:
         """Returns the video of each camera, and how often each value of each channel occurs in its images."""
         spec = self._spec
@@ -129,7 +129,7 @@ class EpisodeFileMaker:
 
 
 @dataclass(frozen=True)
-class EpisodeCourse:
+class EpisodeTrajectory:
     """The course of an episode of T rows.
 
     Attributes:
@@ -154,7 +154,7 @@ class EpisodeCourse:
     task: str = ""
 
 
-def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> EpisodeCourse:
+def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> EpisodeTrajectory:
     """Simulates an episode of a policy.
 
     Args:
@@ -190,7 +190,7 @@ def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: Exit
     if ending.name == UNSTABLE.name:
         stepper.advance(stepper.step + stepper.control_steps)  # which raises the error, with its joint
     observe_here()
-    return EpisodeCourse(
+    return EpisodeTrajectory(
         model=model,
         steps=steps,
         states=states,
@@ -204,7 +204,7 @@ def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: Exit
     )
 
 
-def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> EpisodeCourse:
+def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> EpisodeTrajectory:
     """Simulates or replays without a policy; actions are the controls, and there are no rewards.
 
     Args:
@@ -236,7 +236,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
 
     last = list[np.ndarray]()
     run_with_taps(simulation.stepper(sampler.model), [Tap(steps, record)], timeline.steps)
-    return EpisodeCourse(
+    return EpisodeTrajectory(
         model=model,
         steps=steps,
         states=states,
@@ -247,7 +247,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
     )
 
 
-def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> EpisodeCourse:
+def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> EpisodeTrajectory:
     """Replays a demonstration, of which each state is a row with its action.
 
     A demonstration has no state after the last action: the last state is observed twice.
@@ -275,7 +275,7 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
 
     run_with_taps(simulation.stepper(sampler.model), [Tap(rows, record)], rows[-1])
     rewards = demonstration.rewards
-    return EpisodeCourse(
+    return EpisodeTrajectory(
         model=model,
         steps=[*rows, rows[-1]],
         states=states,
@@ -340,14 +340,14 @@ def _count(image: np.ndarray, colors: np.ndarray) -> None:
         counts += np.bincount(image[..., channel].ravel(), minlength=VALUES)
 
 
-def _infos(rollout: EpisodeCourse) -> dict[str, np.ndarray]:
+def _infos(rollout: EpisodeTrajectory) -> dict[str, np.ndarray]:
     """Returns the positions and velocities at each observation."""
     slices = state.fields(state.sizes(rollout.model))
     rows = [*(rollout.states[k] for k in range(len(rollout.states))), rollout.last]
     return {name: np.array([row[slices[name]] for row in rows]) for name in ("qpos", "qvel")}
 
 
-def _require_finite(episode: EpisodeRows, spec: EpisodeSpec, rollout: EpisodeCourse) -> None:
+def _require_finite(episode: EpisodeRows, spec: EpisodeSpec, rollout: EpisodeTrajectory) -> None:
     """Raises InvalidEpisodeError if a number is not finite: readers of the dataset could not train with it."""
     named = {"observation": spec.observed, "action": spec.acted, "reward": ("",)}
     for (what, names), rows in zip(

@@ -19,7 +19,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design_points import parameter_names
 from mjrun.experiment.results_table import ColumnVocabulary
-from mjrun.formats.folders import LocalFolder
+from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.formats.output_writer import written_file
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
 from mjrun.options.option import values_of
@@ -29,7 +29,7 @@ from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
-from mjrun.python_code import SealedValue
+from mjrun.python_code import PickledWithCode
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
@@ -336,9 +336,9 @@ class PointFileRequest:
 class PointFileServer:
     """Server of a process that makes the files of a point."""
 
-    def make(self, sealed: SealedValue) -> None:
-        """Makes the missing files of sealed `PointFileRequest`."""
-        outputs = cast("PointFileRequest", sealed.open())
+    def make(self, pickled: PickledWithCode) -> None:
+        """Makes the missing files of pickled `PointFileRequest`."""
+        outputs = cast("PointFileRequest", pickled.open())
         snapshot = outputs.simulation.snapshot
         with snapshot.original_names_in_errors() if snapshot else contextlib.nullcontext():
             outputs.make()
@@ -348,7 +348,7 @@ def make_isolated(outputs: PointFileRequest) -> str:
     """Makes the files of a point in a separate process; returns the reason of a failure, empty on success."""
     with contextlib.closing(Worker("mjrun.study.point_files:PointFileServer", environment={})) as worker:
         try:
-            worker.ask("make", SealedValue.of(outputs, outputs.simulation.code))
+            worker.ask("make", PickledWithCode.of(outputs, outputs.simulation.code))
         except WorkerEndedError as error:
             return f"the process that simulated it {error}"
         except MjrunError as error:

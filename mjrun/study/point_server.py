@@ -13,7 +13,7 @@ from mjrun.child_process import may_fork
 from mjrun.worker import Worker
 
 if TYPE_CHECKING:
-    from mjrun.python_code import SealedValue
+    from mjrun.python_code import PickledWithCode
     from mjrun.study.spec import PointResult, SimulatorSpec, StudyPoint, WorkerVersions
 
 SIMULATION = "mjrun.study.simulate"  # which imports mujoco
@@ -28,9 +28,9 @@ class PointSimulationServer:
     def __init__(self) -> None:
         import_module(SIMULATION)  # while the parent prepares the study
 
-    def open(self, sealed: "SealedValue", root: Path) -> None:
+    def open(self, pickled: "PickledWithCode", root: Path) -> None:
         """Opens the study, whose files are in the folder `root`."""
-        self._spec = cast("SimulatorSpec", sealed.open()).stored_at(root)
+        self._spec = cast("SimulatorSpec", pickled.open()).stored_at(root)
         self._simulator = self._spec.simulator()
 
     def simulate(self, points: "Sequence[StudyPoint]") -> "Iterator[Sequence[PointResult] | WorkerVersions]":

@@ -17,7 +17,7 @@ import numpy as np
 
 from mjrun.errors import clean, counted, listing, option
 from mjrun.experiment.design import Design
-from mjrun.formats.folders import folder_at
+from mjrun.formats.local_and_remote_folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.folders import Folder
+from mjrun.formats.local_and_remote_folders import Folder
 
 SUFFIX = ".points"
 SIZES = (2**24, 2**16, 2**12)  # points in a folder, in those within it, and in those within these

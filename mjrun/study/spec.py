@@ -29,9 +29,9 @@ from mjrun.experiment.design_points import ABSENT, numbers
 from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
-from mjrun.options.dataset import CAMERA
+from mjrun.options.image_dataset import CAMERA
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.python_code import SealedValue
+from mjrun.python_code import PickledWithCode
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.dataset_specs import EpisodeSpec, ImageSpec
@@ -365,7 +365,7 @@ class ShippedStudy:
       snapshot: copies of all files that its points read.
     """
 
-    spec: SealedValue
+    spec: PickledWithCode
     metrics: int
     snapshot: InputSnapshot
 
@@ -374,7 +374,7 @@ class ShippedStudy:
         """Seals a study; copies its files unless it already has copies."""
         spec = replace(spec, base=spec.base.with_snapshot())
         assert spec.base.snapshot
-        return cls(SealedValue.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
+        return cls(PickledWithCode.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean, counted
-from mjrun.formats.folders import Folder, LocalFolder, folder_at
+from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system

@@ -28,7 +28,7 @@ from mjrun.experiment.results_table import (
 from mjrun.experiment.samplers import SAMPLES
 from mjrun.experiment.sensitivity import MetricSensitivity
 from mjrun.experiment.statistics import CONFIDENCE
-from mjrun.formats.folders import folder_at
+from mjrun.formats.local_and_remote_folders import folder_at
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
 from mjrun.formats.table_writer import TableWriter

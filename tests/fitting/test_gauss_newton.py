@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.fitting.gauss_newton import CovarianceFactors, GaussNewton, solve_normal
-from mjrun.fitting.prediction import ChunkInitialStates, ChunkRollout
+from mjrun.fitting.prediction import ChunkInitialStates, ChunkRolloutInputs
 from mjrun.fitting.shooting_fit import SHOTS
 from mjrun.fitting.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fitting.box import FRICTION, box_shooting
@@ -28,7 +28,7 @@ def test_it_ends_where_scipy_does(loss: str) -> None:
 
     def residuals(x: np.ndarray) -> np.ndarray:
         values = tuple(p.value(c) for p, c in zip(parameters, x[:2], strict=True))
-        (rows,) = predictor.predict([ChunkRollout(part, values, states.moved(guess[0], x[2:]))])
+        (rows,) = predictor.predict([ChunkRolloutInputs(part, values, states.moved(guess[0], x[2:]))])
         return np.concatenate([((rows - part.values) / noise).ravel(), x[2:] / STATE_SCALE])
 
     start: Any = np.concatenate([solution.coordinates, np.zeros(2)])

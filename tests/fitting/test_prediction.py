@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.fitting.free_parameter import free_parameters
 from mjrun.fitting.measurements import LogSegment
-from mjrun.fitting.prediction import ChunkInitialStates, ChunkRollout, Predictor, chunks
+from mjrun.fitting.prediction import ChunkInitialStates, ChunkRolloutInputs, Predictor, chunks
 from mjrun.model import state
 from mjrun.simulation.simulation import Simulation
 from tests.fitting.logs import TRUTH, simulate, write_model
@@ -36,7 +36,7 @@ def test_a_prediction_with_the_truth_is_the_truth(tmp_path: Path) -> None:
     names = [(f"joint/hinge.{name}", "log:1e-4..1") for name in TRUTH]
     each = predictor(tmp_path, *names)
     (chunk,) = chunks([segment(times, angles)], 1000, each.timestep)
-    (predicted,) = each.predict([ChunkRollout(chunk, tuple(TRUTH.values()), start(each.model, 2.5))])
+    (predicted,) = each.predict([ChunkRolloutInputs(chunk, tuple(TRUTH.values()), start(each.model, 2.5))])
     np.testing.assert_array_equal(predicted[:, 0], angles)
 
 
@@ -46,7 +46,7 @@ def test_samples_between_steps_lie_between_them(tmp_path: Path) -> None:
     each = predictor(tmp_path, *[(f"joint/hinge.{name}", "log:1e-4..1") for name in TRUTH])
     late = segment(np.concatenate([[0.0], between]), np.zeros(len(between) + 1))
     (chunk,) = chunks([late], 1000, each.timestep)
-    (predicted,) = each.predict([ChunkRollout(chunk, tuple(TRUTH.values()), start(each.model, 2.5))])
+    (predicted,) = each.predict([ChunkRolloutInputs(chunk, tuple(TRUTH.values()), start(each.model, 2.5))])
     np.testing.assert_allclose(predicted[1:, 0], np.interp(between, times, angles), rtol=1e-12)
 
 
@@ -69,7 +69,7 @@ def test_a_delay_of_a_signal_shifts_what_is_measured(tmp_path: Path) -> None:
     data = mujoco.MjData(each.model)
     data.qpos[0] = angles[begin]
     data.qvel[0] = (angles[begin] - angles[begin - 1]) / 0.002  # by which a semi-implicit step moves
-    (predicted,) = each.predict([ChunkRollout(part, (0.013, *TRUTH.values()), state.save(each.model, data))])
+    (predicted,) = each.predict([ChunkRolloutInputs(part, (0.013, *TRUTH.values()), state.save(each.model, data))])
     expected = np.interp(times[::5][part.rows] - 0.013, times, angles)
     np.testing.assert_allclose(predicted[:, 0], expected, atol=1e-9)
 
@@ -81,7 +81,7 @@ def test_a_delay_of_a_command_acts_later(tmp_path: Path, delayed: str) -> None:
     each = predictor(tmp_path, (delayed, "0..0.02"), *[(f"joint/hinge.{n}", "log:1e-4..1") for n in TRUTH])
     log = segment(times, angles, commanded)
     (chunk,) = chunks([log], 1000, each.timestep)
-    (predicted,) = each.predict([ChunkRollout(chunk, (0.014, *TRUTH.values()), start(each.model, 0.0))])
+    (predicted,) = each.predict([ChunkRolloutInputs(chunk, (0.014, *TRUTH.values()), start(each.model, 0.0))])
     np.testing.assert_allclose(predicted[:, 0], angles, atol=1e-9)
 
 
@@ -91,7 +91,7 @@ def test_what_becomes_unstable_is_nan_from_there_on(tmp_path: Path) -> None:
     data = mujoco.MjData(each.model)
     data.qvel[0] = 1e12
     (chunk,) = chunks([segment(times, angles)], 1000, each.timestep)
-    (predicted,) = each.predict([ChunkRollout(chunk, (0.05,), state.save(each.model, data))])
+    (predicted,) = each.predict([ChunkRolloutInputs(chunk, (0.05,), state.save(each.model, data))])
     assert np.isnan(predicted[1:]).any()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.manifest import ManifestWriter, SidecarWriter, fingerprint, read_sidecar, sidecar_path
+from mjrun.formats.manifest import ManifestWriter, TableManifestWriter, fingerprint, read_sidecar, sidecar_path
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.table_reader import open_table
 from mjrun.formats.table_writer import TableWriter
@@ -42,7 +42,7 @@ def written(table: Path, text: str) -> None:
     path = sidecar_path(table)
     assert path
     assert path == table.parent / "golden.csv.json"
-    with OutputWriter(StagedFile(table)) as writer, SidecarWriter(writer, path, {"mjrun": "1.2"}) as sidecar:
+    with OutputWriter(StagedFile(table)) as writer, TableManifestWriter(writer, path, {"mjrun": "1.2"}) as sidecar:
         writer.write_file(text.encode())
         publish_together([writer, sidecar])
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.python_code import SealedValue
+from mjrun.python_code import PickledWithCode
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study import clusters
 from mjrun.study.clusters import ClusterExecutor, open_cluster
@@ -41,7 +41,7 @@ def test_a_cluster_that_loses_its_workers_is_reported_and_left_when_the_budget_i
     monkeypatch.setattr(clusters, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0)
     cluster = ClusterExecutor("engine dask://host:1", lambda *_: Future(), lambda: present[0], notes.append)
-    chunk = PointChunk(ShippedStudy(SealedValue(b"", ()), 1, InputSnapshot.empty()), ())
+    chunk = PointChunk(ShippedStudy(PickledWithCode(b"", ()), 1, InputSnapshot.empty()), ())
     arriving = completed(cluster, iter([chunk]), 3, lambda _: "", lambda: bool(is_spent))
 
     def seconds(count: int, workers: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 from mjrun.experiment.design import Design
 from mjrun.model.source import ModelSource
 from mjrun.options.sweep import ExecutionOptions
-from mjrun.python_code import SealedValue
+from mjrun.python_code import PickledWithCode
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.prepared_points import PreparedPoints
@@ -40,7 +40,7 @@ class Squares:
 class PreparedSquares(PreparedPoints):
     def __init__(self, folder: Path, numbers: Sequence[int]) -> None:
         spec, snapshot = Squares(), InputSnapshot.empty()
-        shipped = ShippedStudy(SealedValue.of(spec, [Squares]), 1, snapshot)
+        shipped = ShippedStudy(PickledWithCode.of(spec, [Squares]), 1, snapshot)
         super().__init__(spec, Design(("x",), [(str(x),) for x in numbers]), shipped, folder, ["square"])
 
     def _keys(self, indices: Sequence[int] | np.ndarray) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.formats.folders import LocalFolder
+from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.study.range_folders import PointRange, RangeFolders
 
 STUDY = "ab" * 32

@@ -9,7 +9,7 @@ from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, comman
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
 from mjrun.errors import UsageError, clean, counted, option
-from mjrun.options.dataset import DatasetOptions
+from mjrun.options.image_dataset import DatasetOptions
 from mjrun.options.option import values_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
@@ -17,7 +17,7 @@ from mjrun.options.sweep import ExecutionOptions, VariationOptions
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mjrun.study.dataset import Dataset, DatasetResult
+    from mjrun.study.image_dataset import Dataset, DatasetResult
 
 SHOWN = 10  # reasons of failures
 
@@ -32,7 +32,7 @@ SHOWN = 10  # reasons of failures
         click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
     ),
     python="Dataset",
-    reports={"dataset": "mjrun.study.dataset:DatasetResult"},
+    reports={"dataset": "mjrun.study.image_dataset:DatasetResult"},
 )
 def dataset(console: Console, command_line: CommandLine) -> None:
     """Render labelled images of MODEL for training vision models: colours, depth, masks of objects and parts, boxes,
@@ -57,7 +57,7 @@ def dataset(console: Console, command_line: CommandLine) -> None:
 
 def _dataset(console: Console, command_line: CommandLine) -> "tuple[Dataset, AbstractContextManager[None]]":
     """Returns the dataset of a command line, or of the study of a document, and the context that locates its errors."""
-    from mjrun.study.dataset import Dataset
+    from mjrun.study.image_dataset import Dataset
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
     if command_line.value("output") is None:

@@ -305,7 +305,7 @@ def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
         return study_markdown(result, study.simulation)
 
     def table() -> str:
-        from mjrun.formats.folders import opened_at
+        from mjrun.formats.local_and_remote_folders import opened_at
 
         with opened_at(result.files[1], "table", [".csv"]) as file:
             return file.read().decode().rstrip("\n")

@@ -13,7 +13,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.reporter import WarningReporter
-from mjrun.study.dataset import Dataset
+from mjrun.study.image_dataset import Dataset
 
 MODEL = """<mujoco><worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>
   <body name="box" pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>

@@ -22,7 +22,7 @@ from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
-from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
+from mjrun.options.image_dataset import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from mjrun.options.dataset import NamedSharesKind
+from mjrun.options.image_dataset import NamedSharesKind
 from mjrun.options.schema_validation import InvalidValueError
 
 

@@ -13,8 +13,8 @@ from PIL import Image
 import mjrun
 from mjrun.errors import FailedPointsError, UsageError
 from mjrun.reporter import WarningReporter
-from mjrun.study.dataset import Dataset, DatasetResult
 from mjrun.study.dataset_specs import camera_argument, part_of
+from mjrun.study.image_dataset import Dataset, DatasetResult
 from tests.cases import cases
 from tests.study.in_process import simulate_here
 

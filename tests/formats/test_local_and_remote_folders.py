@@ -12,7 +12,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.folders import DELAYS, Folder, destination_at, folder_at
+from mjrun.formats.local_and_remote_folders import DELAYS, Folder, destination_at, folder_at
 from mjrun.formats.output_writer import OutputWriter, written_file
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
@@ -57,7 +57,7 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Folder:
 def unsteady(monkeypatch: pytest.MonkeyPatch) -> Iterator[Folder]:
     fsspec.register_implementation("unsteady", Unsteady, clobber=True)
     pauses = list[float]()
-    monkeypatch.setattr("mjrun.formats.folders.time.sleep", pauses.append)
+    monkeypatch.setattr("mjrun.formats.local_and_remote_folders.time.sleep", pauses.append)
     yield folder_at(f"unsteady://bucket{next(NUMBERS)}")
     assert not Unsteady.faults
     assert pauses in ([], [*DELAYS], [DELAYS[0], *DELAYS])
