@@ -175,7 +175,7 @@ class TimelineMark:
     text: str
 
 
-class MarkDetector(ConditionDetector):
+class TimelineMarkDetector(ConditionDetector):
     """A detector that also evaluates assertions at every step.
 
     Args:

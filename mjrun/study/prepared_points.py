@@ -42,7 +42,7 @@ SHARED = 64  # least points of a chunk whose results its process publishes: this
 ADOPTED = 2**16  # results in a part that are adopted from other designs
 
 
-class Budget:
+class RunLimits:
     """The limits of a run, after which no more points are started: its wall time, from now, and its failures.
 
     Attributes:
@@ -206,7 +206,7 @@ class PreparedPoints(ABC):
         Returns:
           The number of points by status.
         """
-        statuses, budget = Counter[str](), Budget(options)
+        statuses, limits = Counter[str](), RunLimits(options)
         failures = FailureReporter(self.points, reporter, self.noun)
         is_waiting, unread = False, 0
         with (
@@ -219,7 +219,7 @@ class PreparedPoints(ABC):
             )
             leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
             is_shared = not isinstance(executor, ThreadPoolExecutor) and publish is None
-            for arrived in self._completed(executor, leased, leases, ahead, options, budget, reporter, is_shared):
+            for arrived in self._completed(executor, leased, leases, ahead, options, limits, reporter, is_shared):
                 for chunk, result in arrived:
                     places = [point.index for point in chunk.points]
                     if result.is_refused:
@@ -240,8 +240,8 @@ class PreparedPoints(ABC):
                     failures.add(result.results)
                     statuses.update(each.status for each in result.results)
                     statuses.update(["ok"] * (len(places) - len(result.results)))
-                    budget.failed = statuses.total() - statuses["ok"]
-                    label = f"{self.noun}s, {budget.failed} failed" if budget.failed else f"{self.noun}s"
+                    limits.failed = statuses.total() - statuses["ok"]
+                    label = f"{self.noun}s, {limits.failed} failed" if limits.failed else f"{self.noun}s"
                     reporter.progress(label, statuses.total() + leased.elsewhere, len(indices))
                 parts.write_if_due()
                 if leased.is_waiting and not is_waiting:
@@ -257,7 +257,7 @@ class PreparedPoints(ABC):
         if leased.elsewhere:
             reporter.note(f"{counted(leased.elsewhere, self.noun)} were simulated by other processes in the meantime")
         if left := len(indices) - statuses.total() - leased.elsewhere:
-            reporter.note(f"{budget.reached}: {counted(left, self.noun)} left; repeat the command to continue")
+            reporter.note(f"{limits.reached}: {counted(left, self.noun)} left; repeat the command to continue")
         return statuses
 
     def _completed(
@@ -267,7 +267,7 @@ class PreparedPoints(ABC):
         leases: Leases,
         ahead: int,
         options: ExecutionOptions,
-        budget: Budget,
+        limits: RunLimits,
         reporter: Reporter,
         is_shared: bool,
     ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
@@ -309,7 +309,7 @@ class PreparedPoints(ABC):
                 reported.add(error.state)
                 reporter.warn(f"{counted(len(chunk.points), self.noun)} submitted again: {clean(str(error))}")
 
-        is_over, is_wanted = lambda: bool(budget.reached), lambda: leased.is_wanted
+        is_over, is_wanted = lambda: bool(limits.reached), lambda: leased.is_wanted
         try:
             for arrived in executors.completed(executor, chunks, ahead, fault, is_over, is_wanted, give_back, lost):
                 for chunk, result in arrived:
@@ -318,7 +318,7 @@ class PreparedPoints(ABC):
                     sizes.add(len(chunk.points), steps, result.wall + sum(each.wall for each in results))
                 yield arrived
         except executors.EngineEndedError as error:
-            budget.ending = f"{option('engine')} {clean(options.engine)} has ended ({clean(str(error))})"
+            limits.ending = f"{option('engine')} {clean(options.engine)} has ended ({clean(str(error))})"
 
 
 class _Chunks(Iterator[PointChunk | None]):
