@@ -84,7 +84,7 @@ def palette_png(image: ImageData) -> bytes:
 def npy(image: ImageData) -> bytes:
     """Returns an .npy file of the pixels."""
     buffer = io.BytesIO()
-    np.save(buffer, image.pixels, allow_pickle=False)
+    np.save(buffer, np.ascontiguousarray(image.pixels), allow_pickle=False)
     return buffer.getvalue()
 
 

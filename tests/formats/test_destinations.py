@@ -36,18 +36,6 @@ def test_a_name_that_is_too_long_is_an_unwritable_output(
     assert names(tmp_path) == []
 
 
-def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
-    film = tmp_path / "film.mp4"
-    film.write_text("old")
-    staged = StagedFile(film)
-    fill(staged, 1, "new")
-    assert film.read_text() == "old"
-    staged.publish()
-    staged.cleanup()
-    assert film.read_text() == "new"
-    assert names(tmp_path) == ["film.mp4"]
-
-
 @pytest.mark.parametrize(
     ("make", "name"),
     [(StagedFile, "film.mp4"), (StagedFrameFolder, "frames"), (StagedFrames, "frame_%03d.png")],
@@ -108,25 +96,15 @@ def test_a_read_only_folder_or_video_is_refused_before_anything_is_drawn(tmp_pat
     tmp_path.chmod(0o755)
 
 
-def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
-    for count, text in ((5, "old"), (3, "new")):
-        staged = StagedFrameFolder(tmp_path / "frames")
-        fill(staged, count, text)
-        staged.publish()
-        staged.cleanup()
-    assert names(tmp_path / "frames") == ["000000.png", "000001.png", "000002.png"]
-    assert (tmp_path / "frames/000002.png").read_text() == "new 2"
-    assert names(tmp_path) == ["frames"]
-
-
-@pytest.mark.parametrize("exchange", [destinations.exchange, no_exchange])
-def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
+@both_ways
+def test_a_folder_of_frames_is_replaced_as_a_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
 ) -> None:
     monkeypatch.setattr(destinations, "exchange", exchange)
-    for text in ("old", "new"):
-        publish(StagedFrameFolder(tmp_path / "frames"), 1, text)
-        assert (tmp_path / "frames/000000.png").read_text() == f"{text} 0"
+    for count, text in ((5, "old"), (3, "new")):
+        publish(StagedFrameFolder(tmp_path / "frames"), count, text)
+        assert names(tmp_path / "frames") == [f"{number:06d}.png" for number in range(count)]
+        assert (tmp_path / "frames/000002.png").read_text() == f"{text} 2"
         assert names(tmp_path) == ["frames"]
 
 

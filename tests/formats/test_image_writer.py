@@ -1,11 +1,8 @@
 """Images, read back by Pillow and by ffmpeg."""
 
-import contextlib
 import json
-import os
 import struct
 import subprocess
-import sys
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,7 +20,6 @@ from mjrun.formats.image_writer import ImageWriter
 from mjrun.model.rendered_view import SegmentedObject
 from tests.formats.outputs import names
 
-ROOT = Path(__file__).parents[2]
 LEGEND = [
     SegmentedObject("geom", 7, "box", "torso"),
     SegmentedObject("geom", 8, "geom:8", "torso"),
@@ -169,7 +165,6 @@ def test_depth_in_a_png_is_millimetres_and_the_clipped_share_is_reported(tmp_pat
     assert out.clipped == far.sum() / seen.sum() > 0
     with Image.open(path) as image:
         assert (np.asarray(image) == found.samples).all()
-    assert (ffmpeg(path, "gray16le", "<u2") == found.samples.ravel()).all()
 
 
 ODD_DEPTH = np.array([[0.0, -0.0, 1e-45, 0.1], [3.4e38, np.inf, 1e-3, 65.5355]], np.float32)
@@ -212,18 +207,6 @@ def test_ids_in_a_png_are_16_bits_with_labels_beside_it(tmp_path: Path) -> None:
     assert names(tmp_path) == ["a.labels.json", "a.png"]
 
 
-def test_a_palette_has_a_colour_for_each_id(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.png", "seg", ids(), "palette")
-    found = read_png(path)
-    assert (found.bits, found.colour) == (8, 3)
-    assert (found.samples.astype(int) == ids() + 1).all()
-    assert found.palette[:4].tolist() == [[0, 0, 0], *COLOURS.tolist()]
-    with Image.open(path) as image:
-        assert image.mode == "P"
-        assert (np.asarray(image) == ids() + 1).all()
-        assert (np.asarray(image.convert("RGB"))[ids() == 2] == COLOURS[2]).all()
-
-
 @pytest.mark.parametrize("count", [1, 2, 4, 5, 16, 17, 255])
 def test_a_palette_of_any_size_reads_back(tmp_path: Path, count: int) -> None:
     random = np.random.default_rng(count)
@@ -235,7 +218,7 @@ def test_a_palette_of_any_size_reads_back(tmp_path: Path, count: int) -> None:
     png = read_png(tmp_path / "a.png")
     assert (png.bits, png.colour) == (8, 3)
     assert (png.samples.astype(int) == ids + 1).all()
-    assert (png.palette[1 : count + 1] == colours).all()
+    assert png.palette[: count + 1].tolist() == [[0, 0, 0], *colours.tolist()]
 
 
 def test_raw_ids_are_int32_with_nothing_at_minus_one(tmp_path: Path) -> None:
@@ -287,7 +270,7 @@ def test_the_same_picture_is_the_same_bytes_however_it_lies_in_memory(tmp_path: 
     wide[::2, ::3] = pixels
     path = target(tmp_path, view, form)
     plain = write(path, view, pixels, form).read_bytes()
-    for laid in (wide[::2, ::3], np.flipud(np.flipud(pixels).copy())):
+    for laid in (wide[::2, ::3], np.flipud(np.flipud(pixels).copy()), np.asfortranarray(pixels)):
         assert write(path, view, laid, form).read_bytes() == plain
 
 
@@ -368,32 +351,6 @@ def test_one_file_is_one_picture_with_its_colours(tmp_path: Path) -> None:
 
 # --- standard output -------------------------------------------------------------------------------
 
-PROGRAM = """
-import sys
-import numpy as np
-from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_view import SegmentedObject
-view, form, side = sys.argv[1], sys.argv[2], int(sys.argv[3])
-noise = np.random.default_rng(1).integers(0, 3, (side, side, 3))
-flat = noise[..., 0]
-pixels = {"rgb": noise.astype(np.uint8), "depth": flat.astype(np.float32), "seg": flat.astype(np.int32)}
-try:
-    with ImageWriter(None, view, form, (side, side)) as out:
-        out.write(pixels[view], [SegmentedObject("geom", k, str(k)) for k in range(3)], np.zeros((3, 3), np.uint8))
-        assert out.publish() == []
-except ClosedPipeError as end:
-    sys.exit(end.exit_code)
-except FileError as error:
-    sys.exit(str(error))
-"""
-
-
-def piped(folder: Path, view: str, form: str, side: int, stdout: Any = subprocess.PIPE) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-W", "error", "-c", PROGRAM, view, form, str(side)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(command, env=environment, cwd=folder, stdout=stdout, stderr=subprocess.PIPE)
-
 
 @pytest.mark.parametrize(("view", "form"), EVERY)
 def test_standard_output_gets_the_image_and_no_file_is_made(
@@ -409,35 +366,3 @@ def test_standard_output_gets_the_image_and_no_file_is_made(
     with ImageWriter("image", view, form, (WIDTH, HEIGHT)) as file:
         file.write(pixels, **legend)
         assert file.publish()[0].read_bytes() == printed
-
-
-def test_a_reader_that_goes_away_ends_the_writing_without_a_word(tmp_path: Path) -> None:
-    with piped(tmp_path, "rgb", "png", 600) as child:
-        assert child.stdout
-        assert child.stderr
-        assert child.stdout.read(10)
-        child.stdout.close()
-        assert child.stderr.read() == b""
-    assert child.returncode == 141
-
-
-def test_a_full_device_on_standard_output_is_reported(tmp_path: Path) -> None:
-    with Path("/dev/full").open("wb") as full, piped(tmp_path, "rgb", "png", 8, stdout=full) as child:
-        assert child.stderr
-        assert child.stderr.read() == b"-: cannot be written: No space left on device\n"
-
-
-@pytest.mark.parametrize(("view", "form", "shown"), [("rgb", "png", False), ("seg", "coco", True)])
-def test_only_a_document_goes_to_a_terminal(tmp_path: Path, view: str, form: str, shown: bool) -> None:
-    ours, theirs = os.openpty()
-    with piped(tmp_path, view, form, 8, stdout=theirs) as child:
-        os.close(theirs)
-        text = b""
-        with contextlib.suppress(OSError):  # Linux ends a terminal so
-            while part := os.read(ours, 4096):
-                text += part
-        assert child.stderr
-        told = child.stderr.read()
-    os.close(ours)
-    assert (b'"annotations"' in text) == shown
-    assert (b"standard output is a terminal" in told) != shown

@@ -103,18 +103,6 @@ class Lines(OutputWriter):
                 raise failure
 
 
-def test_a_writer_leaves_nothing_unless_it_is_published(tmp_path: Path) -> None:
-    with Lines(tmp_path / "a") as writer:
-        writer.file.write(b"lost")
-    assert writer.file.closed
-    assert names(tmp_path) == []
-    with Lines(tmp_path / "a") as writer:
-        writer.file.write(b"kept")
-        writer.file.flush()
-        assert writer.publish() == [tmp_path / "a"]
-    assert (tmp_path / "a").read_bytes() == b"kept"
-
-
 def test_a_writer_that_fails_while_it_opens_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="a: cannot be written: No space left on device"):
         Lines(tmp_path / "a", OSError(28, "No space left on device"))

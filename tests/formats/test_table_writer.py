@@ -1,11 +1,9 @@
 """Writers of tables: text, standard output, refusals, memory."""
 
-import contextlib
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from tests.formats.table_files import COLUMNS, columns, names, stored, write
 
 ROOT = Path(__file__).parents[2]
 FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat", "hdf5"]
-TEXT = ("csv", "jsonl")
 
 
 def test_text_is_what_other_programs_expect(tmp_path: Path) -> None:
@@ -55,71 +52,6 @@ def test_no_two_columns_have_one_name(tmp_path: Path) -> None:
     with pytest.raises(AssertionError):
         TableWriter(str(tmp_path / "t.csv"), "csv", columns("time", "time"))
     assert names(tmp_path) == []
-
-
-PROGRAM = """
-import sys
-import numpy as np
-from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats.table_writer import TableWriter
-from mjrun.model.table_column import Column
-
-try:
-    with TableWriter(None, sys.argv[1], [Column("time"), Column("qpos/a")]) as out:
-        for k in range(int(sys.argv[2])):
-            out.write(np.full((1000, 2), k, float))
-        out.publish()
-except ClosedPipeError as end:
-    sys.exit(end.exit_code)
-except FileError as error:
-    sys.exit(str(error))
-assert sys.modules.keys().isdisjoint({"pyarrow", "scipy"})
-"""
-
-
-def piped(form: str, blocks: int, stdout: Any = subprocess.PIPE) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-W", "error", "-c", PROGRAM, form, str(blocks)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE)
-
-
-@pytest.mark.parametrize("form", TEXT)
-def test_standard_output_gets_the_table_and_needs_no_other_library(tmp_path: Path, form: str) -> None:
-    out, errors = piped(form, 3).communicate()
-    assert errors == b""
-    data = np.repeat([[k, k] for k in (0.0, 1.0, 2.0)], 1000, axis=0)
-    path = write(tmp_path / f"t.{form}", [data], columns("time", "qpos/a"))
-    assert out == path.read_bytes()
-
-
-@pytest.mark.parametrize("form", TEXT)
-def test_a_reader_that_goes_away_ends_the_writing_without_a_word(form: str) -> None:
-    with piped(form, 10**6) as child:
-        assert child.stdout
-        assert child.stderr
-        assert child.stdout.read(10)
-        child.stdout.close()
-        assert child.stderr.read() == b""
-    assert child.returncode == 141
-
-
-def test_a_full_device_on_standard_output_is_reported() -> None:
-    with Path("/dev/full").open("wb") as full, piped("csv", 3, stdout=full) as child:
-        assert child.stderr
-        assert child.stderr.read() == b"-: cannot be written: No space left on device\n"
-
-
-def test_a_table_may_go_to_a_terminal() -> None:
-    ours, theirs = os.openpty()
-    with piped("csv", 1, stdout=theirs) as child:
-        os.close(theirs)
-        shown = b""
-        with contextlib.suppress(OSError):  # Linux ends a terminal so
-            while part := os.read(ours, 4096):
-                shown += part
-    os.close(ours)
-    assert child.returncode == 0
-    assert shown == b"time,qpos/a\r\n" + 1000 * b"0.0,0.0\r\n"
 
 
 def test_nothing_is_printed_before_the_first_row(capfd: pytest.CaptureFixture[str]) -> None:

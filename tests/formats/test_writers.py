@@ -1,6 +1,10 @@
 """What every writer of a file promises, whatever it writes: the whole new file, or the old one and nothing else."""
 
+import contextlib
+import os
 import resource
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +27,8 @@ from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
 from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
-from tests.formats.table_files import COLUMNS, names
+from tests.formats.table_files import COLUMNS, columns, names
+from tests.formats.table_files import write as write_table
 
 DISK = 2**16  # bytes that a file may have
 LENS = CameraCalibration((4, 4), 4.0, 4.0, 2.0, 2.0, np.eye(4), 0.01, 50.0, True)
@@ -194,3 +199,90 @@ def test_a_full_disk_is_reported_and_the_old_file_stays(
     assert str(caught.value) == f"{path}: cannot be written: File too large"
     assert path.read_text() == "old"
     assert names(tmp_path) == [path.name]
+
+
+# --- standard output -------------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+import sys
+import numpy as np
+from mjrun.errors import ClosedPipeError, FileError
+from mjrun.formats.image_writer import ImageWriter
+from mjrun.formats.table_writer import TableWriter
+from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.table_column import Column
+
+form, size = sys.argv[1], int(sys.argv[2])
+noise = np.random.default_rng(1).integers(0, 3, (size % 1000, size % 1000, 3))
+try:
+    if form == "png":
+        with ImageWriter(None, "rgb", form, noise.shape[:2]) as out:
+            out.write(noise.astype(np.uint8))
+            out.publish()
+    elif form == "coco":
+        with ImageWriter(None, "seg", form, noise.shape[:2]) as out:
+            out.write(noise[..., 0].astype(np.int32), [SegmentedObject("geom", k, str(k)) for k in range(3)])
+            out.publish()
+    else:
+        with TableWriter(None, form, [Column("time"), Column("qpos/a")]) as out:
+            for k in range(size):
+                out.write(np.full((1000, 2), k, float))
+            out.publish()
+except ClosedPipeError as end:
+    sys.exit(end.exit_code)
+except FileError as error:
+    sys.exit(str(error))
+assert sys.modules.keys().isdisjoint({"pyarrow", "scipy"})
+"""
+
+
+def piped(form: str, size: int, stdout: Any = subprocess.PIPE) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-W", "error", "-c", PROGRAM, form, str(size)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize("form", ["csv", "jsonl"])
+def test_standard_output_gets_the_table_and_needs_no_other_library(tmp_path: Path, form: str) -> None:
+    out, errors = piped(form, 3).communicate()
+    assert errors == b""
+    data = np.repeat([[k, k] for k in (0.0, 1.0, 2.0)], 1000, axis=0)
+    assert out == write_table(tmp_path / f"t.{form}", [data], columns("time", "qpos/a")).read_bytes()
+
+
+@pytest.mark.parametrize(("form", "size"), [("csv", 10**6), ("jsonl", 10**6), ("png", 600)])
+def test_a_reader_that_goes_away_ends_the_writing_without_a_word(form: str, size: int) -> None:
+    with piped(form, size) as child:
+        assert child.stdout
+        assert child.stderr
+        assert child.stdout.read(10)
+        child.stdout.close()
+        assert child.stderr.read() == b""
+    assert child.returncode == 141
+
+
+@pytest.mark.parametrize("form", ["csv", "png"])
+def test_a_full_device_on_standard_output_is_reported(form: str) -> None:
+    with Path("/dev/full").open("wb") as full, piped(form, 8, stdout=full) as child:
+        assert child.stderr
+        assert child.stderr.read() == b"-: cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    ("form", "shown"),
+    [("csv", b"time,qpos/a\r\n" + 1000 * b"0.0,0.0\r\n"), ("coco", b'"annotations"'), ("png", b"")],
+)
+def test_only_text_goes_to_a_terminal(form: str, shown: bytes) -> None:
+    ours, theirs = os.openpty()
+    with piped(form, 1, stdout=theirs) as child:
+        os.close(theirs)
+        text = b""
+        with contextlib.suppress(OSError):  # Linux ends a terminal so
+            while part := os.read(ours, 4096):
+                text += part
+        assert child.stderr
+        told = child.stderr.read()
+    os.close(ours)
+    assert shown in text if shown else b"standard output is a terminal" in told
+    assert bool(text) == bool(shown) == (child.returncode == 0)

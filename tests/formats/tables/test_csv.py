@@ -110,12 +110,6 @@ def test_texts_that_begin_like_a_comment_are_rows(tmp_path: Path) -> None:
     assert exact(path) == {"name": ["#1", "#2"], "x": [2.0, 3.0]}
 
 
-def test_csv_reads_as_numpy_reads_it(tmp_path: Path) -> None:
-    data = np.array([[0.0, *BROKEN[:2]], [1.0, BROKEN[2], ODD[3]]])
-    text = write(tmp_path / "t.csv", [data]).read_text()
-    assert bits(np.genfromtxt(io.StringIO(text), delimiter=",", skip_header=1)) == bits(data)
-
-
 @pytest.mark.parametrize(
     "content",
     [

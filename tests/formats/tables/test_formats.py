@@ -101,7 +101,11 @@ hostile = st.sampled_from(
         text_of_a_model.filter(bool) | hostile, min_size=1, max_size=5, unique_by=lambda n: clean(n).strip(" ")
     )
 )
-@example(named=["qpos/a", "qpos/a/x", "qpos/a/x/y", "a//b", "."])
+@example(named=["qpos/a", "qpos/a/x", "qpos/a/x/y", "a//b", "."])  # in HDF5, a dataset is no group
+@example(named=["/a", "a/", ".", "a/../b", "a/./b"])
+@example(named=["column_0", "column_1/", "column_1"])
+@example(named=["z/1", "a", "z/2", "m"])
+@example(named=["joint\n", "Größe/μ", "=1+1", " "])
 @hypothesis
 def test_names_read_back_exactly_but_cleaned_in_csv(tmp_path: Path, form: str, named: list[str]) -> None:
     path = write(tmp_path / f"t.{form}", [np.arange(2.0 * len(named)).reshape(2, -1)], columns(*named))

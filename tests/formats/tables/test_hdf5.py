@@ -12,7 +12,6 @@ from mjrun.errors import FileError
 from mjrun.formats import table_stream
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables.hdf5 import paths
 from mjrun.model.table_column import Column
 
 
@@ -41,24 +40,6 @@ def test_columns_are_datasets_in_groups_with_units_and_a_manifest(tmp_path: Path
         assert opened.manifest == {"seed": 7}
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ["qpos/a", "qpos/a/x", "qpos/a/x/y"],  # a dataset is no group
-        ["a//b", "/a", "a/", ".", "a/../b", "a/./b"],
-        ["column_0", "column_1/", "column_1"],
-        ["z/1", "a", "z/2", "m"],
-        ["joint\n", "Größe/μ", "=1+1", " "],
-    ],
-)
-def test_names_that_are_no_paths_read_back_all_the_same_in_order(tmp_path: Path, names: list[str]) -> None:
-    data = np.random.default_rng(1).random((3, len(names)))
-    table = read_table(write(tmp_path / "t.h5", data, [Column(name) for name in names]))
-    assert table.names == names
-    assert np.array_equal(np.column_stack(list(table.columns.values())), data)
-    assert len(set(paths(names))) == len(names)
-
-
 def test_a_manifest_and_columns_may_be_many(tmp_path: Path) -> None:
     columns, manifest = [Column(f"qpos/{'long' * 40}_{index}") for index in range(450)], {"note": "é" * 100_000}
     with TableWriter(str(tmp_path / "t.h5"), "hdf5", columns, manifest) as out:
@@ -68,11 +49,6 @@ def test_a_manifest_and_columns_may_be_many(tmp_path: Path) -> None:
         assert table.manifest == manifest
         assert table.names == tuple(column.name for column in columns)
         assert next(table.blocks()).tolist() == [[*range(450)]]
-
-
-def test_the_same_table_is_the_same_bytes(tmp_path: Path) -> None:
-    columns, data = [Column("time", "s"), Column("a/b")], np.zeros((5, 2))
-    assert write(tmp_path / "a.h5", data, columns).read_bytes() == write(tmp_path / "b.h5", data, columns).read_bytes()
 
 
 def test_files_of_others_are_read_with_groups_arrays_and_every_kind_of_number(tmp_path: Path) -> None:
