@@ -49,34 +49,6 @@ def test_a_pendulum_s_trace_is_a_bare_loop_to_the_last_bit(tmp_path: Path) -> No
     assert len(found["time"]) == steps + 1
 
 
-def test_time_is_exact_and_ends_where_it_should(tmp_path: Path) -> None:
-    found = trace(tmp_path, Simulation(mujoco.MjModel.from_xml_string(FALL), duration=5))
-    assert list(found["time"]) == [float(Fraction(k, 500)) for k in range(2501)]
-
-
-def test_a_free_fall_follows_its_closed_form_at_every_row(tmp_path: Path) -> None:
-    found = trace(tmp_path, Simulation(mujoco.MjModel.from_xml_string(FALL), duration=1))
-    time, step = found["time"], 0.002
-    height = 9 - 9.81 * (time**2 + step * time) / 2  # the semi-implicit Euler sum
-    assert found["qpos/joint:0/z"] == pytest.approx(height, abs=1e-9)
-    assert found["qvel/joint:0/vz"] == pytest.approx(-9.81 * time, abs=1e-9)
-    kinetic = found["energy/kinetic"] / found["qvel/joint:0/vz"].clip(max=-1e-9) ** 2
-    mass = 4 / 3 * np.pi * 0.1**3 * 1000
-    assert kinetic[1:] == pytest.approx(mass / 2, rel=1e-9)
-    assert found["energy/potential"] == pytest.approx(mass * 9.81 * found["qpos/joint:0/z"], rel=1e-9)
-
-
-def test_an_accelerometer_at_rest_feels_gravity_in_every_row(tmp_path: Path) -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body><geom size=".1"/><site name="s"/></body></worldbody>'
-        '<sensor><accelerometer name="imu" site="s"/></sensor></mujoco>'
-    )
-    found = trace(tmp_path, Simulation(model, duration=0.1), probe=["sensor[imu]"])
-    assert np.column_stack([found[f"sensor/imu/{axis}"] for axis in "xyz"]) == pytest.approx(
-        np.tile([0, 0, 9.81], (51, 1))
-    )
-
-
 @pytest.mark.parametrize(
     ("how", "steps"),
     [
@@ -95,12 +67,6 @@ def test_rows_fall_on_their_steps_whatever_reads_them(tmp_path: Path, how: dict,
     assert [round(t / 0.002) for t in found["time"]] == steps
     for name, values in dense.items():
         assert np.array_equal(found[name], values[steps])
-
-
-def test_contact_forces_at_rest_are_the_weight(tmp_path: Path) -> None:
-    found = trace(tmp_path, Simulation(SCENES / "free_body.xml", duration=3), probe=["contact_force"], every=1500)
-    model = mujoco.MjModel.from_xml_path(str(SCENES / "free_body.xml"))
-    assert found["contact_force/normal/z"][-1] == pytest.approx(model.body_mass.sum() * 9.81, rel=1e-6)
 
 
 def test_tracing_does_not_change_the_motion(tmp_path: Path) -> None:
@@ -154,20 +120,6 @@ def test_fields_that_a_step_leaves_out_are_those_of_a_bare_loop_and_the_motion_i
     assert all(any(found[name].any() for name in names) for names in columns.values())
 
 
-def test_the_inverse_dynamics_of_a_row_give_what_drives_it(tmp_path: Path) -> None:
-    simulation = Simulation(SCENES / "pendulum.xml", key="level", duration=0.2, ctrl={"*": 0.5})
-    found = trace(tmp_path, simulation, probe=["qfrc_inverse", "qfrc_actuator"])
-    (driven,) = (values for name, values in found.items() if name.startswith("qfrc_actuator/"))
-    (inverse,) = (values for name, values in found.items() if name.startswith("qfrc_inverse/"))
-    assert driven.any()
-    assert inverse == pytest.approx(driven, abs=1e-9)
-
-
-def test_a_weight_that_rests_is_held_by_the_external_force_on_it(tmp_path: Path) -> None:
-    found = trace(tmp_path, Simulation(SLIDE_MODEL, duration=2), probe=["cfrc_ext[box]"], every=1000)
-    assert found["cfrc_ext/box/fz"][-1] == pytest.approx(8 * 9.81, rel=1e-6)
-
-
 def test_time_may_be_asked_for_and_is_there_once(tmp_path: Path) -> None:
     simulation = Simulation(SLIDE_MODEL, steps=3)
     assert list(trace(tmp_path, simulation, probe=["time", "qpos[h]"])) == ["time", "qpos/h"]
@@ -191,18 +143,6 @@ def test_an_assertion_speaks_of_columns_as_events_do(tmp_path: Path) -> None:
     Trace(simulation, output, probe=["speed[bob]"], assert_=["max(speed(bob)) < 1"]).run()
     with pytest.raises(UsageError, match="add probe speed/bob"):
         Trace(simulation, output, assert_=["max(speed(bob)) < 1"]).run()
-
-
-def test_the_tippe_top_stands_on_its_head_in_the_table_too(tmp_path: Path) -> None:
-    found = trace(
-        tmp_path,
-        Simulation(SCENES / "tippe_top.xml", key="spinning", duration=7),
-        probe=["xpos[stem,ball]", "qvel[top]"],
-        rate=10,
-    )
-    above = found["geom_xpos/stem/z"] - found["geom_xpos/ball/z"]
-    assert above[0] > 0 > above[-1]
-    assert found["qvel/top/wz"][0] == 200
 
 
 def test_the_same_trace_has_the_same_bytes(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import ControllerError, UnstableError, UsageError
-from mjrun.model import state
 from mjrun.physics.control import NOISE_BLOCK, ControlArray, ControlNoise, PeriodicController
 from mjrun.physics.stepper import CHUNK
 from mjrun.timeline import nearest
@@ -234,15 +233,6 @@ def test_a_controller_is_not_called_again_where_its_simulation_fails(
     assert len({*reflex.calls}) == len(reflex.calls)
 
 
-def test_a_controller_that_does_nothing_changes_nothing() -> None:
-    model = arm()
-    idle = stepper(model, controller=periodic(lambda model, data: None, "0.004"))
-    alone = stepper(model)
-    idle.advance(120)
-    alone.advance(120)
-    assert np.array_equal(idle.state(), alone.state())
-
-
 def test_looking_on_does_not_call_a_controller() -> None:
     model, watched, alone = arm(), Swing(), Swing()
     runs = [stepper(model, controller=periodic(s, "0.01")) for s in (watched, alone)]
@@ -254,20 +244,6 @@ def test_looking_on_does_not_call_a_controller() -> None:
         run.advance(101)
     assert watched.calls == alone.calls
     assert np.array_equal(runs[0].state(), runs[1].state())
-
-
-def test_a_controller_sees_one_instant() -> None:
-    model = arm()
-
-    def check(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        fresh = mujoco.MjData(model)
-        state.restore(model, fresh, state.save(model, data))
-        mujoco.mj_forward(model, fresh)
-        assert np.array_equal(fresh.xpos, data.xpos)
-        assert np.array_equal(fresh.sensordata, data.sensordata)
-        data.ctrl[:] = math.cos(9 * data.time)
-
-    stepper(model, controller=periodic(check, "0.002")).advance(60)
 
 
 @given(st.fractions(1, 40, max_denominator=60), st.integers(0, 3000))

@@ -193,16 +193,6 @@ def test_steps_that_are_read_together_are_not_taken_if_one_of_them_fails(fall: s
     assert state(stepper) == before
 
 
-def test_an_instant_is_what_the_next_step_computes_on_its_way() -> None:
-    model = tumble("Euler")
-    stepper = PhysicsStepper(model, start(model, 0))
-    data = start(model, 0)
-    for step in range(STEPS):
-        stepper.advance(step)
-        mujoco.mj_step(model, data)
-        assert bits(stepper.instant(), DERIVED) == bits(data, DERIVED)
-
-
 SLEEPY = mujoco.MjModel.from_xml_string("""<mujoco><option><flag sleep="enable"/></option><worldbody>
 <geom type="plane" size="5 5 1"/><body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
 <body pos="1 0 .5"><freejoint/><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>""")

@@ -164,28 +164,6 @@ def test_wrenches_mapped_by_hand_are_the_generalized_forces_of_every_body(cone: 
         assert turned_back == pytest.approx(applied[3:6], rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize(("cone", "condim"), KINDS)
-def test_what_geom1_does_to_a_free_sphere_is_how_it_accelerates(cone: str, condim: int) -> None:
-    source = f"""
-    <mujoco><option cone="{cone}" tolerance="1e-12"/><worldbody>
-      <geom name="ground" type="box" size="2 2 .1" condim="{condim}" friction=".7 .01 .005"/>
-      <body name="ball" pos="0 0 .198"><freejoint/><geom name="ball" size=".1" condim="{condim}"/></body>
-    </worldbody></mujoco>
-    """
-    model = mujoco.MjModel.from_xml_string(source)
-    data = mujoco.MjData(model)
-    data.qvel[:] = [0.5, -0.2, -0.1, 1, 2, 3]
-    mujoco.mj_forward(model, data)
-    read = Read(model, data)
-    acts = {"ball": 1, "ground": -1}[str(read.texts("geom2")[0])]
-    assert {read.texts("geom1")[0], read.texts("geom2")[0]} == {"ball", "ground"}
-    mass = model.body("ball").mass[0]
-    needed = mass * (data.qacc[:3] - model.opt.gravity)
-    assert acts * read["world_force"].sum(axis=0) == pytest.approx(needed, rel=1e-6, abs=1e-6)
-    assert acts * read["world_force"][0, 2] > 0  # it is pushed up, off the ground
-    assert acts * read["normal"][0, 2] == pytest.approx(1)
-
-
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 @pytest.mark.parametrize("condim", [1, 3, 4, 6])
 def test_contacts_of_many_instants_are_those_of_each_to_the_last_bit(cone: str, condim: int) -> None:

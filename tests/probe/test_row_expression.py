@@ -142,16 +142,10 @@ def loop(model: mujoco.MjModel, steps: int, qvel: Sequence[float], holds: Callab
 THROWN = [0.3, 0.1, 2.0, 0, 0, 0]
 
 
-@pytest.mark.parametrize("threshold", [0.37, 1.234, 2.1])
-def test_a_box_is_fast_from_the_step_that_a_bare_loop_finds(threshold: float) -> None:
-    expected = loop(SCENE, 300, THROWN, lambda data: bool(np.linalg.norm(data.qvel[:3]) > threshold))
-    assert begins(f"speed(box) > {threshold}", SCENE, 300, THROWN) == expected
-    assert expected[-1] > 0
-
-
 @pytest.mark.parametrize(
     ("text", "holds"),
     [
+        ("speed(box) > 1.234", lambda data: np.linalg.norm(data.qvel[:3]) > 1.234),
         ("xpos(box).z > 1.1", lambda data: data.body("box").xpos[2] > 1.1),
         ("xpos(crate).z > 1.1", lambda data: data.geom("crate").xpos[2] > 1.1),
         ("abs(qvel(hinge)) > 2", lambda data: abs(data.joint("hinge").qvel[0]) > 2),
@@ -193,23 +187,6 @@ def test_time_is_exact_and_not_a_sum_of_timesteps() -> None:
     assert SCENE.opt.timestep == 0.002
     assert begins("time >= 0.2", SCENE, 200) == [100]
     assert begins("time > 0.2", SCENE, 200) == [101]
-
-
-@pytest.mark.parametrize("height", [0.05, 0.5, 2.0])
-@pytest.mark.parametrize("timestep", [0.001, 0.004])
-def test_a_dropped_ball_meets_the_floor_when_the_law_of_fall_says(height: float, timestep: float) -> None:
-    model = mujoco.MjModel.from_xml_string(
-        f"""
-        <mujoco><option timestep="{timestep}"/><worldbody>
-          <geom name="floor" type="plane" size="5 5 1"/>
-          <body name="ball" pos="0 0 {height + 0.1}"><freejoint/><geom size=".1"/></body>
-        </worldbody></mujoco>
-        """
-    )
-    fall = math.sqrt(2 * height / 9.81) / timestep
-    for text in ("contact(ball, floor)", "xpos(ball).z <= .1"):
-        (found, *_) = begins(text, model, round(fall) + 5)
-        assert abs(found - fall) <= 1
 
 
 # --- what a condition says of an instant -----------------------------------------------------------
