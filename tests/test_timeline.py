@@ -95,10 +95,6 @@ def test_a_run_of_n_steps_has_n_steps_and_lasts_exactly_n_timesteps(timestep: Fr
     assert timeline == Timeline.lasting(timestep, timeline.duration)
 
 
-def test_a_film_of_two_seconds_at_thirty_fps_has_sixty_frames() -> None:
-    assert len(Timeline.lasting(MILLI2, Fraction(2)).frame_steps(Fraction(30))) == 60
-
-
 @pytest.mark.parametrize(
     ("fps", "speed", "expected"),
     [
@@ -121,43 +117,6 @@ def test_frame_k_shows_the_step_nearest_its_time_and_the_film_ends_before_the_du
 ) -> None:
     times = itertools.takewhile(lambda t: t < run.duration, (k * speed / fps for k in itertools.count()))
     assert run.frame_steps(fps, speed) == [(time / run.timestep + Fraction(1, 2)).__floor__() for time in times]
-
-
-@given(RUNS, FPS, SPEEDS)
-@LAWS
-def test_frames_never_go_back_nor_beyond_the_last_step_and_last_as_long_as_the_run(
-    run: Timeline, fps: Fraction, speed: Fraction
-) -> None:
-    frames = run.frame_steps(fps, speed)
-    assert frames[0] == 0
-    assert frames == sorted(frames)
-    assert frames[-1] <= run.steps
-    assert (len(frames) - 1) / fps < run.duration / speed <= len(frames) / fps
-
-
-@given(RUNS, FPS, SPEEDS)
-@LAWS
-def test_neighbouring_frames_are_equally_far_apart_up_to_one_step(
-    run: Timeline, fps: Fraction, speed: Fraction
-) -> None:
-    gaps = {after - before for before, after in itertools.pairwise(run.frame_steps(fps, speed))}
-    apart = speed / (fps * run.timestep)
-    assert all(abs(gap - apart) < 1 for gap in gaps)
-
-
-@pytest.mark.parametrize(
-    ("steps", "every", "rows"),
-    [
-        (10, 1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
-        (10, 5, [0, 5, 10]),
-        (10, 4, [0, 4, 8, 10]),
-        (10, 10, [0, 10]),
-        (10, 99, [0, 10]),
-        (0, 1, [0]),
-    ],
-)
-def test_rows_of_every_nth_step_start_at_zero_and_end_at_the_last_step(steps: int, every: int, rows: list[int]) -> None:
-    assert list(Timeline.of_steps(MILLI2, steps).rows(every)) == rows
 
 
 @given(st.integers(0, 500), st.integers(1, 60), up_to("1/1000", "1/10"))
