@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.pose import Pose, pose_of, rotation
+from mjrun.camera.pose import rotation
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
@@ -20,7 +20,7 @@ from mjrun.camera.script import RIGS
 from mjrun.camera.settings import EasedNumber
 from mjrun.camera.targets import Place
 from mjrun.errors import MjrunError
-from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, MODEL, moved, posed
+from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, MODEL, moved, posed, same, updated
 
 SQUARE = tuple(Waypoint(eye=eye) for eye in ((0.0, 0.0, 0.0), (2.0, 0.0, 0.5), (2.0, 3.0, 0.0), (0.0, 3.0, 1.0)))
 
@@ -99,34 +99,13 @@ def test_rigs_are_found_by_the_names_that_documents_have_for_them() -> None:
 
 
 turns = st.floats(-720, 720)
-
-
 slopes = st.floats(-90, 90)
-
-
 lengths = st.floats(0.1, 9)
-
-
 points = st.tuples(*[st.floats(-3, 3)] * 3)
 
 
 def at(phase: float, duration: float = 1.0) -> ShotTime:
     return ShotTime(7 + phase * duration, phase * duration, phase)
-
-
-def updated(camera: mujoco.MjvCamera, data: mujoco.MjData) -> Pose:
-    """Where MuJoCo places `camera`."""
-    scene = mujoco.MjvScene(MODEL, 1)
-    mujoco.mjv_updateCamera(MODEL, data, camera, scene)
-    return pose_of(scene)
-
-
-def same(one: Pose, other: Pose) -> bool:
-    return (
-        one.position == pytest.approx(other.position, abs=1e-5)
-        and one.rotation == pytest.approx(other.rotation, abs=1e-5)
-        and vars(one.frustum) == pytest.approx(vars(other.frustum))
-    )
 
 
 @given(points, lengths, turns, slopes)
@@ -196,9 +175,6 @@ def test_with_a_heading_a_camera_moves_as_if_it_were_fastened_to_the_object(
 def test_without_a_heading_an_offset_stays_in_the_world() -> None:
     rig = TrackRig("box", offset=(1.0, 2.0, 3.0))
     assert posed(rig, data=moved(50)).lookat == pytest.approx(np.array([5, 7, 9]))
-
-
-points = st.tuples(*[st.floats(-3, 3)] * 3)
 
 
 @given(points, points)
