@@ -16,11 +16,6 @@ from mjrun.task.worlds import TaskWorlds
 from tests.check.tasks import HEAD, SLIDER, checked
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
 def places(findings: list[Finding]) -> list[tuple[str, int | None]]:
     return [(finding.code, finding.line) for finding in findings]
 

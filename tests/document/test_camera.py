@@ -19,12 +19,6 @@ from mjrun.errors import DocumentError
 from tests.cases import cases
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty folder that relative paths mean."""
-    monkeypatch.chdir(tmp_path)
-
-
 def script(text: str) -> CameraScript:
     Path("c.yaml").write_text(text)
     return read_camera("c.yaml")

@@ -24,12 +24,6 @@ ACTS = "actions: [{actuators: [forward, turn]}]\n"
 WHOLE = HEAD + OBSERVES + ACTS
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def read(text: str, *assignments: str) -> Task:
     Path("t.yaml").write_text(text)
     return read_task("t.yaml", assignments)

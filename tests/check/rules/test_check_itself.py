@@ -109,11 +109,6 @@ def body(name: str, comment: str = "") -> str:
 IGNORE = "<!-- mjrun: ignore MJ302 the range is a label -->"
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
 CASES = [
     ([body("a"), body("b")], ["MJ302:4", "MJ302:8"], 0),
     ([body("a", IGNORE), body("b")], ["MJ302:8"], 1),

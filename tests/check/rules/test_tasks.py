@@ -1,15 +1,6 @@
 """Theorems about what random actions bring to light in a task."""
 
-from pathlib import Path
-
-import pytest
-
 from tests.check.tasks import HEAD, checked
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def test_a_reward_that_is_not_finite_is_found_with_its_instant() -> None:
