@@ -1,12 +1,14 @@
-"""Keys of the document of a benchmark."""
+"""Keys of the document of a benchmark, facts about its machine, and conditions that distort figures."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from mjrun.bench.results import MachineInfo, machine_info
 from tests.bench.bench_clocks import FakeClock, bench
 
 STAT = ["n", "median", "low", "high", "confidence", "min", "p5", "p95", "samples"]
@@ -71,3 +73,24 @@ def test_the_document_has_these_keys(path: Path) -> None:
     result = json.loads(json.dumps(asdict(job.run(clock=FakeClock()))))
     assert result["schema"] == "mjrun-bench-1"
     assert keys_of(result) == KEYS
+
+
+@pytest.mark.parametrize(
+    ("load", "governor", "expected"),
+    [
+        (0.4, None, []),
+        (None, "performance", []),
+        (3.0, "powersave", ["load average 3.00 on 4 cores", "governor is powersave"]),
+    ],
+)
+def test_what_spoils_figures_is_reported(load: float | None, governor: str | None, expected: Sequence[str]) -> None:
+    causes = MachineInfo("Linux", "a CPU", 4, 4, governor, load).disturbances
+    assert len(causes) == len(expected)
+    for cause, part in zip(causes, expected, strict=True):
+        assert part in cause
+
+
+def test_this_machine_is_known() -> None:
+    result = machine_info()
+    assert result.cpu
+    assert 1 <= result.available <= result.cores

@@ -1,15 +1,20 @@
-"""The JSON Schema takes what documents may say and refuses what they may not, as a checker of our own reads it."""
+"""JSON Schemas take what documents may say and refuse what they may not; reports fit theirs."""
 
-from functools import cache
+import json
+from dataclasses import asdict
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
+from mjrun.bench.bench import Bench
+from mjrun.bench.results import BenchResult
 from mjrun.camera.script import RIGS, ShotMappingKind
 from mjrun.camera.settings import BLENDS, EASINGS
 from mjrun.document import camera_and_ghost_forms
-from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
+from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema, report_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
 from mjrun.options.kinds import ReadingContext
@@ -135,3 +140,36 @@ def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(example)
     assert len(camera_and_ghost_forms.read_camera(tmp_path / "c.yaml").shots) == 2
     assert is_valid(yaml.safe_load(example), "camera")
+
+
+FAILURE = {"kind": "FileError", "message": "a.csv: no such file", "exit_code": 7}
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What `mjrun bench --json` reports of a grid with a point that fails, beside a base with another."""
+    folder = tmp_path_factory.mktemp("bench")
+    path, base = folder / "swing.xml", str(folder / "base.json")
+    path.write_text(
+        '<mujoco><worldbody><body><joint type="slide" stiffness="100"/><geom size=".1" mass="1"/></body></worldbody>'
+        '<keyframe><key name="test" qpos=".3"/></keyframe></mujoco>'
+    )
+    job = partial(Bench, path, steps=20, repeats=2, budget=0.1)
+    job(threads=(1, 2), scan={"timestep": [".01", ".02"]}, save=base).run()
+    found = job(threads=(1,), scan={"timestep": [".01", "1"]}, accuracy=True, horizon=100, compare=base).run()
+    return json.loads(json.dumps(asdict(found)))
+
+
+def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_of_another_kind(report: Any) -> None:
+    made = report_schema("bench", "mjrun bench", BenchResult)
+    assert report["rows"][1]["failure"]
+    assert report["comparison"]["gone"]
+    assert fits(report, made, made)
+    for key, value in report.items():
+        without = {name: inner for name, inner in report.items() if name != key}
+        assert not fits(without, made, made)
+        assert fits({**without, "error": FAILURE}, made, made)
+        assert not fits({**report, key: [1] if isinstance(value, str) else "x"}, made, made)
+    assert fits({**report, "new": 1}, made, made)
+    del report["rows"][0]["step"]["median"]
+    assert not fits(report, made, made)

@@ -1,10 +1,10 @@
-"""The run document that is printed for jobs makes the same jobs, and says no more than it must."""
+"""The document printed for jobs or a camera script makes the same again, and says no more than it must."""
 
 import dataclasses
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import mujoco
 import pytest
@@ -15,11 +15,15 @@ from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
 from mjrun.camera.settings import Blend, EasedNumber, Shake
+from mjrun.document.camera_and_ghost_forms import DocumentCameraKind
 from mjrun.document.run import read_run
-from mjrun.document.run_writer import document_text
+from mjrun.document.run_writer import document_text, plain_value
+from mjrun.document.yaml_text import yaml_text
 from mjrun.errors import UsageError
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.options.kinds import CameraKind, ReadingContext
+from mjrun.options.number_kinds import Instant
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.plot import Plot
@@ -32,6 +36,7 @@ from mjrun.rendering.visual import flags
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import rational
 from tests.document.camera_strategies import events, maybe, names, numbers, positives, scripts, texts
+from tests.document.documents import Anything, put, read
 
 
 def again(jobs: Sequence[Any]) -> list[Any]:
@@ -410,3 +415,22 @@ def test_jobs_of_several_simulations_are_no_document() -> None:
 def test_overrides_in_another_form_than_the_documents_own_keep_their_text_and_order(settings: Any) -> None:
     (job,) = again([overridden(*settings)])
     assert [(s.path, s.value) for s in job.simulation.source.overrides] == [(s.path, s.value) for s in settings]
+
+
+@pytest.mark.slow
+@given(scripts())
+@settings(max_examples=15, deadline=None)
+def test_a_script_is_read_back_as_it_was(script: CameraScript) -> None:
+    written = read(put(yaml_text({"a": plain_value(CameraKind(), script)})), Anything).a
+    assert DocumentCameraKind().read(written, ReadingContext()) == script
+
+
+@given(events)
+def test_an_event_says_what_is_not_the_default(event: ConditionEvent) -> None:
+    document = cast("dict[str, object]", plain_value(Instant(), event))
+    assert document["when"] == event.when
+    assert ("nth" in document, "offset" in document, "else" in document) == (
+        event.nth != 1,
+        event.offset != 0,
+        event.otherwise is not None,
+    )

@@ -1,7 +1,9 @@
-"""The files of a fit: the fitted model, ranges for studies, and their publication together."""
+"""The files of a fit: the fitted model, ranges for studies, the comparison and the page, published together."""
 
+import re
 from contextlib import ExitStack
 from dataclasses import replace
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +13,24 @@ import yaml
 from mjrun.errors import EncoderError, FileError, UsageError
 from mjrun.fitting.fit import Fit
 from mjrun.fitting.free_parameter import FreeParameter
-from mjrun.fitting.outputs import FittedModelFile, FitVideo, write_ranges
-from mjrun.fitting.result import FittedParameter
+from mjrun.fitting.outputs import (
+    FittedModelFile,
+    FitVideo,
+    comparison_rows,
+    write_comparison,
+    write_fit_page,
+    write_ranges,
+)
+from mjrun.fitting.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
+from mjrun.formats.table_reader import read_table
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.file import FileSource
+from mjrun.model.table_column import Column
 from mjrun.physics.random_distribution import parse_distribution
 from mjrun.simulation.simulation import Simulation
-from tests.fitting.logs import TRUTH, noisy, simulate, write_log, write_model
-from tests.fitting.problems import THREE
+from tests.fitting.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
+from tests.fitting.problems import THREE, segments, shooting
 
 OVERRIDES = [Override("joint/hinge.damping", "0.04999999999999999")]
 
@@ -125,3 +136,109 @@ def test_if_one_cannot_be_made_none_is(fit: Fit, tmp_path: Path, monkeypatch: py
     with pytest.raises(EncoderError):
         replace(fit, **files, video=str(tmp_path / "fit.mp4")).run()  # type: ignore[arg-type]
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_each_sample_has_a_row_with_what_both_models_say(tmp_path: Path) -> None:
+    shoot, _ = shooting(THREE)
+    (log,) = segments()
+    parts = {"fitted": log.part(slice(0, 200)), "held": log.part(slice(200, 300))}
+    solutions = {}
+    for part, segment in parts.items():
+        chunks = shoot.cut([segment], 60)
+        for which, coordinate in (("nominal", 0.9), ("fitted", 0.5)):
+            states = shoot.guessed(chunks, None)
+            solutions[part, which] = shoot.look(chunks, np.full(3, coordinate), states, np.array([NOISE]))
+    rows = comparison_rows(solutions, ["other", "log"])
+    with ExitStack() as stack:
+        files = write_comparison(stack, str(tmp_path / "fit.csv"), [Column("qpos/hinge", "rad")], rows).publish()
+    table = read_table(files[0]).columns
+    np.testing.assert_array_equal(table["time"], log.times)
+    np.testing.assert_allclose(table["qpos/hinge"], log.values[:, 0], atol=1e-12)
+    assert table["holdout"].tolist() == [0] * 200 + [1] * 100
+    assert set(table["log"]) == {1}
+    errors = table["qpos/hinge/fitted"] - table["qpos/hinge"]
+    expected = solutions["fitted", "fitted"].residuals[0][:, 0] * NOISE
+    np.testing.assert_allclose(errors[: len(expected) - 1], expected[:-1], atol=1e-12)
+    assert not np.allclose(table["qpos/hinge/nominal"], table["qpos/hinge/fitted"], atol=1e-3)
+
+
+def test_logs_follow_each_other_although_their_times_overlap() -> None:
+    shoot, _ = shooting(THREE)
+    one, other = (replace(segments(seconds=1.0, seed=seed)[0], source=name) for seed, name in enumerate("ab"))
+    chunks = shoot.cut([one, other], 60)
+    looks = [shoot.look(chunks, np.full(3, 0.5), shoot.guessed(chunks, None), np.array([NOISE]))] * 2
+    rows = comparison_rows({("fitted", "nominal"): looks[0], ("fitted", "fitted"): looks[1]}, ["a", "b"])
+    np.testing.assert_array_equal(rows[:, -1], np.repeat([0, 1], 100))
+    np.testing.assert_array_equal(rows[:, 0], np.tile(one.times, 2))
+    np.testing.assert_allclose(rows[100:, 1], other.values[:, 0], atol=1e-12)
+
+
+LOGS = ("one.csv", "<two>.csv")
+RESULT = FitResult(
+    parameters=[
+        FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
+        FittedParameter("delay:ctrl/<b>", 0.0, 0.5, 0.4, 0.5, 900.0, "high"),
+    ],
+    inertias=[FittedInertia("payload", [InertiaQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)])],
+    signals=[FittedSignal("qpos/a", "rad", 0.002, 1.25, 0.5, 0.0123, None, None)],
+    reduced_chi2=1.5625,
+    correlation=[[1.0, -0.97], [-0.97, 1.0]],
+    confidence=0.9,
+    condition=12.5,
+    rows=1200,
+    segments=2,
+    rollouts=5000,
+    changes=["a.xml:3: damping = 0.25"],
+    remarks=["3 samples are missing"],
+    ways=["whole segments", "stretches of 24 rows"],
+    files=[],
+    wall=1.5,
+)
+
+
+class Reader(HTMLParser):
+    """Collects tags and text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.texts: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def page(folder: Path) -> str:
+    times = np.arange(0, 2, 0.01)
+    measured = np.sin(times)
+    held = (times > 1.5).astype(float)
+    rows = [np.column_stack([times, measured, measured + 0.1, measured + 0.01, held, np.full(200, i)]) for i in (0, 1)]
+    path = folder / "fit.html"
+    with ExitStack() as stack:
+        rows_of_all = np.concatenate(rows)
+        write_fit_page(stack, str(path), "arm.xml", RESULT, [Column("qpos/a", "rad")], rows_of_all, LOGS).publish()
+    return path.read_text("utf-8")
+
+
+def test_all_that_was_found_is_on_a_page_that_is_complete_in_itself_and_the_same_every_time(tmp_path: Path) -> None:
+    text = page(tmp_path)
+    read = Reader(text)
+    for part in ("Fit of arm.xml", "0.2 … 0.3", "90 % interval", "at its high bound", "delay:ctrl/<b>", "1.39 … 1.42"):
+        assert part in read.texts
+    for part in ("1.23 %", "−0.97", "a.xml:3: damping = 0.25", "3 samples are missing", "1.562"):
+        assert part in read.texts
+    assert "1,200 rows in 2 segments" in read.texts
+
+    assert read.tags.count("svg") == 2  # for each log, with its signals
+    assert "<two>.csv: measured, predicted by the original model, and predicted by the fitted model" in read.texts
+    for legend in ("measured", "before", "fitted", "held out"):
+        assert read.texts.count(legend) >= 2
+    assert "comparison.npz" not in text
+
+    assert "script" not in read.tags
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', text)
+    assert page(tmp_path) == text

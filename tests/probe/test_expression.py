@@ -1,4 +1,4 @@
-"""The value of an expression, against an independent reading of it."""
+"""The value of an expression, against an independent reading of it, and its unit."""
 
 import math
 import random
@@ -10,9 +10,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mjrun.probe.assertion import parse
+from mjrun.probe.expression import expression_unit
 from mjrun.probe.metric import MetricEvaluator, parse_metric
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.row_expression import parse_row_expression
+from tests.cases import cases
 from tests.probe.expression_oracle import COLUMNS, TABLES, TRUTHS, judged, truth, written
 
 
@@ -77,3 +79,11 @@ def test_an_assertion_that_all_is_finite() -> None:
     assert "row 7" in judged("isfinite('force/*')", WIDE_NAMES, spoiled).message
     assert judged("not isfinite(force/2)", WIDE_NAMES, spoiled[7:8]).passed
     assert parse("sum('force/[12]?', 'f*/0') < 1", [*WIDE_NAMES, "force/10"]).columns == ("force/0", "force/10")
+
+
+UNITS = {"time": "s", "a": "m", "b": "m", "v": "m/s", "n": ""}
+
+
+@cases("text, unit")
+def test_units_follow_from_columns(text: str, unit: str) -> None:
+    assert expression_unit(parse_metric(text, list(UNITS), "metric").root, UNITS) == unit

@@ -1,11 +1,13 @@
-"""Probes by name: names, objects, wildcards, columns."""
+"""Probes by name: names, objects, wildcards, columns and their groups."""
+
+from pathlib import Path
 
 import mujoco
 import pytest
 
 from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.options.trace import PROBES
-from mjrun.probe.select import aliases, available_columns, select, split
+from mjrun.probe.select import aliases, available_columns, column_groups, select, selected_columns, split
 from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -94,3 +96,17 @@ def test_an_alias_is_what_is_selected_by_it(model: mujoco.MjModel) -> None:
 
 def test_contacts_between_two_objects_are_not_listed() -> None:
     assert [c.name for c in available_columns(MODEL) if c.name.startswith("contact/")] == ["contact/ncon"]
+
+
+ARM = Path(__file__).parents[2] / "scenes/arm.xml"
+
+
+def test_groups_divide_the_columns_and_each_is_what_its_name_selects() -> None:
+    model = mujoco.MjModel.from_xml_path(str(ARM))
+    columns = available_columns(model)
+    groups = column_groups(columns)
+    assert sorted(column.name for group in groups for column in group.columns) == sorted(c.name for c in columns)
+    for group in groups:
+        names = [column.name for column in group.columns]
+        assert names == [column.name for column in selected_columns(model, [group.name])]
+        assert group.texts("kind") == [kind for kind in dict.fromkeys(c.kind for c in group.columns) if kind]
