@@ -723,7 +723,7 @@ class UnmadeFilesError(MjrunError):
 # --- ended from outside ----------------------------------------------------------------------------
 
 
-class EndedFromOutsideError(BaseException):
+class EndRequestedError(BaseException):
     """A request to end the process. A BaseException like KeyboardInterrupt, so that no handler of exceptions catches
     it.
     """
@@ -731,7 +731,7 @@ class EndedFromOutsideError(BaseException):
     exit_code = 130
 
 
-class TerminatedError(EndedFromOutsideError):
+class TerminatedError(EndRequestedError):
     """The signal SIGTERM or SIGHUP."""
 
     def __init__(self, number: int) -> None:
@@ -739,7 +739,7 @@ class TerminatedError(EndedFromOutsideError):
         super().__init__(signal.Signals(number).name)
 
 
-class ClosedPipeError(EndedFromOutsideError):
+class ClosedPipeError(EndRequestedError):
     """The reader of standard output closed the pipe."""
 
     exit_code = 141

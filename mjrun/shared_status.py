@@ -86,14 +86,14 @@ class _Mark:
     def __init__(self, place: int) -> None:
         self._place = place
 
-    def __get__(self, status: "SharedStatusMemory", _: object = None) -> bool:
+    def __get__(self, status: "ProcessActivityMemory", _: object = None) -> bool:
         return bool(status.memory[self._place])
 
-    def __set__(self, status: "SharedStatusMemory", value: bool) -> None:
+    def __set__(self, status: "ProcessActivityMemory", value: bool) -> None:
         status.memory[self._place] = value
 
 
-class SharedStatusMemory:
+class ProcessActivityMemory:
     """The status of one process in memory shared with its parent and its children.
 
     Attributes:
@@ -136,11 +136,11 @@ class SharedStatusMemory:
         return ProcessStatus()
 
 
-_board: SharedStatusMemory | None = None
+_board: ProcessActivityMemory | None = None
 _notice, _lock = ProcessStatus(), threading.Lock()
 
 
-def write_on(board: SharedStatusMemory | None) -> None:
+def write_on(board: ProcessActivityMemory | None) -> None:
     """Makes this process write its status to `board` from now on."""
     global _board, _notice
     _board, _notice = board, ProcessStatus()

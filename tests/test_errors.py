@@ -24,7 +24,7 @@ from mjrun.errors import (
     DocumentError,
     DocumentProblem,
     EncoderError,
-    EndedFromOutsideError,
+    EndRequestedError,
     FailedEpisodesError,
     FailedPointsError,
     FailedStepError,
@@ -96,14 +96,14 @@ def test_every_error_but_a_bug_has_a_documented_code_which_is_that_of_its_cause(
 @pytest.mark.parametrize(
     ("end", "code"),
     [
-        (EndedFromOutsideError(), 130),
+        (EndRequestedError(), 130),
         (TerminatedError(signal.SIGTERM), 143),
         (TerminatedError(signal.SIGHUP), 129),
         (ClosedPipeError(), 141),
     ],
 )
 def test_an_end_from_outside_exits_as_a_shell_expects_and_no_handler_of_errors_swallows_it(
-    end: EndedFromOutsideError, code: int
+    end: EndRequestedError, code: int
 ) -> None:
     assert end.exit_code == code
     assert not isinstance(end, Exception)

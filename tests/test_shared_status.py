@@ -10,7 +10,7 @@ import pytest
 from mjrun import shared_status
 from mjrun.shared_status import (
     SIZE,
-    SharedStatusMemory,
+    ProcessActivityMemory,
     completing,
     doing,
     note_child,
@@ -21,14 +21,14 @@ from mjrun.shared_status import (
 
 
 @pytest.fixture
-def board() -> Iterator[SharedStatusMemory]:
-    board = SharedStatusMemory()
+def board() -> Iterator[ProcessActivityMemory]:
+    board = ProcessActivityMemory()
     shared_status.write_on(board)
     yield board
     shared_status.write_on(None)
 
 
-def test_activities_nest_and_the_last_model_is_kept(board: SharedStatusMemory) -> None:
+def test_activities_nest_and_the_last_model_is_kept(board: ProcessActivityMemory) -> None:
     assert board.read() == shared_status.ProcessStatus()
     with doing("reading", Path("a\udcff.xml")):
         assert (board.read().activity, board.read().model) == ("reading", "a\udcff.xml")
@@ -38,13 +38,13 @@ def test_activities_nest_and_the_last_model_is_kept(board: SharedStatusMemory) -
     assert (board.read().activity, board.read().model) == ("", "a\udcff.xml")
 
 
-def test_an_activity_ends_with_its_block_however_that_ends(board: SharedStatusMemory) -> None:
+def test_an_activity_ends_with_its_block_however_that_ends(board: ProcessActivityMemory) -> None:
     with pytest.raises(KeyError), doing("drawing"):
         raise KeyError
     assert board.read().activity == ""
 
 
-def test_folders_and_children_are_noted(board: SharedStatusMemory, tmp_path: Path) -> None:
+def test_folders_and_children_are_noted(board: ProcessActivityMemory, tmp_path: Path) -> None:
     note_folder(tmp_path)
     note_folder(tmp_path)
     note_child(11)
@@ -54,19 +54,19 @@ def test_folders_and_children_are_noted(board: SharedStatusMemory, tmp_path: Pat
     assert (board.read().folders, board.read().children) == ([str(tmp_path)], [12])
 
 
-def test_what_must_be_completed_is_noted(board: SharedStatusMemory) -> None:
+def test_what_must_be_completed_is_noted(board: ProcessActivityMemory) -> None:
     assert not board.completing
     with completing():
         assert board.completing
     assert not board.completing
 
 
-def test_a_notice_that_is_too_long_leaves_the_older_one(board: SharedStatusMemory) -> None:
+def test_a_notice_that_is_too_long_leaves_the_older_one(board: ProcessActivityMemory) -> None:
     with doing("reading", "a"), doing("reading", "b" * SIZE):
         assert board.read().model == "a"
 
 
-def test_the_parent_reads_what_a_killed_child_has_noted(board: SharedStatusMemory) -> None:
+def test_the_parent_reads_what_a_killed_child_has_noted(board: ProcessActivityMemory) -> None:
     child = os.fork()
     if not child:
         with doing("compiling", "robot.xml"):

@@ -31,7 +31,7 @@ from mjrun.options.bench import BenchOptions
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import is_given, options
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.output import BackendsAndWorkers
+from mjrun.outputs.output import RenderingResources
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.reporter import Reporter, WarningReporter, pass_on
@@ -190,7 +190,7 @@ class Bench(BenchOptions):
     def _backends(self) -> list[Backend]:
         """Detects the backend of each drawing before anything is timed."""
         drawings = self.drawings if self.render else self.drawings[:1] if self.whole else []
-        with closing(BackendsAndWorkers()) as rendering:
+        with closing(RenderingResources()) as rendering:
             return [rendering.backend(drawing) for drawing in drawings]
 
     @property

@@ -32,7 +32,7 @@ from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, ExactFramebuffer
-from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
+from mjrun.rendering.compositor import FrameStream, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
@@ -267,7 +267,7 @@ def timed_frames(
     """
     check_drawing(drawing, model, backend)
     watch, (motion,) = Stopwatch(clock), camera_motions(drawing.camera, drawing.size, model)
-    (stream,) = (file.stream(drawing, Overlay()) for file in panel_files(drawing, "drawing"))
+    (stream,) = (file.stream(drawing, TextAndLivePlots()) for file in panel_files(drawing, "drawing"))
     compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
     timed, segmentation = TIMED[drawing.renderer], compositor.segmentation
     workload = ReferenceWorkloadTimer(clock, available_cores()) if backend.software else None

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.check import rule_table
 from mjrun.check.rule import Finding, Place
-from mjrun.check.rules import tasks
+from mjrun.check.rules import task_episodes
 from mjrun.check.worker import ARENAS, Checker
 from mjrun.check.worker_pool import MIB, CheckRequest
 from mjrun.child_process import limit_this_process
@@ -192,11 +192,11 @@ class TaskChecker(Checker):
         self.write(loaded=True)
         limit_this_process(memory=self.task.memory * MIB + ARENAS * COUNT * worlds.model(0).narena)
         places = TaskPlaces(task, self.path)
-        self._write_selected(list(tasks.beyond_ranges(worlds, places)))
+        self._write_selected(list(task_episodes.beyond_ranges(worlds, places)))
 
         self.write(stage="asking its policy")
         policy = self._policy(task)
-        if self.task.steps and tasks.CODES.intersection(self.task.codes):
+        if self.task.steps and task_episodes.CODES.intersection(self.task.codes):
             self.write(stage="taking random actions")
             self._watch(worlds, load_policy(RANDOM), places)
         if policy is not None:
@@ -233,7 +233,7 @@ class TaskChecker(Checker):
         if source.main_file is not None:
             return rule_table.explain(error, read_xml(source.main_file))
         message, _, remedy = str(error).partition("\n")
-        return [tasks.MISTAKE.in_model(self.path, message, remedy)]
+        return [task_episodes.MISTAKE.in_model(self.path, message, remedy)]
 
     def _write_mistakes(self, error: MjrunError) -> None:
         """Writes the mistakes in the document; the model is not at fault."""
@@ -243,12 +243,12 @@ class TaskChecker(Checker):
             return
         for problem in error.problems:
             place = f"{problem.path}: {problem.message}" if problem.path else problem.message
-            self.write_findings([tasks.MISTAKE.finding(place, "", place_of(problem, self.path))])
+            self.write_findings([task_episodes.MISTAKE.finding(place, "", place_of(problem, self.path))])
 
     def _write_mistake(self, error: MjrunError) -> None:
         message, _, remedy = error.spelled(option).partition("\n")
         message = message.removeprefix(f"{clean(str(self.path))}: ")
-        self.write_findings([tasks.MISTAKE.in_model(self.path, message, remedy)])
+        self.write_findings([task_episodes.MISTAKE.in_model(self.path, message, remedy)])
 
     def _policy(self, task: Task) -> Policy | None:
         """Returns the requested policy; None without a request, or if it does not fit, which is reported."""
@@ -269,12 +269,12 @@ class TaskChecker(Checker):
         except (MjrunError, ValueError) as error:  # a ValueError: actions that are not finite
             self._write_misfit(error)
             return
-        self._write_selected(list(tasks.episode_findings(episodes, places)))
+        self._write_selected(list(task_episodes.episode_findings(episodes, places)))
 
     def _write_misfit(self, error: Exception) -> None:
         text = error.spelled(option) if isinstance(error, MjrunError) else str(error)
         message, _, remedy = text.partition("\n")
-        finding = tasks.MISFIT.finding(message, remedy, Place(self.path))
+        finding = task_episodes.MISFIT.finding(message, remedy, Place(self.path))
         self.write_findings([replace(finding, object="")])
 
     def _write_selected(self, findings: list[Finding]) -> None:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.platform.posix import PROMISE, SIGNALS
-from mjrun.shared_status import ConfinementPromise, ProcessStatus, SharedStatusMemory, write_on
+from mjrun.shared_status import ConfinementPromise, ProcessActivityMemory, ProcessStatus, write_on
 
 if TYPE_CHECKING:
     from mjrun.errors import FailureReport
@@ -70,7 +70,7 @@ def continue_in_watched_child() -> None:
     Signals of `SIGNALS` are blocked in the child until `system.release_signals` is called, unless they are ignored.
     """
     passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    board, (theirs, ours) = SharedStatusMemory(), os.pipe()
+    board, (theirs, ours) = ProcessActivityMemory(), os.pipe()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, *HEEDED])
     try:
         child = os.fork()
@@ -98,7 +98,7 @@ def _end_with_parent(pipe: int) -> None:
 class _Watcher:
     """A watcher that waits for a child process."""
 
-    def __init__(self, child: int, board: SharedStatusMemory, passed_on: list[signal.Signals]) -> None:
+    def __init__(self, child: int, board: ProcessActivityMemory, passed_on: list[signal.Signals]) -> None:
         self._child, self._board, self._passed_on = child, board, passed_on
         self._promise: ConfinementPromise | None = None
         self._temporary: os.stat_result | None = None  # the folder of the promise
@@ -304,14 +304,14 @@ def _kill(pid: int) -> None:
 
 def _report(failure: "FailureReport", *, is_answered: bool) -> None:
     from mjrun.cli.console import Console, document_form
-    from mjrun.errors import EndedFromOutsideError
+    from mjrun.errors import EndRequestedError
 
     if sys.stderr.isatty():
         sys.stderr.write(SHOW_CURSOR)
     console = Console(document_form="" if is_answered else document_form(sys.argv[1:]))
     console.error(failure.message)
     console.report_failure(failure)
-    with suppress(Exception, EndedFromOutsideError):  # the reader is gone
+    with suppress(Exception, EndRequestedError):  # the reader is gone
         console.finish()
 
 

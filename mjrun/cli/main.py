@@ -18,7 +18,7 @@ import click
 from mjrun.cli.console import Console, HelpContext, document_form, shown_help
 from mjrun.errors import (
     ClosedPipeError,
-    EndedFromOutsideError,
+    EndRequestedError,
     FailureReport,
     FileError,
     MjrunError,
@@ -198,7 +198,7 @@ def _failure(error: BaseException) -> FailureReport:
             return FailureReport.of(error)
         case KeyboardInterrupt() | click.Abort():
             return FailureReport("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
-        case EndedFromOutsideError():
+        case EndRequestedError():
             return FailureReport("TerminatedError", f"ended by {error}", error.exit_code)
         case Exception():
             if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError

@@ -60,7 +60,7 @@ class _Resolver:
 
     def define(self, node: tree.Node | None) -> None:
         """Reads the variables."""
-        if node is None or isinstance(node, tree.InvalidNode):
+        if node is None or isinstance(node, tree.ReportedFaultNode):
             return
         if not isinstance(node, tree.MappingNode):
             self._fault(node.mark, (VARS,), f"expected a mapping of names to values, got {tree.described(node)}")
@@ -73,12 +73,12 @@ class _Resolver:
             self.variables[name] = self._variable(value, (VARS, name))
 
     def _variable(self, value: tree.Node, path: tree.Place) -> tree.Node:
-        if not isinstance(value, tree.ScalarNode | tree.InvalidNode):
+        if not isinstance(value, tree.ScalarNode | tree.ReportedFaultNode):
             self._fault(value.mark, path, f"expected a single value, got {tree.described(value)}")
-            return tree.InvalidNode(value.mark)
+            return tree.ReportedFaultNode(value.mark)
         if isinstance(value, tree.ScalarNode) and any(match[0] != "$${" for match in _REFERENCE.finditer(value.text)):
             self._fault(value.mark, path, "a variable cannot refer to another variable; write $${ for ${")
-            return tree.InvalidNode(value.mark)
+            return tree.ReportedFaultNode(value.mark)
         return self.resolved(value, path)
 
     def resolved(self, node: tree.Node, path: tree.Place) -> tree.Node:
@@ -98,19 +98,23 @@ class _Resolver:
         whole = _REFERENCE.fullmatch(text)
         if whole and whole[1] is not None:
             value = self._value(whole, node.mark, path)
-            return tree.ScalarNode(node.mark, value.value, value.text, text) if value else tree.InvalidNode(node.mark)
+            return (
+                tree.ScalarNode(node.mark, value.value, value.text, text)
+                if value
+                else tree.ReportedFaultNode(node.mark)
+            )
         parts: list[str] = []
         end = 0
         for match in _REFERENCE.finditer(text):
             value = None if match[0] == "$${" else self._value(match, node.mark, path)
             if match[0] != "$${" and not value:
-                return tree.InvalidNode(node.mark)
+                return tree.ReportedFaultNode(node.mark)
             parts += [text[end : match.start()], value.text if value else "${"]
             end = match.end()
             self.substituted += len(parts[-1])
             if self.substituted > MOST_INSERTED:
                 self._fault(node.mark, path, f"variables insert more than {MOST_INSERTED:,} characters")
-                return tree.InvalidNode(node.mark)
+                return tree.ReportedFaultNode(node.mark)
         text = "".join([*parts, text[end:]])
         return tree.ScalarNode(node.mark, text, text)
 
@@ -270,7 +274,7 @@ def _set(node: tree.Node | None, path: tree.Place, value: tree.Node, above: tree
     """Returns `node`, at the path `above`, with `value` set at `path` below it."""
     if not path:
         return value
-    if isinstance(node, tree.InvalidNode):
+    if isinstance(node, tree.ReportedFaultNode):
         return node
     step, below = path[0], path[1:]
     if isinstance(step, int):
@@ -368,7 +372,7 @@ class _Reader:
         self.faults += faults
         if node is None and not faults:
             self.faults.append(tree.Fault(top, "", "the document is empty"))
-        elif node is not None and not isinstance(node, tree.MappingNode | tree.InvalidNode):
+        elif node is not None and not isinstance(node, tree.MappingNode | tree.ReportedFaultNode):
             # Its content is not quoted: it may be a file other than a document, with secrets.
             form = "text" if isinstance(node, tree.ScalarNode) and node.text else tree.described(node)
             self.faults.append(tree.Fault(node.mark, "", f"expected a mapping, got {form}"))
@@ -378,7 +382,7 @@ class _Reader:
         """Returns `root` merged over the document in its `defaults`; None if that cannot be read."""
         path = root.entries.get(DEFAULTS)
         root = root.without(DEFAULTS)
-        if path is None or isinstance(path, tree.InvalidNode):
+        if path is None or isinstance(path, tree.ReportedFaultNode):
             return root
         if not isinstance(path, tree.ScalarNode) or not isinstance(path.value, str) or not path.value:
             self.faults.append(

@@ -93,13 +93,13 @@ class MappingNode:
 
 
 @dataclass(frozen=True)
-class InvalidNode:
+class ReportedFaultNode:
     """A value whose fault is already reported."""
 
     mark: DocumentPlace
 
 
-Node = ScalarNode | ListNode | MappingNode | InvalidNode
+Node = ScalarNode | ListNode | MappingNode | ReportedFaultNode
 
 
 def plain(node: Node) -> object:
@@ -111,7 +111,7 @@ def plain(node: Node) -> object:
             return [plain(item) for item in node.items]
         case MappingNode():
             return {key: plain(inner) for key, inner in node.entries.items()}
-        case InvalidNode():
+        case ReportedFaultNode():
             return INVALID
 
 
@@ -126,7 +126,7 @@ def node_of(value: object, mark: DocumentPlace) -> Node:
         case None | bool() | int() | float() | str():
             return ScalarNode(mark, value, "" if value is None else str(value))
         case _:
-            return InvalidNode(mark)
+            return ReportedFaultNode(mark)
 
 
 def find(node: Node, path: Place) -> Node:
@@ -190,7 +190,7 @@ def described(node: Node) -> str:
             return "a list"
         case MappingNode():
             return "a mapping"
-        case InvalidNode():
+        case ReportedFaultNode():
             return "an unreadable value"
     return text + (f" from {clean(node.origin)}" if node.origin else "")
 
@@ -226,7 +226,7 @@ def _problem(fault: Fault) -> DocumentProblem:
 def misfit_faults(misfits: Iterable[Misfit], tree: Node, more_keys: Sequence[str] = ()) -> list[Fault]:
     """Returns the faults of misfits in `tree` that are not reported yet; `more_keys` are additional top-level keys."""
     nodes = ((misfit, find(tree, misfit.path)) for misfit in misfits)
-    return [_fault(misfit, node, tree, more_keys) for misfit, node in nodes if not isinstance(node, InvalidNode)]
+    return [_fault(misfit, node, tree, more_keys) for misfit, node in nodes if not isinstance(node, ReportedFaultNode)]
 
 
 def _fault(misfit: Misfit, node: Node, tree: Node, more_keys: Sequence[str]) -> Fault:

@@ -159,7 +159,7 @@ class _Composer:
             self._halt(index, f"more than {tree.DEPTH} lists and mappings within each other are no document for mjrun")
         self._check_properties(event, mark, path)
         if isinstance(event, events.AliasEvent):
-            return tree.InvalidNode(mark)
+            return tree.ReportedFaultNode(mark)
         if isinstance(event, events.ScalarEvent):
             return self._scalar(event, mark, path)
         if self.inline and isinstance(event, events.CollectionStartEvent) and not event.flow_style:
@@ -179,7 +179,7 @@ class _Composer:
     def _scalar(self, event: events.ScalarEvent, mark: tree.DocumentPlace, path: tree.Place) -> tree.Node:
         if found := _SURROGATE.search(event.value):
             self._fault(mark, path, f"the escape {quoted(found[0])} is half a character")
-            return tree.InvalidNode(mark)
+            return tree.ReportedFaultNode(mark)
         return tree.ScalarNode(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
 
     def _list(self, mark: tree.DocumentPlace, path: tree.Place) -> tree.ListNode:
@@ -204,7 +204,7 @@ class _Composer:
         """Returns the key that `event` begins; None if it is invalid."""
         plain = isinstance(event, events.ScalarEvent) and event.implicit[0]
         node = self._node(event, path)
-        if isinstance(node, tree.InvalidNode):
+        if isinstance(node, tree.ReportedFaultNode):
             return None
         if not isinstance(node, tree.ScalarNode):
             self._fault(node.mark, path, f"a key is text, not {tree.described(node)}")

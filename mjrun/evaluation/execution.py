@@ -19,7 +19,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, counted, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, EpisodeRecord, GroupSpec, PlayedEpisodes, player_of
-from mjrun.evaluation.prepared import EpisodeGroup, PreparedEvaluation
+from mjrun.evaluation.prepared import PolicyEpisodes, PreparedEvaluation
 from mjrun.evaluation.summaries import LENGTH, RETURN, REWARD
 from mjrun.experiment.design import Design
 from mjrun.model.mujoco_globals import collected_warnings
@@ -150,7 +150,7 @@ class PreparedEpisodes(PreparedPoints):
     """
 
     def __init__(
-        self, prepared: PreparedEvaluation, groups: Sequence[EpisodeGroup], seeds: Sequence[int], folder: Path
+        self, prepared: PreparedEvaluation, groups: Sequence[PolicyEpisodes], seeds: Sequence[int], folder: Path
     ) -> None:
         specs = tuple(group.spec for group in groups)
         spec = EvaluationSpec(specs, len(seeds), tuple(prepared.player.rewards))

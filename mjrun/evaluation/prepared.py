@@ -34,7 +34,7 @@ Rewritten = Callable[[Mapping[str, str]], ModelSource]
 
 
 @dataclass(frozen=True)
-class EpisodeGroup:
+class PolicyEpisodes:
     """Episodes of one policy at one point, before they are played.
 
     Attributes:
@@ -111,18 +111,18 @@ class PreparedEvaluation:
 
     def _grouped(
         self, options: EvaluationOptions, task: ModelSource, rewritten: Rewritten | None, snapshot: InputSnapshot
-    ) -> list[EpisodeGroup]:
+    ) -> list[PolicyEpisodes]:
         values = [self.points.values(point) for point in range(len(self.points.points))]
         tasks = [task_at(task, each, rewritten) for each in values]
         policies = _policies(options, self.points)
         chosen = [[policy_at(policy, each) for each in values] for _, policy in policies]
         snapshot = snapshot.with_files(_files(tasks, [own for policy in chosen for own in policy]))
-        metrics, groups = plain_metrics(options.metric), list[EpisodeGroup]()
+        metrics, groups = plain_metrics(options.metric), list[PolicyEpisodes]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
                 disturbances = disturbances_at(options.disturbances, values[point])
                 spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, disturbances)
-                groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
+                groups.append(PolicyEpisodes(place, name if own == policy else own.name, point, spec))
         return groups
 
     def _checked_players(self) -> EpisodePlayer:

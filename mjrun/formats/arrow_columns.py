@@ -16,10 +16,10 @@ from pyarrow import types
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, clean
-from mjrun.formats import table_stream as tables
+from mjrun.formats import table_read_stream as tables
 from mjrun.formats.input_file import cut
 from mjrun.formats.number_text import exact_cells
-from mjrun.formats.table_stream import AcceptedCells
+from mjrun.formats.table_read_stream import AcceptedCells
 from mjrun.model.table_column import Column
 
 MANIFEST = "mjrun"  # the key of the manifest

@@ -11,7 +11,7 @@ import numpy as np
 import orjson
 
 from mjrun.errors import CellError, FileError
-from mjrun.formats.table_stream import EXACT, shown, side_by_side
+from mjrun.formats.table_read_stream import EXACT, shown, side_by_side
 from mjrun.model.table_column import Column
 
 PIECE = 2**16  # values turned into text at a time

@@ -22,7 +22,7 @@ from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, file_errors
 from mjrun.formats.input_file import cut, require_file
 from mjrun.formats.local_and_remote_folders import open_url
-from mjrun.formats.table_stream import AcceptedCells, ColumnFilter
+from mjrun.formats.table_read_stream import AcceptedCells, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
 from mjrun.model.table_column import with_unit
 from mjrun.packages import require

@@ -1,7 +1,7 @@
 """Numbers that the compiler copies: those in `opt`, contact parameters of geoms, gains of actuators, other elements.
 
-For numbers of elements, `DerivedNumbers` computes everything that depends on them. The mass and the inertia of a body
-with a single primitive geom are computed here, in the compiler's order of operations, and thus to the last bit.
+For numbers of elements, `DerivedNumbersComputer` computes everything that depends on them. The mass and the inertia of
+a body with a single primitive geom are computed here, in the compiler's order of operations, and thus to the last bit.
 """
 
 import math
@@ -288,7 +288,7 @@ class CopiedElementNumbers:
         return any(FIELDS[field_name(override)].has_effects for override in overrides)
 
     def _rows_of(self, override: Override) -> np.ndarray | None:
-        """Returns the rows that an override changes; None if anything but `DerivedNumbers` depends on them."""
+        """Returns the rows that an override changes; None if anything but `DerivedNumbersComputer` depends on them."""
         if override.target not in self._rows:
             self._rows[override.target] = self._found_rows(override)
         return self._rows[override.target]

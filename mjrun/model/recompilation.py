@@ -4,8 +4,8 @@ The specification is compiled without its images, whose bytes nothing else in a 
 written over a copy of the model that has them.
 
 The compiler derives the numbers of a body, such as its inertia and the bounds of its geoms, from that body alone. Where
-only numbers of a few bodies vary, these are therefore compiled without the rest of the model; `DerivedNumbers` then
-computes what depends on several bodies, as the compiler does.
+only numbers of a few bodies vary, these are therefore compiled without the rest of the model; `DerivedNumbersComputer`
+then computes what depends on several bodies, as the compiler does.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -380,7 +380,7 @@ def _whole_numbers() -> tuple[str, ...]:
     return tuple(name for name in of_model if getattr(example, name).dtype.kind != "f")
 
 
-class DerivedNumbers:
+class DerivedNumbersComputer:
     """The derived numbers of the variants of a model.
 
     Args:

@@ -30,7 +30,7 @@ from mjrun.model.compiler_copied_fields import (
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
 from mjrun.model.override import Override
-from mjrun.model.recompilation import BodyCompiler, DerivedNumbers, Recompiler, may_be_recompiled
+from mjrun.model.recompilation import BodyCompiler, DerivedNumbersComputer, Recompiler, may_be_recompiled
 from mjrun.model.source import ModelSource
 
 PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source
@@ -264,7 +264,7 @@ class SharedCompilation:
         self._recompiler: Recompiler | None = None
         self._partial: BodyCompiler | None = None
         self._elements: CopiedElementNumbers | None = None
-        self._derived: DerivedNumbers | None = None
+        self._derived: DerivedNumbersComputer | None = None
         self.proofs = dict[object, _Proof]()
 
     @property
@@ -305,7 +305,7 @@ class SharedCompilation:
         model = self.model_with(arrays)
         if not has_effects:
             return ModelVariant(self, arrays, model)
-        self._derived = self._derived or DerivedNumbers(self.spec, self.model)
+        self._derived = self._derived or DerivedNumbersComputer(self.spec, self.model)
         if not self._derived.compute(model):
             return None
         return ModelVariant(self, arrays, model, derived=self._derived.arrays)

@@ -14,7 +14,7 @@ from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import named_files
-from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, Overlay, layout_size
+from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, TextAndLivePlots, layout_size
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,15 @@ class VideoOrImageFile:
         """True if a separate file describes its ids."""
         return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
-    def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> FrameStream:
+    def stream(self, options: ViewOptions, overlay: TextAndLivePlots, legend: bool = False) -> FrameStream:
         """Returns the stream of its frames.
 
         Args:
           legend: whether coloured segmentations list what is in view.
         """
-        style = FrameComposition(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
+        style = FrameComposition(
+            options.layout, options.captions, legend, TextAndLivePlots() if self.exact else overlay
+        )
         return FrameStream(self.panels, options.size, style, self.exact)
 
 

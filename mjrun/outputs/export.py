@@ -436,14 +436,14 @@ class ExportPlan(output.OutputPlan[ExportResult]):
     rows: Sequence[int] | None
     detector: TimelineMarkDetector | None
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenExport":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenExport":
         return OpenExport(self, stack, backends)
 
 
 class OpenExport(output.OpenOutput[ExportResult]):
     """An export with an open file."""
 
-    def __init__(self, plan: ExportPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: ExportPlan, stack: ExitStack, backends: output.RenderingResources) -> None:
         request = self._request = plan.request
         self._plan, self._context = plan, plan.scene.context
         self._facts = self._context.facts(request, plan.schedule.observed if plan.schedule else None)

@@ -18,7 +18,7 @@ from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import BackendsAndWorkers, OutputPlan, OutputResult, PassContext
+from mjrun.outputs.output import OutputPlan, OutputResult, PassContext, RenderingResources
 from mjrun.outputs.recorded_scene import (
     R_co,
     RecordedScene,
@@ -43,7 +43,7 @@ from mjrun.probe.select import available_columns, split
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import Backend, lacks_gpu
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.compositor import FrameCosts, FrameStream, Overlay, SceneCompositor
+from mjrun.rendering.compositor import FrameCosts, FrameStream, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
@@ -120,12 +120,12 @@ class OverlayProbes:
 
     def overlay(
         self,
-        empty: Overlay,
+        empty: TextAndLivePlots,
         rows: Sequence[FrameValues],
         steps: Sequence[int],
         speeds: Sequence[float],
         timeline: Timeline,
-    ) -> Overlay:
+    ) -> TextAndLivePlots:
         """Returns `empty` with its texts and live plots.
 
         Args:
@@ -212,13 +212,15 @@ def overlay_probes(
     return OverlayProbes(template, tables, tables[-1].model)
 
 
-def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:
+def empty_overlay(
+    size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under"
+) -> TextAndLivePlots:
     """Returns an overlay without content, whose size is known.
 
     Args:
       size: width and height of the frame without the overlay [pixels].
     """
-    return Overlay(corner=corner, plots=[live_plot_size(size, side)] * len(plots), side=side)
+    return TextAndLivePlots(corner=corner, plots=[live_plot_size(size, side)] * len(plots), side=side)
 
 
 @options
@@ -254,7 +256,7 @@ class FramePlan:
     scene: ScenePlan
     plots: Sequence[str]
     probes: OverlayProbes | None
-    overlay: Overlay
+    overlay: TextAndLivePlots
 
     @property
     def enable_flags(self) -> int:
@@ -285,7 +287,7 @@ def plan_frames(
       UsageError: a name is unknown, or a value invalid.
     """
     scene = plan_scene(request, context, request.camera, events=events, is_measured=request.is_measured)
-    probes, overlay = None, Overlay()
+    probes, overlay = None, TextAndLivePlots()
     if request.text or plots:
         probes = overlay_probes(context.model, context.timeline, request.text, plots, context.episode)
         corner = request.text_corner or ("bottom-right" if request.captions else "top-left")
@@ -353,7 +355,7 @@ def open_frames(
     schedule: FrameSchedule | None,
     files: Sequence[VideoOrImageFile],
     stack: ExitStack,
-    backends: BackendsAndWorkers,
+    backends: RenderingResources,
     jobs: int | str = 1,
 ) -> OpenFrames:
     """Makes room for the states of frames, waits for the backend, and starts the processes that draw.
@@ -476,7 +478,7 @@ class DrawingProcesses:
     """
 
     def __init__(
-        self, options: ViewOptions, asked: int | str, backends: BackendsAndWorkers, reporter: Reporter
+        self, options: ViewOptions, asked: int | str, backends: RenderingResources, reporter: Reporter
     ) -> None:
         # Filament's noise continues from frame to frame: only a single process makes the same video each time.
         self._asked = 1 if asked == AUTO and options.renderer == "filament" else asked

@@ -59,7 +59,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         return [*output_files(self, self.output, self.manifest), *named_files(pointcloud=self.pointcloud)]
 
     @cached_property
-    def formatted_files(self) -> "Sequence[ImageFile]":
+    def formatted_files(self) -> "Sequence[ImageFileContents]":
         """The files with their formats.
 
         Raises:
@@ -130,7 +130,7 @@ class ImageResult(output.OutputResult):
 
 
 @dataclass(frozen=True)
-class ImageFile(VideoOrImageFile):
+class ImageFileContents(VideoOrImageFile):
     """A file of an image.
 
     Attributes:
@@ -151,14 +151,14 @@ class ImagePlan(VideoOrImagePlan[ImageResult]):
 
     request: Image
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenImage":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenImage":
         return OpenImage(self, stack, backends)
 
 
 class OpenImage(output.OpenOutput[ImageResult]):
     """An image with open files."""
 
-    def __init__(self, plan: ImagePlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: ImagePlan, stack: ExitStack, backends: output.RenderingResources) -> None:
         request, files = plan.request, plan.request.formatted_files
         self._plan, self._request = plan, request
         self._frames = open_frames(plan.frames, plan.schedule, files, stack, backends)
@@ -248,7 +248,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             writer.write(np.ascontiguousarray(compositor.frame(compositor.streams[index], pictures, 0)))
 
 
-def _image_file(request: Image, file: VideoOrImageFile) -> ImageFile:
+def _image_file(request: Image, file: VideoOrImageFile) -> ImageFileContents:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
@@ -261,7 +261,9 @@ def _image_file(request: Image, file: VideoOrImageFile) -> ImageFile:
     )
     view = file.panels[0].view if exact else "rgb"
     hint = f"{option('style')} color renders colours instead" if exact else ""
-    return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint))
+    return ImageFileContents(
+        file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint)
+    )
 
 
 def _step(request: Image, timeline: Timeline, event_steps: output.EventSteps) -> int:

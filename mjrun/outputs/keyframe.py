@@ -115,7 +115,7 @@ class KeyframePlan(output.OutputPlan[KeyframeResult]):
     source: Path
     xml: bytes
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenKeyframe":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenKeyframe":
         return OpenKeyframe(self, stack)
 
 

@@ -116,7 +116,7 @@ class OutputPreview:
     about: str = ""
 
 
-class BackendsAndWorkers:
+class RenderingResources:
     """The backends and rendering processes of a pass: each is detected or started only once. To be closed."""
 
     def __init__(self) -> None:
@@ -251,7 +251,7 @@ class OutputPlan(ABC, Generic[R_co]):
     conditions: Sequence[str] = ()
 
     @abstractmethod
-    def open(self, stack: ExitStack, backends: BackendsAndWorkers) -> OpenOutput[R_co]:
+    def open(self, stack: ExitStack, backends: RenderingResources) -> OpenOutput[R_co]:
         """Opens the files, whose unpublished ones the stack removes, and starts drawing processes and encoders."""
 
 

@@ -16,7 +16,6 @@ from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.output import (
-    BackendsAndWorkers,
     FinishedOutput,
     OpenBlockOutput,
     OpenOutput,
@@ -25,6 +24,7 @@ from mjrun.outputs.output import (
     OutputRequest,
     OutputResult,
     PassContext,
+    RenderingResources,
     ReservedFiles,
 )
 from mjrun.physics.simulation_loop import Tap, run_with_taps
@@ -71,7 +71,7 @@ def perform(
     reporter, start = reporter or WarningReporter(), time.perf_counter()
     with ExitStack() as stack:
         with doing("simulating"), collected_warnings() as warnings, without_timers():
-            backends = stack.enter_context(closing(BackendsAndWorkers()))
+            backends = stack.enter_context(closing(RenderingResources()))
             plan = plan_pass(requests, reporter, backends)
             current = open_pass(plan, stack, backends)
             current.simulate()
@@ -109,7 +109,7 @@ def preview(requests: Sequence[OutputRequest[OutputResult]], reporter: Reporter 
     Raises:
       MjrunError: the pass would fail before its first step.
     """
-    with collected_warnings(), closing(BackendsAndWorkers()) as backends:
+    with collected_warnings(), closing(RenderingResources()) as backends:
         plan = plan_pass(requests, reporter or WarningReporter(), backends)
     timeline = plan.context.timeline
     outputs = [each.preview for each in plan.outputs]
@@ -131,7 +131,7 @@ class PassPlan(Generic[R]):
     outputs: Sequence[OutputPlan[R]]
 
 
-def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends: BackendsAndWorkers) -> PassPlan[R]:
+def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends: RenderingResources) -> PassPlan[R]:
     """Plans all requests, after collecting every error in them.
 
     Raises:
@@ -227,7 +227,7 @@ def _check_files(requests: Sequence[OutputRequest[OutputResult]], collected: _Us
                     reserved.reserve(path, f"the {name}")
 
 
-def open_pass(plan: PassPlan[R], stack: ExitStack, backends: BackendsAndWorkers) -> "OpenPass[R]":
+def open_pass(plan: PassPlan[R], stack: ExitStack, backends: RenderingResources) -> "OpenPass[R]":
     """Opens all files, whose unpublished ones the stack removes, and starts encoders and drawing processes.
 
     Raises:

@@ -128,7 +128,7 @@ class PlotPlan(output.OutputPlan[PlotResult]):
     steps: Sequence[int]
     figure: FigurePlan
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenPlot":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenPlot":
         return OpenPlot(self, stack)
 
 

@@ -51,7 +51,7 @@ class RecordingPlan(output.OutputPlan[RecordingResult]):
     request: Recording
     context: output.PassContext
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenRecording":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenRecording":
         return OpenRecording(self.request, self.context, stack)
 
 

@@ -177,7 +177,7 @@ class TracePlan(output.OutputPlan[TraceResult]):
     steps: Sequence[int]
     assertions: "Sequence[Assertion]"
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenTrace":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenTrace":
         return OpenTrace(self, stack)
 
 

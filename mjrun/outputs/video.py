@@ -143,14 +143,14 @@ class VideoPlan(VideoOrImagePlan[VideoResult]):
 
     request: Video
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenVideo":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenVideo":
         return OpenVideo(self, stack, backends)
 
 
 class OpenVideo(output.OpenOutput[VideoResult]):
     """A video with open files."""
 
-    def __init__(self, plan: VideoPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: VideoPlan, stack: ExitStack, backends: output.RenderingResources) -> None:
         request = plan.request
         self._request, self._scene_plan, self._reporter = request, plan.frames.scene, plan.frames.scene.context.reporter
         self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
@@ -282,14 +282,14 @@ class VideoInMemoryPlan(VideoOrImagePlan[output.OutputResult]):
 
     request: VideoInMemory
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenVideoInMemory":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenVideoInMemory":
         return OpenVideoInMemory(self, stack, backends)
 
 
 class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):
     """The frames of a video, without a file."""
 
-    def __init__(self, plan: VideoInMemoryPlan, stack: ExitStack, backends: output.BackendsAndWorkers) -> None:
+    def __init__(self, plan: VideoInMemoryPlan, stack: ExitStack, backends: output.RenderingResources) -> None:
         request = self._request = plan.request
         self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
@@ -318,7 +318,7 @@ def video_frames(video: VideoInMemory) -> Generator[np.ndarray]:
     reporter = WarningReporter()
     with ExitStack() as stack:
         with collected_warnings() as warnings, without_timers():
-            backends = stack.enter_context(closing(output.BackendsAndWorkers()))
+            backends = stack.enter_context(closing(output.RenderingResources()))
             current = open_pass(plan_pass([video], reporter, backends), stack, backends)
             current.simulate()
         if error := current.error():

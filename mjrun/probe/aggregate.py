@@ -125,7 +125,7 @@ class SelectedRowAccumulator:
         return "" if self._value is None else _place_text(*self._row)
 
 
-class SumAccumulator:
+class MomentAccumulator:
     """An aggregate that follows from exact sums of values and of squares.
 
     Attributes:
@@ -218,7 +218,7 @@ class ShareAccumulator:
         return self._holds / self._rows if self._rows else math.nan
 
 
-Accumulator = SelectedRowAccumulator | SumAccumulator | QuantileAccumulator | ShareAccumulator
+Accumulator = SelectedRowAccumulator | MomentAccumulator | QuantileAccumulator | ShareAccumulator
 
 
 def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
@@ -237,7 +237,7 @@ def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
             return SelectedRowAccumulator(lambda values: 0, lambda new, old: False)
         case "last":
             return SelectedRowAccumulator(lambda values: len(values) - 1, lambda new, old: True)
-    return SumAccumulator(name)
+    return MomentAccumulator(name)
 
 
 def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: KnownValues) -> np.ndarray:

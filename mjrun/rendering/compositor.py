@@ -41,7 +41,7 @@ class CameraPanel:
 
 
 @dataclass(frozen=True)
-class Overlay:
+class TextAndLivePlots:
     """Text over a frame, and plots under or beside it.
 
     Attributes:
@@ -82,7 +82,7 @@ class FrameComposition:
     layout: str = "row"
     captions: bool = False
     legend: bool = False
-    overlay: Overlay = Overlay()
+    overlay: TextAndLivePlots = TextAndLivePlots()
 
 
 @dataclass(frozen=True)

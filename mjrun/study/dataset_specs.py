@@ -14,7 +14,7 @@ from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.simulation.manifest import plain
 
 if TYPE_CHECKING:
-    from mjrun.study.point_episodes import EpisodeFileMaker
+    from mjrun.study.episode_files import EpisodeFileMaker
     from mjrun.study.point_images import PointImageMaker
 
 VECTORS = ("lookat", "offset", "from", "at")  # settings of rigs that are points x/y/z
@@ -138,7 +138,7 @@ class EpisodeSpec:
 
     def maker(self) -> "EpisodeFileMaker":
         """Returns what makes the files."""
-        from mjrun.study.point_episodes import EpisodeFileMaker  # which imports the renderer
+        from mjrun.study.episode_files import EpisodeFileMaker  # which imports the renderer
 
         return EpisodeFileMaker(self)
 

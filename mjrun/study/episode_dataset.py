@@ -47,8 +47,8 @@ from mjrun.rendering.drawn_model import drawn_model
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.dataset_specs import FOLDER, NEARLY, EpisodeSpec, camera_keys
+from mjrun.study.episode_files import observed_columns
 from mjrun.study.executors import WARP, check_engine
-from mjrun.study.point_episodes import observed_columns
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.spec import MODEL, PointResult
 from mjrun.study.study import Study

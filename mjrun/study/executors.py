@@ -46,7 +46,7 @@ MOST = 4096  # points in a chunk
 QUEUED = 3  # chunks that wait for each process in addition to the running one
 
 
-class EngineEndedError(Exception):
+class ExecutorEndedError(Exception):
     """An engine that executes no more chunks, such as a scheduler that was killed; those in flight have not failed."""
 
 
@@ -201,7 +201,7 @@ def completed(
       lost: called with a chunk whose Slurm job is lost before its points are submitted again.
 
     Raises:
-      EngineEndedError: the engine has ended.
+      ExecutorEndedError: the engine has ended.
     """
     running = dict[Future[ChunkResult], PointChunk]()
     again = deque[PointChunk]()
@@ -264,7 +264,7 @@ def completed(
                 arrived.append((chunk, replace(chunk.failed(reason), is_refused=True)))
         yield arrived
         if end:
-            raise EngineEndedError(end)
+            raise ExecutorEndedError(end)
 
 
 def _reason(error: Exception) -> str:

@@ -317,7 +317,7 @@ class PreparedPoints(ABC):
                     steps = result.steps + sum(each.steps for each in results)
                     sizes.add(len(chunk.points), steps, result.wall + sum(each.wall for each in results))
                 yield arrived
-        except executors.EngineEndedError as error:
+        except executors.ExecutorEndedError as error:
             limits.ending = f"{option('engine')} {clean(options.engine)} has ended ({clean(str(error))})"
 
 

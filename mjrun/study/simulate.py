@@ -38,7 +38,7 @@ from mjrun.study.spec import PointResult, StudyPoint, StudySpec, is_path
 from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
-    from mjrun.study.point_episodes import EpisodeFileMaker
+    from mjrun.study.episode_files import EpisodeFileMaker
     from mjrun.study.point_images import PointImageMaker
 
 STARTS = [each.name for each in fields(InitialState)]  # options of simulations that their initial states depend on

@@ -132,7 +132,7 @@ class VariedPlotPlan(PlotPlan):
     request: VariedPlot
     points: Sequence[DrawnPoint]
 
-    def open(self, stack: ExitStack, backends: output.BackendsAndWorkers) -> "OpenVariedPlot":
+    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenVariedPlot":
         return OpenVariedPlot(self, stack)
 
 

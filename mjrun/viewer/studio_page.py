@@ -74,7 +74,7 @@ NOISE = UnsupportedAction(
 KEYFRAME = UnsupportedAction("keyframes cannot be saved from the page")
 
 
-class StudioActionPlugin(plugin.SimPlugin):
+class StudioActionCollector(plugin.SimPlugin):
     """A plugin that collects the actions on the page, which Studio's physics would otherwise perform.
 
     Args:
@@ -215,7 +215,7 @@ class LoopbackViewer(web_viewer.WebViewer):
         return ""
 
 
-class StudioPage:
+class StudioWebPage:
     """The page, and the thread that serves it.
 
     Args:
@@ -237,7 +237,7 @@ class StudioPage:
         _ports_ready.discard(port)
         self.token = _tokens[port] = secrets.token_urlsafe(32)
         self._port, page, started = port, StudioApp(speed), threading.Event()
-        self._messages = StudioActionPlugin(model, page.step_control_state.get_speed())
+        self._messages = StudioActionCollector(model, page.step_control_state.get_speed())
         config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
 
         def serve(endpoint: Any) -> None:

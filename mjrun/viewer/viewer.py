@@ -33,11 +33,11 @@ from mjrun.timeline import rational
 from mjrun.viewer import window as windows
 from mjrun.viewer.window import (
     Action,
-    EditState,
     PullBodies,
     ResetSimulation,
     SetPaused,
     SetSpeed,
+    SetStateNumbers,
     SimulationStatus,
     TakeStep,
     UnsupportedAction,
@@ -206,7 +206,7 @@ class LiveSimulation:
             return
         self._pull = action.forces if action.forces.any() else None
 
-    def edit(self, action: EditState) -> None:
+    def edit(self, action: SetStateNumbers) -> None:
         """Applies an edit, if allowed."""
         if not isinstance(self._stepper, EditableStepper):
             self._refuse_hands()
@@ -474,7 +474,7 @@ class _Session:
                 self._pause(self._paused)
             case PullBodies():
                 live.pull(action)
-            case EditState():
+            case SetStateNumbers():
                 live.edit(action)
             case UnsupportedAction():
                 live.refuse(action)

@@ -20,7 +20,7 @@ from mjrun.model import state
 from mjrun.rendering.backend import BackendTrialProcess
 
 if TYPE_CHECKING:
-    from mjrun.viewer.studio_page import StudioPage
+    from mjrun.viewer.studio_page import StudioWebPage
 
 # Key codes of GLFW, equal to those of ASCII where one exists.
 SPACE, RIGHT = 32, 262
@@ -75,7 +75,7 @@ class PullBodies:
 
 
 @dataclass(frozen=True)
-class EditState:
+class SetStateNumbers:
     """An action that sets numbers of the state.
 
     Attributes:
@@ -97,7 +97,7 @@ class UnsupportedAction:
 PHYSICS_SETTINGS = UnsupportedAction(
     f"physics settings cannot change while a simulation runs: start it with {option('set')}, as in opt.gravity=0,0,-1"
 )
-Action = SetPaused | TakeStep | SetSpeed | ResetSimulation | PullBodies | EditState | UnsupportedAction
+Action = SetPaused | TakeStep | SetSpeed | ResetSimulation | PullBodies | SetStateNumbers | UnsupportedAction
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ class NativeWindow:
         changed = now != shown
         changed[self._layout["xfrc_applied"]] = False
         if changed.any():
-            yield EditState(now, changed)
+            yield SetStateNumbers(now, changed)
         if self._model.opt != self._options:
             self._model.opt = copy.deepcopy(self._options)
             yield PHYSICS_SETTINGS
@@ -283,7 +283,7 @@ class BrowserWindow:
         port = _free_port(port)
         self._model, self._data = copy.copy(model), mujoco.MjData(model)
         self._forces = state.fields(state.sizes(model))["xfrc_applied"]
-        self._page: StudioPage = _studio_page()(self._model, self._data, port, speed)
+        self._page: StudioWebPage = _studio_page()(self._model, self._data, port, speed)
         self.url = f"http://{HOST}:{port}/?token={self._page.token}"
 
     @property
@@ -302,16 +302,16 @@ class BrowserWindow:
         now = state.save(self._model, self._data)
         changed = now != shown
         changed[self._forces] = False
-        return [*actions, EditState(now, changed)] if changed.any() else actions
+        return [*actions, SetStateNumbers(now, changed)] if changed.any() else actions
 
     def close(self) -> None:
         self._page.close()
 
 
-def _studio_page() -> "type[StudioPage]":
-    from mjrun.viewer.studio_page import StudioPage
+def _studio_page() -> "type[StudioWebPage]":
+    from mjrun.viewer.studio_page import StudioWebPage
 
-    return StudioPage
+    return StudioWebPage
 
 
 def _free_port(wanted: int | None) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.cli import crash_monitor
-from mjrun.shared_status import SharedStatusMemory
+from mjrun.shared_status import ProcessActivityMemory
 from tests.processes import PATIENCE, command_line_of, wait_until
 
 HEAD = """
@@ -403,7 +403,7 @@ def test_a_child_is_starved_while_it_waits_for_a_core_and_has_hardly_computed() 
         subprocess.Popen([sys.executable, "-c", code]) for code in ("while True: pass", "import time; time.sleep(7200)")
     )
     try:
-        monitor = crash_monitor._Watcher(busy.pid, SharedStatusMemory(), [])
+        monitor = crash_monitor._Watcher(busy.pid, ProcessActivityMemory(), [])
         now = time.monotonic()
         wait_until(lambda: crash_monitor._computed(busy.pid) > 1)
         monitor._ended_at = now + PATIENCE, crash_monitor._computed(busy.pid) + PATIENCE

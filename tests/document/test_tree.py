@@ -5,11 +5,11 @@ import pytest
 from mjrun.document.tree import (
     INVALID,
     DocumentPlace,
-    InvalidNode,
     ListNode,
     MappingNode,
     Node,
     Place,
+    ReportedFaultNode,
     ScalarNode,
     described,
     find,
@@ -76,7 +76,7 @@ def test_plain_values_are_pythons_own() -> None:
         "trail": "box",
         "empty": None,
     }
-    assert plain(InvalidNode(DocumentPlace(0, 1, 1, ""))) is INVALID
+    assert plain(ReportedFaultNode(DocumentPlace(0, 1, 1, ""))) is INVALID
 
 
 def test_a_changed_mapping_leaves_the_first_as_it_was() -> None:

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import number_text, table_stream
+from mjrun.formats import number_text, table_read_stream
 from mjrun.formats.number_text import WholeLinePieces
 from mjrun.formats.table_reader import read_table
 from tests.formats.table_files import everything, put
@@ -22,7 +22,7 @@ from tests.formats.table_files import everything, put
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece, so that small tables have many."""
     monkeypatch.setattr(number_text, "ROWS", 3)
-    monkeypatch.setattr(table_stream, "PIECE", 5)
+    monkeypatch.setattr(table_read_stream, "PIECE", 5)
 
 
 @pytest.mark.parametrize("row", [0, 1, 2, 3, 6, 10])

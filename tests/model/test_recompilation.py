@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.model.compiler_copied_fields import CompilerCopiedFields, CopiedElementNumbers
 from mjrun.model.override import Override, apply
-from mjrun.model.recompilation import BodyCompiler, DerivedNumbers, Recompiler
+from mjrun.model.recompilation import BodyCompiler, DerivedNumbersComputer, Recompiler
 from mjrun.model.sources import parse_source
 from tests.model.model_files import content
 from tests.model.test_variants import ARM
@@ -34,7 +34,7 @@ def test_derived_numbers_are_those_of_the_compiler(name: str) -> None:
     spoiled.tendon_lengthspring[[tendon.id for tendon in spec.tendons if tendon.springlength[0] == -1]] = 7
     spoiled.stat.meansize, spoiled.stat.meanmass, spoiled.stat.meaninertia = 3, 4, 5
     spoiled.stat.extent, spoiled.stat.center = 6, (1, 2, 3)
-    assert DerivedNumbers(spec, model).compute(spoiled)
+    assert DerivedNumbersComputer(spec, model).compute(spoiled)
     assert content(spoiled) == content(model)
 
 
@@ -42,7 +42,7 @@ def test_statistics_that_the_source_specifies_stay() -> None:
     spec = mujoco.MjSpec.from_string(ARM.replace("<asset>", '<statistic extent="7" center="1 2 3"/><asset>'))
     model = spec.compile()
     changed = copy.copy(model)
-    DerivedNumbers(spec, model).compute(changed)
+    DerivedNumbersComputer(spec, model).compute(changed)
     assert content(changed) == content(model)
 
 

@@ -23,7 +23,7 @@ from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.compositor import CameraPanel, Overlay
+from mjrun.rendering.compositor import CameraPanel, TextAndLivePlots
 from mjrun.rendering.visual import Visual
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
@@ -122,7 +122,7 @@ def test_only_panels_of_numbers_are_exact(values: dict[str, object], exact: list
     files = panel_files(options, "v.mkv")
     assert [file.exact for file in files] == exact
     for file in files:
-        stream = file.stream(options, Overlay(texts=["hello"]))
+        stream = file.stream(options, TextAndLivePlots(texts=["hello"]))
         assert stream.dtype == (np.uint16 if file.exact else np.uint8)
         assert bool(stream.style.overlay.texts) != file.exact
 

@@ -12,7 +12,7 @@ import pytest
 from mjrun.errors import BadValueError, NoRendererError, spelled
 from mjrun.outputs import frame_drawing
 from mjrun.outputs.frame_drawing import estimated_cost, jobs_for, open_frames, plan_frames
-from mjrun.outputs.output import BackendsAndWorkers, PassContext
+from mjrun.outputs.output import PassContext, RenderingResources
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
 from mjrun.rendering.backend import Backend
@@ -183,15 +183,15 @@ def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None
 def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     swing: Path, monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
 ) -> None:
-    def backend(backends: BackendsAndWorkers, choice: object) -> Backend:
+    def backend(backends: RenderingResources, choice: object) -> Backend:
         assert counts == started
         raise NoRendererError({}, "")
 
     monkeypatch.setattr(frame_drawing, "available_cores", lambda: 2)
     monkeypatch.setattr(frame_drawing, "lacks_gpu", lambda: lacks_gpu)
     counts: list[int] = []
-    monkeypatch.setattr(BackendsAndWorkers, "workers", lambda self, count: counts.append(count))
-    monkeypatch.setattr(BackendsAndWorkers, "backend", backend)
+    monkeypatch.setattr(RenderingResources, "workers", lambda self, count: counts.append(count))
+    monkeypatch.setattr(RenderingResources, "backend", backend)
     simulation = Simulation(swing, duration=frames / 30)
     video = Video(simulation, "v.mkv", size=(640, 480), fps=30, camera="side", jobs=asked)
     model = simulation.load()
@@ -199,5 +199,5 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     plan = plan_frames(video, context)
     with ExitStack() as stack, pytest.raises(NoRendererError):
         open_frames(
-            plan, video.schedule_frames(plan.scene, {}), video.encoded_files, stack, BackendsAndWorkers(), asked
+            plan, video.schedule_frames(plan.scene, {}), video.encoded_files, stack, RenderingResources(), asked
         )

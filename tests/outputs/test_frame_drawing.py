@@ -20,7 +20,7 @@ from mjrun.outputs.frame_drawing import (
     open_frames,
     plan_frames,
 )
-from mjrun.outputs.output import BackendsAndWorkers, PassContext
+from mjrun.outputs.output import PassContext, RenderingResources
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
@@ -71,7 +71,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     with ExitStack() as stack:
         plan = plan_frames(job, context, job.plot, job.plot_side)
         schedule = job.schedule_frames(plan.scene, {})
-        backends = stack.enter_context(closing(BackendsAndWorkers()))
+        backends = stack.enter_context(closing(RenderingResources()))
         frames = open_frames(plan, schedule, job.encoded_files, stack, backends)
         run_with_taps(PhysicsStepper(model, data), frames.taps, 50)
         scene = frames.place()

@@ -18,11 +18,11 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.output import (
-    BackendsAndWorkers,
     OpenBlockOutput,
     OpenOutput,
     OutputRequest,
     PassContext,
+    RenderingResources,
     metadata_tags,
 )
 from mjrun.outputs.perform import perform
@@ -81,7 +81,7 @@ def test_nothing_is_published_by_any_phase(swing: Path, tmp_path: Path, kind: st
         assert (plan.preview.kind, plan.preview.path) == (kind, job.output)
         assert [*tmp_path.iterdir()] == [swing]
 
-        output = plan.open(stack, stack.enter_context(closing(BackendsAndWorkers())))
+        output = plan.open(stack, stack.enter_context(closing(RenderingResources())))
         simulate(output, simulation.stepper(context.model), plan.until)
         finished = output.finish(1.0)
         assert visible(tmp_path) == ["swing.xml"]
@@ -100,7 +100,7 @@ def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, 
     context = context_of(simulation)
     with ExitStack() as stack:
         plan = JOBS[kind](simulation, tmp_path).plan(context)
-        output = plan.open(stack, stack.enter_context(closing(BackendsAndWorkers())))
+        output = plan.open(stack, stack.enter_context(closing(RenderingResources())))
         if until != "open":
             simulate(output, simulation.stepper(context.model), plan.until)
         if until == "finish":
@@ -192,7 +192,7 @@ def test_videos_of_one_pass_share_one_group_of_workers(
 
 
 def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
-    with closing(BackendsAndWorkers()) as backends:
+    with closing(RenderingResources()) as backends:
         choice = ViewOptions(gl=backend.name)
         backends.detect(choice)
         backends.detect(ViewOptions(gl=backend.name, camera="side"))
@@ -204,7 +204,7 @@ def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], bac
 
 
 def test_workers_are_added_and_never_started_again(started: dict[str, int]) -> None:
-    with closing(BackendsAndWorkers()) as backends:
+    with closing(RenderingResources()) as backends:
         first = backends.workers(1)
         assert backends.workers(2) is first
         assert backends.workers(1) is first
@@ -224,7 +224,7 @@ def test_the_physically_based_renderer_detects_vulkan_once_and_no_backend_of_ope
             pass
 
     monkeypatch.setattr(backend_module, "VulkanDetection", Detection)
-    with closing(BackendsAndWorkers()) as backends:
+    with closing(RenderingResources()) as backends:
         for gl in ("egl", "osmesa"):
             backends.detect(ViewOptions(renderer="filament", gl=gl))
     assert (len(vulkan), started["detections"]) == (1, 0)

@@ -13,7 +13,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.outputs.frame_drawing import BUILTIN, DEFAULT_FORMAT, empty_overlay, overlay_probes, parse_template
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
-from mjrun.rendering.compositor import Overlay
+from mjrun.rendering.compositor import TextAndLivePlots
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -77,7 +77,7 @@ def test_texts_and_graphs_hold_the_values_of_a_bare_loop(swing: Path) -> None:
 
 def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None:
     @dataclass(frozen=True)
-    class WiderOverlay(Overlay):
+    class WiderOverlay(TextAndLivePlots):
         margin: int = 0
 
     model = mujoco.MjModel.from_xml_path(str(swing))

@@ -22,8 +22,8 @@ from mjrun.rendering.compositor import (
     CameraPanel,
     FrameComposition,
     FrameStream,
-    Overlay,
     SceneCompositor,
+    TextAndLivePlots,
     compose_panels,
 )
 from mjrun.rendering.segmentation import Segmentation
@@ -81,7 +81,7 @@ def stream(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameS
 def test_a_frame_is_as_large_as_its_panels_composed_and_its_plots(layout: str, count: int, side: str) -> None:
     height, width = compose_panels([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)] * count, layout).shape[:2]
     plots = [(30, 7), (30, 11)]
-    overlay = Overlay(plots=plots, side=side)
+    overlay = TextAndLivePlots(plots=plots, side=side)
     frames = stream(*[RGB] * count, layout=layout, overlay=overlay)
     expected = (height + 18, width) if side == "under" else (height, width + 60)
     assert frames.shape == (*expected, 3)
@@ -179,7 +179,7 @@ def test_captions_name_the_camera_and_the_view_where_there_are_several(
 
 def test_captions_and_text_are_stamped_on_the_plain_frame(scene: Swing) -> None:
     texts = ["first", "second"]
-    overlay = Overlay(texts=texts, corner="bottom-right")
+    overlay = TextAndLivePlots(texts=texts, corner="bottom-right")
     compositor = scene.compositor(stream(RGB), stream(RGB, captions=True), stream(RGB, overlay=overlay))
     for index, text in enumerate(texts):
         plain, captioned, written = scene.frames(compositor, index)
@@ -217,7 +217,7 @@ class Stripes:
 
 
 def test_plots_are_drawn_under_the_frame_at_its_time(scene: Swing) -> None:
-    overlay = Overlay(plots=[(SIZE[0], 5)], live_plots=[Stripes()], times=[0.5, 1.5])  # type: ignore[list-item]
+    overlay = TextAndLivePlots(plots=[(SIZE[0], 5)], live_plots=[Stripes()], times=[0.5, 1.5])  # type: ignore[list-item]
     compositor = scene.compositor(stream(RGB), stream(RGB, overlay=overlay))
     for index, brightness in enumerate((50, 150)):
         plain, plotted = scene.frames(compositor, index)

@@ -62,7 +62,7 @@ def with_bug(arguments: list[str]) -> int:
 
 def classes() -> set[str]:
     """Returns all classes of mjrun/errors.py."""
-    raised = (errors.MjrunError, errors.EndedFromOutsideError)
+    raised = (errors.MjrunError, errors.EndRequestedError)
     return {name for name, each in inspect.getmembers(errors, inspect.isclass) if issubclass(each, raised)}
 
 

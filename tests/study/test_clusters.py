@@ -14,7 +14,7 @@ from mjrun.python_code import PickledWithCode
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study import clusters
 from mjrun.study.clusters import ClusterExecutor, open_cluster
-from mjrun.study.executors import QUEUED, EngineEndedError, completed, open_executor
+from mjrun.study.executors import QUEUED, ExecutorEndedError, completed, open_executor
 from mjrun.study.spec import PointChunk, ShippedStudy
 
 
@@ -66,7 +66,7 @@ def test_a_cluster_that_loses_its_workers_is_reported_and_left_when_the_budget_i
     seconds(50, 0)
     now[0] += 20
     assert next(arriving) == []
-    with pytest.raises(EngineEndedError, match="it has no workers"):
+    with pytest.raises(ExecutorEndedError, match="it has no workers"):
         next(arriving)
 
 

@@ -14,7 +14,7 @@ from mjrun.model import state
 from mjrun.options.rendering import ViewOptions
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.visual import visual_of
-from mjrun.study.point_episodes import EpisodeImageRenderer
+from mjrun.study.episode_files import EpisodeImageRenderer
 from mjrun.timeline import Timeline
 
 pytestmark = pytest.mark.gl

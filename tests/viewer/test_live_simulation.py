@@ -14,7 +14,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Action, Observation, Task
 from mjrun.viewer.viewer import RECORDED, REPLAY, LiveSimulation, SessionRecording
-from mjrun.viewer.window import EditState, PullBodies
+from mjrun.viewer.window import PullBodies, SetStateNumbers
 from tests.reporters import RecordingReporter
 
 ARM = """<mujoco><option timestep=".002"/><worldbody>
@@ -51,11 +51,11 @@ def forces(model: mujoco.MjModel, body: str, *wrench: float) -> np.ndarray:
     return array
 
 
-def edit_of(live: LiveSimulation, field: str, values: list[float]) -> EditState:
+def edit_of(live: LiveSimulation, field: str, values: list[float]) -> SetStateNumbers:
     layout = state.fields(state.sizes(live.model))
     numbers, changed = np.zeros((2, state.size(live.model)))
     numbers[layout[field]], changed[layout[field]] = values, 1
-    return EditState(numbers, changed.astype(bool))
+    return SetStateNumbers(numbers, changed.astype(bool))
 
 
 def test_undisturbed_it_is_a_bare_loop(arm: mujoco.MjModel) -> None:

@@ -15,7 +15,8 @@ SCRIPT = r'''
 import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.request
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
-from mjrun.viewer.window import EditState, PullBodies, ResetSimulation, SetPaused, SetSpeed, SimulationStatus, TakeStep
+from mjrun.viewer.window import PullBodies, ResetSimulation, SetPaused, SetSpeed, SetStateNumbers, SimulationStatus
+from mjrun.viewer.window import TakeStep
 from mjrun.viewer.window import UnsupportedAction
 from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
@@ -72,7 +73,7 @@ def come_early():
 studio.LoopbackViewer.prepare_next_frame = wait_and_prepare
 visitor = threading.Thread(target=come_early)
 visitor.start()
-page = studio.StudioPage(model, data, port, 0.5)
+page = studio.StudioWebPage(model, data, port, 0.5)
 visitor.join()
 assert early == [503, 503], early
 

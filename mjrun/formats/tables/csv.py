@@ -29,7 +29,7 @@ from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
 from mjrun.formats.csv_sidecar import units_beside
 from mjrun.formats.number_text import ROW_END, WholeLinePieces
-from mjrun.formats.table_stream import EXACT, AcceptedCells, ColumnFilter, TableStream, select, shown
+from mjrun.formats.table_read_stream import EXACT, AcceptedCells, ColumnFilter, TableReadStream, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 
@@ -148,7 +148,7 @@ def _label_lines(values: np.ndarray, labels: Sequence[Sequence[bytes]]) -> list[
     return [lines[row] for row in rows]
 
 
-def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: AcceptedCells) -> TableStream:
+def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: AcceptedCells) -> TableReadStream:
     """Reads the accepted columns."""
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
@@ -158,7 +158,7 @@ def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: Accep
     units = _commented_units(path, lines, names) if file.peek(1).startswith(b"#") else {}
     pieces = WholeLinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
     blocks = _blocks(path, file, lines, pieces, keys, len(names), cells)
-    return TableStream(list(keys), blocks, units or units_beside(path), lines=None if lines.buffered else pieces)
+    return TableReadStream(list(keys), blocks, units or units_beside(path), lines=None if lines.buffered else pieces)
 
 
 def _commented_units(path: Path, lines: "_Lines", names: Sequence[str]) -> dict[str, str]:

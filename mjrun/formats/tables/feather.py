@@ -15,7 +15,7 @@ from pyarrow import ipc
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
-from mjrun.formats import table_stream as tables
+from mjrun.formats import table_read_stream as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
 from mjrun.formats.table_writer import RowGroupWriter
 from mjrun.model.table_column import Column
@@ -39,7 +39,9 @@ class FeatherWriter(RowGroupWriter):
         self.writer.write_batch(arrow.record_batch(group, self.columns, self._schema))
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
+def read(
+    path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells
+) -> tables.TableReadStream:
     """Reads the accepted columns."""
     with decoding(path):
         require_expandable(path, max(batch_sizes(file)), file)  # dictionaries, or a batch, are whole in memory
@@ -48,7 +50,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     indices = arrow.select_columns(path, schema, wanted, cells)
     rows = decoded(path, arrow.blocks(path, list(indices), _batches(file, list(indices.values())), cells))
     manifest = parse_manifest((schema.metadata or {}).get(arrow.MANIFEST.encode()))
-    return tables.TableStream(list(indices), rows, arrow.units(schema, indices), manifest)
+    return tables.TableReadStream(list(indices), rows, arrow.units(schema, indices), manifest)
 
 
 def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]:

@@ -26,7 +26,7 @@ import h5py
 import numpy as np
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import table_stream as tables
+from mjrun.formats import table_read_stream as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name
 from mjrun.formats.table_writer import WholeColumnWriter
@@ -90,7 +90,9 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
+def read(
+    path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells
+) -> tables.TableReadStream:
     """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")

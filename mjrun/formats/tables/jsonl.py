@@ -20,7 +20,7 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
-from mjrun.formats.table_stream import AcceptedCells, ColumnFilter, TableStream, select, shown
+from mjrun.formats.table_read_stream import AcceptedCells, ColumnFilter, TableReadStream, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 
@@ -54,7 +54,7 @@ def _string(text: str) -> bytes:
     return json.dumps(text, ensure_ascii=clean(text) != text).encode()
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: AcceptedCells) -> TableStream:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: AcceptedCells) -> TableReadStream:
     """Reads the accepted columns. If gaps are accepted, a key may be missing too."""
     rows = _rows(path, file, cells)
     first = next(rows, None)
@@ -64,7 +64,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: AcceptedCells)
     keys = {name: name for name in select(path, list(names), wanted)}
     alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= AcceptedCells.GAPS))
     convert = (_floats, _floats_or_nan, _exact)[cells]
-    return TableStream(list(keys), number_text.number_blocks(path, alike, keys, convert))
+    return TableReadStream(list(keys), number_text.number_blocks(path, alike, keys, convert))
 
 
 def _rows(path: Path, file: BinaryIO, cells: AcceptedCells) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import largest_expansion, require_expandable
-from mjrun.formats import table_stream as tables
+from mjrun.formats import table_read_stream as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.table_writer import WholeColumnWriter
 from mjrun.model.table_column import Column
@@ -93,7 +93,9 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
+def read(
+    path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells
+) -> tables.TableReadStream:
     """Reads the accepted columns. A variable is whole in memory, as it may be compressed."""
     with decoding(path):
         mat = MatParser(file)

@@ -16,7 +16,7 @@ from typing import IO, BinaryIO
 import numpy as np
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.formats import table_stream as tables
+from mjrun.formats import table_read_stream as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name, read_header
 from mjrun.formats.table_writer import WholeColumnWriter
@@ -47,7 +47,9 @@ def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
+def read(
+    path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells
+) -> tables.TableReadStream:
     """Reads the accepted columns; those of an array with two dimensions are `name/0`, `name/1`, …"""
     with decoding(path):
         archive = zipfile.ZipFile(file)

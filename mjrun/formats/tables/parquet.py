@@ -13,7 +13,7 @@ import pyarrow.parquet
 
 from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
-from mjrun.formats import table_stream as tables
+from mjrun.formats import table_read_stream as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
 from mjrun.formats.table_writer import RowGroupWriter
 from mjrun.model.table_column import Column
@@ -43,7 +43,9 @@ class ParquetWriter(RowGroupWriter):
         self.writer.is_open = False  # otherwise its finalizer would try once more
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells) -> tables.TableStream:
+def read(
+    path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.AcceptedCells
+) -> tables.TableReadStream:
     """Reads the accepted columns."""
     with decoding(path):
         parquet = pyarrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
@@ -57,4 +59,4 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     batches = parquet.iter_batches(arrow.block_rows(len(names)), columns=names)
     rows = decoded(path, arrow.blocks(path, names, (batch.select(names) for batch in batches), cells))
     manifest = parse_manifest(metadata.get(arrow.MANIFEST.encode()))
-    return tables.TableStream(names, rows, arrow.units(schema, indices), manifest)
+    return tables.TableReadStream(names, rows, arrow.units(schema, indices), manifest)

@@ -16,7 +16,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, clean
-from mjrun.formats import number_text, table_stream, table_writer
+from mjrun.formats import number_text, table_read_stream, table_writer
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
@@ -49,7 +49,7 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece of text and to a group of columns, so that small tables have many."""
     monkeypatch.setattr(number_text, "PIECE", 10)
     monkeypatch.setattr(number_text, "ROWS", 3)
-    monkeypatch.setattr(table_stream, "PIECE", 5)
+    monkeypatch.setattr(table_read_stream, "PIECE", 5)
     monkeypatch.setattr(table_writer, "GROUP", 12)
 
 

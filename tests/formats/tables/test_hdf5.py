@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import table_stream
+from mjrun.formats import table_read_stream
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
@@ -79,7 +79,7 @@ def test_files_of_others_are_read_with_groups_arrays_and_every_kind_of_number(tm
 
 
 def test_rows_are_read_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table_stream, "PIECE", 8)
+    monkeypatch.setattr(table_read_stream, "PIECE", 8)
     data = np.random.default_rng(2).random((11, 3))
     write(tmp_path / "t.h5", data, [Column("a"), Column("b"), Column("c")])
     with open_table(tmp_path / "t.h5", ["a", "c"]) as table:
@@ -136,7 +136,7 @@ def exact_cells(path: Path, name: str) -> list[object]:
 def test_texts_of_others_are_read_however_they_are_stored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: dict[str, Any], version: str, block: int
 ) -> None:
-    monkeypatch.setattr(table_stream, "PIECE", 22)
+    monkeypatch.setattr(table_read_stream, "PIECE", 22)
     with h5py.File(tmp_path / "t.h5", "w", libver=version, userblock_size=block) as file:
         data = [text.encode() for text in TEXTS] if "dtype" in settings else np.array(TEXTS, object)
         file.create_dataset("note", data=data, **{"dtype": h5py.string_dtype()} | settings)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import table_stream
+from mjrun.formats import table_read_stream
 from mjrun.formats.table_reader import read_table
 from tests.formats.table_files import everything, lists, write
 
@@ -41,7 +41,7 @@ def test_npz_of_numpy_is_read(tmp_path: Path, save: Callable[..., None]) -> None
 def test_an_array_of_several_columns_is_read_as_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, save: Callable[..., None], order: Any
 ) -> None:
-    monkeypatch.setattr(table_stream, "PIECE", 8)
+    monkeypatch.setattr(table_read_stream, "PIECE", 8)
     qpos, frames = np.random.default_rng(1).random((11, 3)), np.zeros((11, 4, 4))
     save(tmp_path / "t.npz", time=np.arange(11.0), qpos=np.asarray(qpos, order=order), frames=frames, after=np.ones(11))
     names: list[str] = []

@@ -45,7 +45,7 @@ class AcceptedCells(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class TableStream:
+class TableReadStream:
     """An open table.
 
     The function `read` of a format makes it from the path, for messages; the open file, which stays open until the last
@@ -90,7 +90,7 @@ def array_contents(
     opened: Callable[[str, Stored], ArrayInFile],
     units: Mapping[str, str],
     manifest: dict[str, Any] | None,
-) -> TableStream:
+) -> TableReadStream:
     """Returns the table of columns that are parts of arrays.
 
     Args:
@@ -119,7 +119,7 @@ def array_contents(
 
     width = sum(reader.width for reader, _ in parts)
     blocks = row_blocks(next(iter(lengths.values()), 0), width, read_rows)
-    return TableStream(list(columns), decoded(path, blocks), units, manifest)
+    return TableReadStream(list(columns), decoded(path, blocks), units, manifest)
 
 
 def select(path: Path, names: Sequence[str], wanted: ColumnFilter) -> dict[str, int]:

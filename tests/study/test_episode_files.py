@@ -9,7 +9,7 @@ import numpy as np
 
 import mjrun
 from mjrun.model import state
-from mjrun.study.point_episodes import acted, recorded
+from mjrun.study.episode_files import acted, recorded
 from tests.evaluation.tasks import XML, cart_task
 
 

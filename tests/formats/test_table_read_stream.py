@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.table_stream import require_equal_lengths, require_vector, select, select_parts, shown
+from mjrun.formats.table_read_stream import require_equal_lengths, require_vector, select, select_parts, shown
 
 PATH = Path("t.npz")
 
