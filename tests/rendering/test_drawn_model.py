@@ -65,6 +65,43 @@ def test_a_stage_leaves_all_ids_numbers_and_accelerations_alone(tmp_path: Path) 
     assert np.array_equal(save(staged, copied), widened(staged, save(model, data)))
 
 
+@pytest.mark.parametrize("compiler", ['fusestatic="true"', 'discardvisual="true"', 'strippath="true"'])
+@pytest.mark.parametrize("suffix", ["xml", "urdf"])
+def test_a_stage_is_kept_where_the_compiler_fuses_bodies_and_discards_visual_geoms(
+    tmp_path: Path, compiler: str, suffix: str
+) -> None:
+    text = {
+        "xml": f"""
+            <mujoco>
+              <compiler {compiler}/>
+              <worldbody>
+                <body pos="0 0 1">
+                  <geom type="box" size=".1 .1 .1"/>
+                  <geom type="box" size=".2 .2 .2" contype="0" conaffinity="0"/>
+                  <body><joint axis="0 1 0"/><geom type="capsule" size=".05 .2"/></body>
+                </body>
+              </worldbody>
+            </mujoco>""",
+        "urdf": f"""
+            <robot name="arm">
+              <mujoco><compiler {compiler}/></mujoco>
+              <link name="base"><visual><geometry><box size=".4 .4 .4"/></geometry></visual></link>
+              <link name="rod">
+                <inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
+                <collision><geometry><sphere radius=".1"/></geometry></collision>
+              </link>
+              <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+            </robot>""",
+    }
+    path = tmp_path / f"model.{suffix}"
+    path.write_text(text[suffix])
+    model, staged, _ = drawn(path)
+    assert (staged.nbody, staged.ngeom, staged.ntex) == (model.nbody + 1, model.ngeom + 1, model.ntex + 2)
+    assert np.array_equal(staged.geom_bodyid, [*model.geom_bodyid, model.nbody])
+    assert np.array_equal(staged.geom_size[:-1], model.geom_size)
+    assert staged.geom_type[-1] == mujoco.mjtGeom.mjGEOM_PLANE
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.7, -0.7, math.pi / 2])
 def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: float) -> None:
     rod = f'<geom type="capsule" size=".1 .4" pos="0 0 3" euler="0 {math.degrees(angle)} 0"/>'
