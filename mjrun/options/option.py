@@ -85,6 +85,31 @@ class Exclusion:
         return f"{one} and {other} exclude each other: {self.reason}"
 
 
+@dataclass(frozen=True)
+class Requirement:
+    """An option that has no effect without another one, its partner, as a clause says: "whose position it sets".
+
+    Attributes:
+      value: the value that the partner must have, or contain; None if any value will do.
+    """
+
+    name: str
+    partner: str
+    clause: str
+    value: str | None = None
+
+    def is_met(self, partner: object) -> bool:
+        """Returns whether a value of the partner meets the requirement."""
+        if self.value is None:
+            return _is_set(partner)
+        return partner == self.value or (isinstance(partner, list | tuple) and self.value in partner)
+
+    def message(self, spelling: Callable[[str], str] = mention) -> str:
+        """Returns the error message."""
+        partner = spelling(self.partner) if self.value is None else f"{spelling(self.partner)} {self.value}"
+        return f"{spelling(self.name)} requires {partner}, {self.clause}"
+
+
 def option(
     *,
     converter: Callable[[V], T],
@@ -134,11 +159,13 @@ class Options:
       section: heading in help.
       places: the front ends that accept the options that a class declares itself, unless their declarations differ.
       exclusions: pairs of options that exclude each other.
+      requirements: options that have no effect without another one.
     """
 
     section: ClassVar[str] = "Options"
     places: ClassVar[FrontEnd] = FrontEnd.EVERYWHERE
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
+    requirements: ClassVar[tuple[Requirement, ...]] = ()
 
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
@@ -168,6 +195,9 @@ class Options:
             condition = exclusion.when and values.get(exclusion.when[0], _by_name(cls)[exclusion.when[0]].default)
             if exclusion.applies(condition) and all(_is_set(values.get(name)) for name in exclusion.names):
                 yield (exclusion.names[1],), exclusion.message()
+        for requirement in requirements_of(cls):
+            if _is_set(values.get(requirement.name)) and not requirement.is_met(values.get(requirement.partner)):
+                yield (requirement.name,), requirement.message()
 
 
 def _without_numpy(value: object) -> object:
@@ -286,6 +316,12 @@ def is_always_written(each: Option) -> bool:
 def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
     """Returns the exclusions that `cls` declares and inherits."""
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
+
+
+@cache
+def requirements_of(cls: type[Options]) -> tuple[Requirement, ...]:
+    """Returns the requirements that `cls` declares and inherits."""
+    return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("requirements", ())))
 
 
 @cache

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import CameraKind, Choice, Flag, GhostKind, MujocoName, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
 
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
@@ -75,6 +75,7 @@ class SceneOptions(RendererOptions):
 
     section: ClassVar[str] = "View"
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("geoms", "geomgroup"), "both choose the geoms to show"),)
+    requirements: ClassVar[tuple[Requirement, ...]] = (Requirement("trail_span", "trail", "whose length it limits"),)
 
     size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
     camera: tuple[object, ...] = option(
@@ -161,6 +162,12 @@ class ImageContentOptions(Options):
     """Kinds of images, their arrangement, and text on them."""
 
     section: ClassVar[str] = "View"
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        Requirement("depth_range", "view", "whose colours it sets", value="depth"),
+        Requirement("seg_by", "view", "whose objects it chooses", value="seg"),
+        Requirement("text_corner", "text", "whose position it sets"),
+        Requirement("calibration_format", "calibration", "whose format it sets"),
+    )
 
     view: tuple[str, ...] = option(
         converter=OneOrMore(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."

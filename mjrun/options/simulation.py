@@ -8,7 +8,7 @@ from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import Choice, Flag, NameOrIndex, PathKind, PythonFunction, Text, optional
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
 from mjrun.options.setting_kinds import ColumnDefinitions, JointNumbers, NamedNumbers
 
@@ -23,6 +23,12 @@ PHYSICS = ("ctrl_noise", "push")
 START = ("key", "qpos", "qvel", "ctrl")
 TASK_START = ("key", "qpos", "qvel", "perturb")
 TABLE_READING = ("map", "quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # by --replay or by a ghost
+# Checked when a simulation starts, since a study may vary the partners.
+RUN_REQUIREMENTS = (
+    Requirement("ctrl_interpolation", "ctrl_from", "between whose rows it interpolates"),
+    Requirement("ctrl_noise_time", "ctrl_noise", "whose correlation it sets"),
+    Requirement("replay_mode", "replay", "which it plays back or simulates again"),
+)
 
 
 @options

@@ -1,16 +1,15 @@
 """Options of the command `sweep`: a study of many simulations."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import field
 from fractions import Fraction
 from itertools import combinations
 from typing import ClassVar
 
-from mjrun.errors import option as mention
 from mjrun.options.kinds import Choice, Flag, Kind, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer, ProcessCount, Real
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options, required
 from mjrun.options.output import VIDEOS
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import InvalidValueError
@@ -239,6 +238,9 @@ class ExecutionOptions(Options):
     """Execution of the points, or of the episodes of an evaluation or a dataset."""
 
     section: ClassVar[str] = "Execution"
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        Requirement("slurm", "engine", "whose jobs it sets", value="slurm"),
+    )
 
     jobs: int | str = option(
         converter=ProcessCount("N", of="processes"),
@@ -298,12 +300,6 @@ class ExecutionOptions(Options):
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Simulate again the points or episodes that failed before.",
     )
-
-    @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        yield from super().conflicts(values)
-        if values.get("slurm") and values.get("engine") != "slurm":
-            yield ("slurm",), f"{mention('slurm')} requires {mention('engine')} slurm"
 
     @property
     def processes(self) -> int | str:

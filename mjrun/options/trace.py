@@ -6,7 +6,7 @@ from typing import ClassVar
 from mjrun.options.diff import ToleranceOptions
 from mjrun.options.kinds import Choice, Flag, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import ExactNumber, Integer
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
 
 UNIT_PLACES = COMMENT, METADATA = "comment", "metadata"  # for CSV files
@@ -35,6 +35,10 @@ class GoldenOptions(ToleranceOptions):
     """Comparison of a trace with a golden table."""
 
     section: ClassVar[str] = "Golden table"
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        Requirement("update", "golden", "which it creates or replaces"),
+        *(Requirement(name, "golden", "which is compared within it") for name in ("atol", "rtol", "tol")),
+    )
 
     golden: str | None = option(
         converter=optional(PathKind()),

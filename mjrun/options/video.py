@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import CameraKind, Choice, NameOrIndex, OneOrMore, PathKind, Text, optional
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, ProcessCount, Size
-from mjrun.options.option import Exclusion, Options, option, options, required
+from mjrun.options.option import Exclusion, Options, Requirement, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
 
@@ -20,6 +20,7 @@ class VideoOptions(ViewOptions, OutputOptions):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (
         Exclusion(("plot", "separate"), "separate views make several frames, and a plot belongs to one"),
     )
+    requirements: ClassVar[tuple[Requirement, ...]] = (Requirement("plot_side", "plot", "whose position it sets"),)
 
     output: str = required(
         converter=PathKind(written=True, streamed=True),

@@ -20,7 +20,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS, input_format, output_format
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.table_column import Column
-from mjrun.options.option import is_given, options
+from mjrun.options.option import options
 from mjrun.options.trace import COMMENT, METADATA, GoldenOptions, TraceOptions
 from mjrun.outputs import output
 from mjrun.outputs.output import named_files
@@ -83,7 +83,8 @@ class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
         Raises:
           UsageError: a suffix or format is unknown.
         """
-        check_options(self)
+        if self.golden is not None:
+            input_format(Path(self.golden))
         output_format(self.target, self.format)
         if self.contacts is not None:
             output_format(self.contacts)
@@ -305,16 +306,6 @@ def row_steps(timeline: Timeline, every: int, rate: Fraction | None) -> Sequence
     if rate is None:
         return timeline.rows(every=every)
     return timeline.rows(rate=rate)
-
-
-def check_options(options: GoldenOptions) -> None:
-    """Raises UsageError if golden-table options are set without a table, or if the table's format cannot be read."""
-    if options.golden is None:
-        useless = [name for name in ("update", "atol", "rtol", "tol") if is_given(options, name)]
-        if useless:
-            raise UsageError(f"{option(useless[0])} requires {option('golden')} FILE")
-        return
-    input_format(Path(options.golden))
 
 
 def require_golden_table(options: GoldenOptions) -> None:

@@ -199,8 +199,6 @@ def _check_outputs(plot: TablePlot) -> None:
         raise UsageError(f"nothing to make: give {option('output')}, {option('html')} or both")
     if plot.output and plot.format is None and Path(plot.output).suffix.lower() in (".html", ".htm"):
         raise UsageError(f"{clean(plot.output)} would be a page, not an image: {option('html')} writes pages")
-    if plot.include and plot.html is None:
-        raise UsageError(f"{option('include')} requires {option('html')}")
 
 
 def _origin(plot: TablePlot, files: Iterable[str]) -> FileManifest:

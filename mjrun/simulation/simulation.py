@@ -27,7 +27,7 @@ from mjrun.options.model import GAINS, parse_gains
 from mjrun.options.option import Exclusion, exclusions_of, is_given, options, options_of
 from mjrun.options.policy import is_code
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
+from mjrun.options.simulation import CONTROLS, RUN_REQUIREMENTS, START, TABLE_READING, SimulationOptions
 from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
@@ -299,8 +299,9 @@ class Simulation(SimulationOptions):
         if not self._motions:  # of a ghost, either
             for name in filter(lambda name: is_given(self, name), TABLE_READING):
                 raise UsageError(f"{option(name)} requires a table for {option('replay')}")
-        if is_given(self, "replay_mode"):
-            raise UsageError(f"{option('replay_mode')} requires {option('replay')}")
+        for each in RUN_REQUIREMENTS:
+            if is_given(self, each.name) and not is_given(self, each.partner):
+                raise UsageError(each.message(), (each.name,))
         data = self.initial_data(model)
         timestep = rational(model.opt.timestep)
         table = controller = None

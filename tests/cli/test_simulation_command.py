@@ -17,6 +17,7 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
+from mjrun.options.video import VideoOptions
 from mjrun.platform import system
 
 
@@ -73,6 +74,19 @@ def test_exclusions_are_reported_with_flags(cls: type[Options], params: dict[str
     names = {flag(name) for name in params if name != "output"}
     first, _, second, *_ = error.value.spelled(flag).split()
     assert {first, second} == names
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        ({"plot_side": "beside"}, "--plot-side requires --plot, whose position it sets"),
+        ({"depth_range": (0, 1), "view": ("seg",)}, "--depth-range requires --view depth, whose colours it sets"),
+    ],
+)
+def test_requirements_are_reported_with_flags(params: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError) as error:
+        CommandLine({**params, "output": "a.mp4"}).make(VideoOptions, simulation=None)
+    assert error.value.spelled(flag) == message
 
 
 def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: pytest.CaptureFixture[str]) -> None:

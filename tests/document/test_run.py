@@ -114,7 +114,10 @@ def test_the_simulation_is_what_the_document_says(text: str, said: dict[str, Any
             {"view": ("rgb", "seg"), "layout": "grid", "captions": True},
         ),
         ("view: depth\n  separate: true\n  style: exact", {"view": ("depth",), "separate": True, "style": "exact"}),
-        ("depth_range: [0, 2.5]\n  seg_by: body", {"depth_range": (0, 2.5), "seg_by": "body"}),
+        (
+            "view: [depth, seg]\n  depth_range: [0, 2.5]\n  seg_by: body",
+            {"view": ("depth", "seg"), "depth_range": (0, 2.5), "seg_by": "body"},
+        ),
         (
             "show: contactpoint\n  hide: [shadow, fog]\n  quality: high",
             {"show": ("contactpoint",), "hide": ("shadow", "fog"), "quality": "high"},

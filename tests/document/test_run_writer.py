@@ -22,8 +22,11 @@ from mjrun.document.yaml_text import yaml_text
 from mjrun.errors import UsageError
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import CameraKind, ReadingContext
 from mjrun.options.number_kinds import Instant
+from mjrun.options.option import Options, requirements_of
+from mjrun.options.video import VideoOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.plot import Plot
@@ -192,10 +195,13 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     def given_as(strategies: dict[str, st.SearchStrategy[Any]]) -> dict[str, Any]:
         return {name: draw(strategy) for name, strategy in strategies.items() if draw(st.booleans())}
 
-    def drawing(strategies: dict[str, st.SearchStrategy[Any]]) -> dict[str, Any]:
-        options = given_as(strategies)
+    def drawing(cls: type[Options], strategies: dict[str, st.SearchStrategy[Any]], **files: Any) -> dict[str, Any]:
+        options = given_as(strategies) | files
         if any(isinstance(options.get(name), list) and len(options[name]) > 1 for name in ("camera", "view")):
             options.pop("style", None)  # exact numbers share no frame
+        for each in requirements_of(cls):
+            if not each.is_met(options.get(each.partner) or None):
+                options.pop(each.name, None)
         return options
 
     def when() -> dict[str, Any]:
@@ -204,12 +210,12 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     for _ in some():
         files: dict[str, Any] = {"calibration": file(".c"), "manifest": file(".m")}
         suffix = draw(st.sampled_from([".mp4", "_%04d.png", "/"]))
-        found.append(Video(simulation, file(suffix), **drawing(videos), **files))
+        found.append(Video(simulation, file(suffix), **drawing(VideoOptions, videos, **files)))
     for _ in some():
         moments = maybe(exacts | events)
         instant: dict[str, Any] = draw(st.fixed_dictionaries({"time": moments}) | st.just({"step": 7}))
         cloud = draw(maybe(st.just(file(".ply"))))
-        found.append(Image(simulation, file(".png"), **drawing(images), **instant, pointcloud=cloud))
+        found.append(Image(simulation, file(".png"), **drawing(ImageOptions, images), **instant, pointcloud=cloud))
     for _ in some():
         contacts = draw(maybe(st.just(file("c.csv"))))
         found.append(Trace(simulation, file(".csv"), **given_as(tables), **when(), contacts=contacts))

@@ -1,5 +1,6 @@
 """Properties of every option of every command, and of single ones as tables."""
 
+import dataclasses
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import partial
@@ -24,7 +25,7 @@ from mjrun.options.every_command import ConfinementOptions, ConsoleOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.model import InfoOptions, ModelOptions
-from mjrun.options.option import FrontEnd, Options, options_of
+from mjrun.options.option import FrontEnd, Options, Requirement, options_of, requirements_of
 from mjrun.options.output import CODECS as CODEC_LIST
 from mjrun.options.output import LAST_INSTANT, KeyframeOptions, SimulationCommandOptions
 from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
@@ -56,6 +57,36 @@ VIDEO = partial(VideoOptions, None, "a.mp4")
 STUDY = partial(StudyOptions, None, "study")
 EVALUATION = partial(EvaluationOptions, None, "out")
 EVENT = object()
+# A value of every option that has no effect without another one, and of those others.
+REQUIRING: dict[str, object] = {
+    "atol": 1e-3,
+    "calibration_format": "ros",
+    "depth_range": (0, 1),
+    "include": "a.png",
+    "plot_side": "beside",
+    "rtol": 1e-3,
+    "seg_by": "body",
+    "slurm": "time=2h",
+    "text_corner": "top",
+    "tol": {"time": 1},
+    "trail_span": 1,
+    "update": True,
+}
+PARTNERS: dict[str, object] = {
+    "calibration": "c.json",
+    "engine": "slurm",
+    "golden": "g.csv",
+    "html": "a.html",
+    "plot": "energy",
+    "text": "{time}",
+    "trail": "ball",
+    "view": ["rgb", "depth", "seg"],
+}
+REQUIREMENTS = [
+    pytest.param(cls, each, id=f"{cls.__name__}-{each.name}")
+    for cls in (ALL[name] for name in sorted(ALL))
+    for each in requirements_of(cls)
+]
 
 
 @pytest.mark.parametrize("cls", [ALL[name] for name in sorted(ALL)], ids=lambda cls: cls.__name__)
@@ -113,6 +144,33 @@ def test_every_command_has_the_options_of_the_console_off_by_default(name: str) 
 def test_options_that_exclude_each_other_are_refused(make: Any, values: Mapping[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=f"^{message}"):
         make(**values)
+
+
+@pytest.mark.parametrize(("cls", "requirement"), REQUIREMENTS)
+def test_an_option_without_effect_is_refused_unless_its_partner_is_given(
+    cls: type[Options], requirement: Requirement
+) -> None:
+    needed = {
+        each.name: "a"
+        for each in dataclasses.fields(cls)  # type: ignore[arg-type]
+        if each.default is each.default_factory is dataclasses.MISSING
+    }
+    alone = {requirement.name: REQUIRING[requirement.name]}
+    with pytest.raises(UsageError, match=f"^{requirement.name} requires {requirement.partner}\\b") as error:
+        cls(**needed, **alone)
+    assert error.value.path == (requirement.name,)
+    assert [path for path, _ in cls.conflicts(alone)] == [(requirement.name,)]
+
+    together = {**alone, requirement.partner: PARTNERS[requirement.partner]}
+    cls(**needed, **together)
+    assert not [*cls.conflicts(together)]
+
+
+def test_requirements_are_those_of_single_values_too() -> None:
+    (by_view,) = (each for each in requirements_of(ViewOptions) if each.name == "depth_range")
+    assert by_view.is_met("depth")
+    assert not any(map(by_view.is_met, (None, "seg", ["rgb"], 5, [[]])))
+    VIDEO(plot_side="under", seg_by="object")  # the defaults
 
 
 @pytest.mark.parametrize(

@@ -146,8 +146,8 @@ def test_flags_frames_and_labels_reach_the_visualizer() -> None:
     [
         ({"show": "nonsense"}, "no visual flag 'nonsense'"),
         ({"show": "joint", "hide": "joint"}, "joint"),
-        ({"seg_by": "colour"}, "no segmentation 'colour'"),
-        ({"depth_range": (-1, 2)}, "depth_range: .*two depths in metres"),
+        ({"seg_by": "colour", "view": "seg"}, "no segmentation 'colour'"),
+        ({"depth_range": (-1, 2), "view": "depth"}, "depth_range: .*two depths in metres"),
         ({"camera": ["a", "b", "a"]}, "camera: give at least one, and each only once"),
         ({"view": ()}, "view: give at least one, and each only once"),
         ({"label": "nobody"}, "nobody"),
@@ -162,6 +162,6 @@ def test_every_name_of_a_segmentation_and_of_a_renderer_is_known() -> None:
     assert tuple(RENDERERS) == NAMES
     for name in groupings():
         check_segmentation_name(name)
-        check_view(ViewOptions(seg_by=name))
+        check_view(ViewOptions(view="seg", seg_by=name))
     with pytest.raises(UnknownNameError, match="did you mean 'body'"):
         check_segmentation_name("bdy")

@@ -267,10 +267,11 @@ def test_faults_of_a_table_are_reported_at_replay_and_those_of_a_map_at_the_map(
 
 
 @cases("options")
-def test_options_about_a_table_or_a_controller_need_one(path: Path, options: dict[str, Any]) -> None:
+def test_options_about_a_table_a_controller_or_noise_need_one(path: Path, options: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=rf"^{next(iter(options))} requires "):
         Simulation(path, **options).stepper(MODEL)
     Simulation(path, quat="wxyz", replay_mode="states").stepper(MODEL)  # as if nothing were said
+    Simulation(path, ctrl_noise=0, ctrl_noise_time=0.1).stepper(MODEL)
 
 
 @cases("values")
