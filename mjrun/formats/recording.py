@@ -23,6 +23,7 @@ import numpy as np
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, file_errors, option, quoted
+from mjrun.file_version import version_of
 from mjrun.formats import npy_reader
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import decoding, require_file
@@ -56,7 +57,7 @@ def is_recording(path: Path) -> bool:
 class RecordingReader:
     """A reader of the states of a recording in any order; they stay on disk.
 
-    Opening it checks it completely.
+    Opening it checks it completely. A file that is replaced is read on; one that is written to is refused.
 
     Attributes:
       steps: steps of the states, `(n,)` int64, n ≥ 1, ascending from 0.
@@ -78,12 +79,13 @@ class RecordingReader:
 
     def _read(self) -> None:
         with self.path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            self._version = version_of(os.fstat(file.fileno()))  # before anything is read
             states, steps, facts = (_array(archive, file, name) for name in ARRAYS)
             if states.shape[0] != steps.shape[0]:
                 raise ValueError(f"it has {states.shape[0]} states and {steps.shape[0]} steps")
             self.steps, self.facts = _steps(archive, steps), _facts(archive, facts)
             _require_finite(archive, states, self.steps)
-            self._start, self.size = states.start, states.shape[1]
+            self._states, self.size = states, states.shape[1]
             self._file = os.dup(file.fileno())
             self._closing = weakref.finalize(self, os.close, self._file)
 
@@ -114,10 +116,25 @@ class RecordingReader:
             raise ValueError("the recording is closed")
         row = 8 * self.size
         with file_errors(self.path):
-            content = os.pread(self._file, count * row, self._start + index * row)
-        if len(content) < count * row:
-            raise FileError(self.path, f"has changed while it was read: state {index + len(content) // row} is missing")
+            content = os.pread(self._file, count * row, self._states.start + index * row)
+            self._require_unchanged()
         return np.frombuffer(content, "<f8").reshape(count, self.size).astype(np.float64)
+
+    def _require_unchanged(self) -> None:
+        """Requires that all states are as they were when the file was opened.
+
+        Renaming or replacing the file changes its version, too, so the states decide.
+        """
+        version = version_of(os.fstat(self._file))
+        if version == self._version:
+            return
+        checksum, place = 0, self._states.start - self._states.head
+        end = place + self._states.info.file_size
+        while place < end and (content := os.pread(self._file, min(PIECE, end - place), place)):
+            checksum, place = zlib.crc32(content, checksum), place + len(content)
+        if checksum != self._states.info.CRC:
+            raise FileError(self.path, "has changed while it was read")
+        self._version = version
 
     def __enter__(self) -> Self:
         return self

@@ -123,12 +123,14 @@ class PassPlan(Generic[R]):
     Attributes:
       stepper: takes the steps; its model computes everything that the outputs measure.
       outputs: the plan of each request.
+      versions: versions of the simulation's files before they were read.
     """
 
     requests: Sequence[OutputRequest[R]]
     context: PassContext
     stepper: Stepper
     outputs: Sequence[OutputPlan[R]]
+    versions: Mapping[Path, list[int] | None]
 
 
 def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends: RenderingResources) -> PassPlan[R]:
@@ -151,6 +153,7 @@ def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends
                 backends.detect(request.renderer_options)
     collected.raise_all()
 
+    versions = simulation.versions()
     with collected.errors_of(None):
         context = _context(simulation, reporter)
     collected.raise_all()
@@ -165,7 +168,7 @@ def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends
     with collected.errors_of(None):
         stepper = simulation.stepper(measured)
     collected.raise_all()
-    return PassPlan(requests, context, stepper, plans)
+    return PassPlan(requests, context, stepper, plans, versions)
 
 
 def _context(simulation: Simulation, reporter: Reporter) -> PassContext:
@@ -231,9 +234,10 @@ def open_pass(plan: PassPlan[R], stack: ExitStack, backends: RenderingResources)
     """Opens all files, whose unpublished ones the stack removes, and starts encoders and drawing processes.
 
     Raises:
-      MjrunError: a file cannot be written, or no backend works.
+      MjrunError: a file cannot be written, an input has changed while it was read, or no backend works.
     """
     context = plan.context
+    context.simulation.require_versions(plan.versions)  # before outputs state what they are made from
     manifests = [
         stack.enter_context(ManifestWriter(request.manifest)) if request.manifest else None for request in plan.requests
     ]

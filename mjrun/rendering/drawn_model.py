@@ -123,7 +123,7 @@ def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
 
 
 def _with_stage(source: ModelSource, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:
-    """Returns a model with a stage and all numbers of `model`."""
+    """Returns a model with a stage and all numbers, textures and materials of `model`, whose files may have changed."""
     staged = source.with_overrides([Override("", part, "stage") for part in parts]).load()
     added = {name: int(getattr(staged, name) - getattr(model, name)) for name in ADDED}
     is_same = sizes(staged) == {**sizes(model), "nbody": staged.nbody} and added["nbody"] == added["ngeom"]
@@ -131,7 +131,12 @@ def _with_stage(source: ModelSource, model: mujoco.MjModel, parts: Sequence[str]
         raise BrokenModelError(Path(source.text), "it has changed since it was loaded", hint="run the command again")
     for name in arrays():
         old, new = getattr(model, name), getattr(staged, name)
-        if isinstance(old, np.ndarray) and old.dtype.kind == "f" and not is_layout(name):
+        if not isinstance(old, np.ndarray) or is_layout(name):
+            continue
+        if name == "geom_matid":  # the stage covers planes that have no material
+            covered = (old < 0) & (new[: len(old)] >= model.nmat)
+            new[: len(old)] = np.where(covered, new[: len(old)], old)
+        else:
             new[: len(old)] = old
     staged.opt, staged.vis, staged.stat = model.opt, model.vis, model.stat
     return staged

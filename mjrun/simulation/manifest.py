@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.confinement.confinement import confinement
-from mjrun.model.fingerprint import model_fingerprint
+from mjrun.model.fingerprint import content_fingerprint
 from mjrun.model.source import ModelSource
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -45,7 +45,7 @@ class OutputOrigin(TypedDict):
 def origin(request: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> OutputOrigin:
     """Returns the facts that determine the outputs of `request`, a dataclass, as plain values for JSON.
 
-    The fingerprint is that of the compiled model with all its assets and overrides.
+    The fingerprint is that of the compiled model with all its assets and overrides, wherever its files are.
     """
     options = cast(dict[str, object], plain(request))
     made: OutputOrigin = {
@@ -55,7 +55,7 @@ def origin(request: object, simulation: Simulation, model: mujoco.MjModel, timel
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
         "command": str(options.pop("command", "")),
-        "model": {"path": simulation.source.text, "sha256": model_fingerprint(model)},
+        "model": {"path": simulation.source.text, "sha256": content_fingerprint(model)},
         "inputs": simulation.fingerprints,
         "options": options,
         "seed": simulation.seed,

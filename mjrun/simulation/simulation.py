@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option, quoted
+from mjrun.errors import FileError, ModelError, UsageError, clean, concerning, listing, option, quoted
+from mjrun.file_version import file_version
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN
@@ -229,10 +230,29 @@ class Simulation(SimulationOptions):
 
     @cached_property
     def fingerprints(self) -> list[dict[str, object]]:
-        """Path, size and hash of the document of a task and of each of `tables`."""
+        """Path, size and hash of the document of a task and of each of `tables` at its first use."""
+        return [{**fingerprint(self._stored(path)), "path": str(path)} for path in self._listed]
+
+    def versions(self) -> dict[Path, list[int] | None]:
+        """Returns the present version of each file of `fingerprints`."""
+        return {path: file_version(str(self._stored(path))) for path in self._listed}
+
+    def require_versions(self, versions: Mapping[Path, list[int] | None]) -> None:
+        """Requires that no file of `fingerprints`, which are determined now, has changed since it had these versions.
+
+        Raises:
+          FileError: a file has changed; it is unknown which of its contents was read.
+        """
+        _ = self.fingerprints
+        for path, version in self.versions().items():
+            if versions.get(path) != version:
+                raise FileError(path, "has changed while it was read", hint="run the command again")
+
+    @property
+    def _listed(self) -> list[Path]:
+        """The document of a task, and `tables`."""
         document = self.source.path if isinstance(self.source, Task) else None
-        paths = [*([document] if document else []), *(path for _, path in self.tables)]
-        return [{**fingerprint(self._stored(path)), "path": str(path)} for path in paths]
+        return [*([document] if document else []), *(path for _, path in self.tables)]
 
     def load(self) -> mujoco.MjModel:
         """Returns the compiled model; with a policy, that of its episode."""

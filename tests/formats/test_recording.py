@@ -273,7 +273,30 @@ def test_a_recording_that_is_cut_while_it_is_read_says_so(tmp_path: Path) -> Non
         os.truncate(path, 100)
         with pytest.raises(FileError) as caught:
             found.state(2)
-    assert str(caught.value) == f"{path}: has changed while it was read: state 2 is missing"
+    assert str(caught.value) == f"{path}: has changed while it was read"
+
+
+def test_a_recording_that_is_overwritten_while_it_is_read_says_so_even_with_its_size_and_time(tmp_path: Path) -> None:
+    states = np.arange(12.0).reshape(4, 3)
+    path, other = written(tmp_path / "run.npz", states), written(tmp_path / "other.npz", -states)
+    times = path.stat()
+    with RecordingReader(path) as found:
+        assert found.state(1).tolist() == [3, 4, 5]
+        with path.open("r+b") as file:
+            file.write(other.read_bytes())
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        for read in (lambda: found.state(2), lambda: list(found.blocks())):
+            with pytest.raises(FileError) as caught:
+                read()
+            assert str(caught.value) == f"{path}: has changed while it was read"
+
+
+def test_a_recording_that_is_moved_or_touched_while_it_is_read_is_read_on(tmp_path: Path) -> None:
+    path = saved(tmp_path / "run.npz")
+    with RecordingReader(path) as found:
+        os.utime(path)
+        path.rename(tmp_path / "moved.npz")
+        assert found.state(3).tolist() == [9, 10, 11]
 
 
 BROKEN = [

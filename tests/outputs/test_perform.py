@@ -298,6 +298,26 @@ def test_a_writer_that_fails_does_not_cost_the_other_outputs(
     assert (tmp_path / "good.csv").read_bytes() == (tmp_path / "alone.csv").read_bytes()
 
 
+def test_a_table_that_is_edited_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, table = tmp_path / "pushed.xml", tmp_path / "controls.csv"
+    body = '<body><joint name="slide" type="slide"/><geom size=".1"/></body>'
+    motor = '<actuator><motor name="push" joint="slide"/></actuator>'
+    model.write_text(f"<mujoco><worldbody>{body}</worldbody>{motor}</mujoco>")
+    table.write_text("time,ctrl/push\n0,1\n")
+    stepper = Simulation.stepper
+
+    def read_and_edit(*arguments: Any) -> Any:
+        read = stepper(*arguments)
+        table.write_text("time,ctrl/push\n0,2\n")
+        return read
+
+    monkeypatch.setattr("mjrun.simulation.simulation.Simulation.stepper", read_and_edit)
+    with pytest.raises(FileError) as caught:
+        perform([Trace(Simulation(model, ctrl_from=str(table)), f"{tmp_path}/t.csv")])
+    assert str(caught.value) == f"{table}: has changed while it was read\nrun the command again"
+    assert not (tmp_path / "t.csv").exists()
+
+
 def test_an_output_and_its_manifest_are_published_together_or_not_at_all(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

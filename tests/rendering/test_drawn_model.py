@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 import mjrun
 from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError
@@ -208,6 +209,27 @@ def test_a_stage_shows_changed_numbers_of_the_model(tmp_path: Path) -> None:
     model.geom("rod").size[0] = 0.07
     staged, _, _ = drawn_model(ViewOptions(), model, source)
     assert staged.geom("rod").size[0] == 0.07
+
+
+def test_a_stage_shows_textures_and_materials_that_are_edited_afterwards_as_they_were(tmp_path: Path) -> None:
+    def write(color: str, material: str) -> Path:
+        Image.new("RGB", (8, 8), color).save(tmp_path / "t.png")
+        texture = '<texture name="t" type="2d" file="t.png"/><material name="a" texture="t"/><material name="b"/>'
+        geoms = f'<geom size=".1" material="{material}"/><geom name="bare" size=".2"/>'
+        if material == "b":
+            geoms = geoms.replace('name="bare"', 'name="bare" material="a"')
+        text = f"<mujoco><asset>{texture}</asset><worldbody><body><freejoint/>{geoms}</body></worldbody></mujoco>"
+        return model_file(tmp_path, text)
+
+    options = ViewOptions(stage=("floor", "light", "sky"))
+    source = source_of(write("red", "a"))
+    model = source.load()
+    expected, _, _ = drawn_model(options, model, source)
+    write("blue", "b")
+    staged, _, _ = drawn_model(options, model, source)
+    assert staged.ngeom > model.ngeom
+    for name in ("tex_data", "geom_matid", "mat_texid", "geom_rgba"):
+        np.testing.assert_array_equal(getattr(staged, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize(

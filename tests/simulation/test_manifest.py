@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 from mjrun.errors import MjrunWarning
 from mjrun.formats.table_reader import open_table
@@ -60,12 +61,30 @@ def test_tables_that_are_read_are_in_the_manifest_with_their_hashes(tmp_path: Pa
         assert made.manifest["inputs"] == result
 
 
-def test_the_fingerprint_of_a_model_is_that_of_its_compiled_file(tmp_path: Path) -> None:
+def test_the_fingerprint_of_a_model_is_that_of_its_content_wherever_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(simulation: Simulation) -> str:
+        model = simulation.load()
+        facts = origin(Trace(simulation, "t.csv"), simulation, model, simulation.timeline(model))
+        return facts["model"]["sha256"]
+
+    assets = '<asset><texture name="t" type="2d" file="t.png"/></asset>'
+    for folder in ("robot", "edited"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "m.xml").write_text(TEXT.replace("<worldbody>", f"{assets}<worldbody>"))
+        Image.new("RGB", (8, 8), "red" if folder == "robot" else "blue").save(tmp_path / folder / "t.png")
+    monkeypatch.chdir(tmp_path / "robot")
+    relative = Simulation("m.xml", duration=0.1)
+    absolute = Simulation(tmp_path / "robot" / "m.xml", duration=0.1)
+    assert made(relative) == made(absolute) == made(relative.with_snapshot())
+    assert made(Simulation(tmp_path / "edited" / "m.xml", duration=0.1)) != made(relative)
+
+
+def test_the_origin_of_an_output_is_plain_values() -> None:
     simulation = Simulation(MODEL, duration=0.1)
     job = Trace(simulation, "t.csv", command="mjrun trace x -o t.csv")
     facts = origin(job, simulation, MODEL, simulation.timeline(MODEL))
-    mujoco.mj_saveModel(MODEL, str(tmp_path / "m.mjb"))
-    assert facts["model"]["sha256"] == hashlib.sha256((tmp_path / "m.mjb").read_bytes()).hexdigest()
     assert (facts["command"], facts["steps"], facts["numpy"]) == ("mjrun trace x -o t.csv", 50, np.__version__)
     assert "command" not in facts["options"]
     assert json.loads(json.dumps(facts)) == facts
