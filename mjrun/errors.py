@@ -439,12 +439,22 @@ class OutOfMemoryError(ModelError):
 
 
 class ModelNotFoundError(ModelError):
-    """A model that does not exist; `valid` lists existing ones, under the heading `place`, to compare `name` with."""
+    """A model that does not exist; `valid` lists existing ones, under the heading `place`, to compare `name` with.
+
+    Args:
+      meant: names that are suggested instead of similar ones.
+    """
 
     def __init__(
-        self, path: Path | str, reason: str, valid: Sequence[str] = (), place: str = "models", name: str | None = None
+        self,
+        path: Path | str,
+        reason: str,
+        valid: Sequence[str] = (),
+        place: str = "models",
+        name: str | None = None,
+        meant: Sequence[str] = (),
     ) -> None:
-        hint = suggestion(Path(path).name if name is None else name, valid)
+        hint = suggestion(Path(path).name if name is None else name, valid, *meant)
         choices = f"\n{clean(place)}: {listing(valid)}" if valid else ""
         super().__init__(f"{clean(str(path))}: {reason}{hint}{choices}")
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field
 from itertools import zip_longest
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
@@ -38,12 +39,20 @@ SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output"
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
 # Names of options in earlier versions and in other tools that are too different to be suggested by similarity.
 OTHER_NAMES = {
-    "at": "time",
-    "framerate": "fps",
-    "height": "size",
-    "length": "duration",
-    "resolution": "size",
-    "width": "size",
+    "at": ("time",),
+    "bitrate": ("crf",),
+    "columns": ("probe",),
+    "duration": ("time", "steps"),
+    "framerate": ("fps",),
+    "height": ("size",),
+    "length": ("duration",),
+    "resolution": ("size",),
+    "time": ("duration",),
+    "width": ("size",),
+    "-n": ("episodes", "samples"),
+    "-r": ("fps", "rate"),
+    "-s": ("size",),
+    "-t": ("duration",),
 }
 SHORT_DEFAULT = 24  # characters that are kept on one line
 
@@ -160,6 +169,7 @@ class SectionedCommand(click.Command):
 
     context_class = HelpContext
     declaration = CommandDeclaration()
+    allow_extra_args = True  # `parse_args` refuses them with a hint
     body: Body
 
     def invoke(self, ctx: click.Context) -> None:
@@ -176,14 +186,20 @@ class SectionedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
-            return super().parse_args(ctx, [*self._with_values(args)])
+            extra = super().parse_args(ctx, [*self._with_values(args)])
         except click.NoSuchOption as error:
             typed = error.option_name.removeprefix("--")
             names = [param.name for param in self.params if isinstance(param, click.Option) and param.name]
-            others = [OTHER_NAMES[typed]] if typed in OTHER_NAMES else near(typed.replace("-", "_"), names)
+            others = OTHER_NAMES[typed] if typed in OTHER_NAMES else near(typed.replace("-", "_"), names)
             meant = [name for name in others if name in names]
             hint = suggestion(typed, (), *map(flag, meant))
             raise click.UsageError(f"No such option {quoted(error.option_name)}{hint}.", ctx) from None
+
+        if extra and not ctx.resilient_parsing:
+            is_output = "output" in ctx.params and not ctx.params["output"] and Path(extra[0]).suffix
+            hint = suggestion(extra[0], (), f"-o {extra[0]}" if is_output else "")
+            raise click.UsageError(f"Unexpected argument {quoted(extra[0])}{hint}.", ctx)
+        return extra
 
     def _with_values(self, args: Sequence[str]) -> Iterator[str]:
         """Yields the arguments; an option whose value is optional gets one if something else follows it."""

@@ -49,6 +49,17 @@ FIRST = (
     *("video", "image", "trace", "view", "run", "plot", "diff", "eval", "sweep", "dataset", "fit"),
     *("bench", "info", "check", "schema", "doctor"),
 )
+# Everyday names of commands that are too different to be suggested by similarity.
+OTHER_COMMANDS = {
+    "convert": ("export",),
+    "lint": ("check",),
+    "play": ("view", "video"),
+    "record": ("video",),
+    "render": ("video", "image"),
+    "sim": ("trace", "video"),
+    "simulate": ("trace", "video"),
+    "validate": ("check",),
+}
 
 
 FOLDER = Path(__file__).with_name("commands")
@@ -104,7 +115,7 @@ class LazyGroup(click.Group):
         elif is_yaml(name):
             message = f"{quoted(name)} is a document, not a command; to run it: mjrun run {clean(name)}"
         else:
-            message = f"No such command {quoted(name)}{suggestion(name, COMMANDS)}."
+            message = f"No such command {quoted(name)}{suggestion(name, COMMANDS, *OTHER_COMMANDS.get(name, ()))}."
         raise click.UsageError(message, ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, EpisodeRecord, PlayedEpisodes
 from mjrun.experiment import statistics
 from mjrun.experiment.design import Design
@@ -446,12 +446,14 @@ class PassCriteria:
             f"{name}{DIFFERENCE}" for name in (RETURN, RETURN + IQM, SUCCESS) if is_compared and name in means
         ]
         valid = [name + end for name in [*means, *differences] for end in ("", LOW)]
-        for name in self._thresholds:
+        for name, least in self._thresholds.items():
             with concerning("fail_below", name):
                 if name == SUCCESS and not can_succeed:
                     raise UsageError(f"{option('fail_below')} {name}: no termination of the task is a success")
                 if name not in valid:
                     raise UnknownNameError("number", name, valid, where=option("fail_below"))
+                if name in (SUCCESS, SUCCESS + LOW) and least > 1:
+                    raise BadValueError(option("fail_below"), f"{name}={least:g}", "a share, such as 90% or 0.9")
 
     def verdicts(
         self, table: ResultsTable, count: int, summary: EpisodeSummary, comparison: PolicyComparison | None

@@ -36,6 +36,7 @@ from mjrun.physics.random_distribution import Distribution, parse_distribution
 EACH = "each:"
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
 
+RANGE = re.compile(r"(-?[\d.]*\d(?:e-?\d+)?)\.\.(-?[\d.]*\d(?:e-?\d+)?)")  # without a count
 SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<count>.+)")
 MOST_IN_SPAN = 1_000_000
 DRAWN = 2**16  # samples whose values are computed at once
@@ -230,6 +231,10 @@ def value_list(path: str, text: str, name: str) -> Sequence[str]:
             return values
     values = list[str]()
     for part in text.removesuffix(";").split(";" if ";" in text else ","):
+        if ends := RANGE.fullmatch(part.strip()):
+            first, last = ends.groups()
+            meant = f"{first}..{last}:10 for ten values, or uniform({first},{last}) for random ones"
+            raise UsageError(f"{place}: a range needs a count: {meant}")
         span = SPAN.fullmatch(part.strip())
         values += _spaced(span, place) if span else [part.strip()]
     if not all(values) or len(set(values)) < len(values):

@@ -138,11 +138,37 @@ def test_what_is_given_can_be_converted_before_it_is_made() -> None:
     assert command_line.value("heat") is None
 
 
-@pytest.mark.parametrize(("name", "suggested"), [("--resolution", "'--size'"), ("--candels", "'--candles'")])
+@pytest.mark.parametrize(
+    ("name", "suggested"), [("--resolution", "'--size'"), ("-s", "'--size'"), ("--candels", "'--candles'")]
+)
 def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: str) -> None:
     with pytest.raises(click.UsageError) as error:
         baked("apple", name, "3x4")
     assert error.value.format_message() == f"No such option '{name}' (did you mean {suggested}?)."
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["cake.txt"], "Unexpected argument 'cake.txt' (did you mean '-o cake.txt'?)."),
+        (["cake"], "Unexpected argument 'cake'."),
+        (["-o", "pie.txt", "cake.txt"], "Unexpected argument 'cake.txt'."),
+    ],
+)
+def test_a_second_argument_may_be_meant_as_the_output(arguments: list[str], message: str) -> None:
+    @options
+    class Written(Base):
+        output: str | None = option(converter=optional(Text()), default=None, short="-o", help="Where to.")
+
+    @command(Written, arguments=[click.Argument(["subject"])])
+    def bake(console: Console, command_line: CommandLine) -> None:
+        """Bake SUBJECT."""
+
+    with pytest.raises(click.UsageError) as error:
+        CliRunner().invoke(
+            bake, ["apple", *arguments], obj=Console("bake"), standalone_mode=False, catch_exceptions=False
+        )
+    assert error.value.format_message() == message
 
 
 def test_what_a_command_does_not_have_by_any_name_is_not_suggested() -> None:

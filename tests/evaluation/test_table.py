@@ -167,6 +167,7 @@ def test_a_lone_episode_has_no_interval_to_be_above_anything() -> None:
         ({"require": ["share(flown) > 0"]}, "flown"),
         ({"require": ["return >"]}, "return >"),
         ({"fail_below": {"fallen": 1}}, "fallen"),
+        ({"fail_below": {"success": 90}}, "'success=90' is not a share, such as 90% or 0.9"),
         ({"fail_below": {"success": 0.5}, "can_succeed": False}, "no termination of the task is a success"),
     ],
 )

@@ -180,6 +180,11 @@ def test_a_span_is_spelled_out(text: str, expected: list[str]) -> None:
     assert [*value_list("opt.x", text, "scan")] == expected
 
 
+def test_a_range_without_a_count_shows_both_things_that_it_may_mean() -> None:
+    with pytest.raises(UsageError, match=r"-0\.5\.\.1e-1:10 for ten values, or uniform\(-0\.5,1e-1\)"):
+        value_list("opt.x", "-0.5..1e-1", "vary")
+
+
 @pytest.mark.parametrize("text", ["a..b:3", "0..1:1", "1..1:3", "0..1:x", "log:0..1:3", "0..1:2000000", "0..1:3,1"])
 def test_a_span_that_has_no_values_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="vary opt"):

@@ -147,6 +147,8 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
     elsewhere = next((path for path in below if path.name == base), None)
     if elsewhere:
         return f"{clean(str(elsewhere))} exists; meshdir, texturedir and assetdir of <compiler> set the folder of files"
+    if Path(name).is_absolute():
+        return "write the path relative to the folder of the model, so that other machines find the file, too"
     if not paths[0].parent.is_dir():
         folder = clean(str(paths[0].parent))
         return f"the folder {folder} does not exist; meshdir, texturedir and assetdir of <compiler> set it"

@@ -23,6 +23,7 @@ from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override
 from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.source import CollectionModelSource, ModelSource
+from mjrun.platform.installation import scene_folder
 from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
@@ -83,7 +84,8 @@ class FileSource(ModelSource):
         try:
             mode = path.stat().st_mode
         except FileNotFoundError:
-            raise ModelNotFoundError(path, "no such model file", *_models_in(path.parent)) from None
+            meant = [f"scene:{path}"] if _is_scene(path) else []
+            raise ModelNotFoundError(path, "no such model file", *_models_in(path.parent), meant=meant) from None
         except OSError as error:
             raise ModelNotFoundError(path, error.strerror or str(error)) from None
         except ValueError as error:  # a null character in the path
@@ -186,6 +188,11 @@ def parsing_checked(path: Path, text: bytes | None, main: str, overrides: Sequen
         if foreign := foreign_file(path, text):
             raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None
         raise
+
+
+def _is_scene(path: Path) -> bool:
+    """Returns whether `path` is the bare name of a scene that comes with mjrun."""
+    return path.name == str(path) and (scene_folder() / f"{path}.xml").is_file()
 
 
 def _models_in(folder: Path) -> tuple[list[str], str]:

@@ -28,6 +28,12 @@ def test_a_missing_file_is_told_with_every_path_that_mujoco_opens_and_what_lies_
         path.unlink()
 
 
+def test_an_absolute_path_to_nothing_is_better_relative() -> None:
+    (missing,) = lint(mjcf("", '<asset><mesh file="/home/alice/part.obj"/></asset>', "<compiler/>"))
+    assert missing.message.endswith("tried /home/alice/part.obj")
+    assert missing.remedy.startswith("write the path relative to the folder of the model")
+
+
 @cases("filename, compiler, tried")
 def test_files_of_urdf_are_told_as_mujoco_looks_for_them(filename: str, compiler: str, tried: str) -> None:
     inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -125,6 +125,10 @@ def test_meshes_of_earlier_models_are_kept_only_where_nothing_else_compiles_file
     assert sizes[1] == sizes[0] * (1 + compiles_alone) > 0
 
 
+def test_the_bare_name_of_a_scene_suggests_the_scene() -> None:
+    assert "no such model file (did you mean 'scene:dominos'?)" in str(refusal(Path("dominos")))
+
+
 def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
     for name in ("pendulum.xml", "car.mjb", "notes.txt"):
         write(tmp_path / name, "")
