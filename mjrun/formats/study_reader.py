@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, clean
+from mjrun.errors import FileError, clean, option
 from mjrun.formats.input_file import decoding
-from mjrun.formats.local_and_remote_folders import folder_at, opened_at
+from mjrun.formats.local_and_remote_folders import Folder, folder_at, opened_at
 from mjrun.formats.tables import input_format
 from mjrun.model.table_column import with_unit
 from mjrun.options.sweep import MANIFEST
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 RESULTS, TRACE = "results.parquet", "trace.parquet"  # files of a study, and of a point
+EPISODES = "episodes.csv"  # file of an evaluation
 SENSITIVITY = "sensitivity.parquet"  # file of a study
 FIRST, STATUS = "point", "status"  # columns around the parameters and the metrics
 NAME = "point.json"  # the manifest of a point
@@ -118,6 +119,17 @@ def folder_of_results(path: str) -> str:
     return (folder or ".") if is_results and folder_at(folder or ".").has(MANIFEST) else ""
 
 
+def _missing_results_hint(place: Folder) -> str:
+    """Returns what a folder without results is, and how to get a table or a plot of it."""
+    folder = clean(place.path())
+    if place.has(EPISODES):
+        plot = f"mjrun plot {folder}/{EPISODES} --x seed --y return -o returns.png"
+        return f"an evaluation has results for each point of {option('vary')}; `{plot}` plots its episodes"
+    if (place / "parts").exists():
+        return f"the study is not finished: `mjrun sweep {folder} --collect` makes a table of the finished points"
+    return _HINT
+
+
 def read_study(folder: str | Path) -> StudyResults:
     """Reads the results in the folder of a study.
 
@@ -129,9 +141,7 @@ def read_study(folder: str | Path) -> StudyResults:
     path = place.path(RESULTS)
     input_format(Path(path))  # which checks that its library is installed
     if not place.has(RESULTS):
-        collect = f"mjrun sweep {clean(place.path())} --collect"
-        unfinished = f"the study is not finished: `{collect}` makes a table of the finished points"
-        raise FileError(place.path(), f"has no {RESULTS}", unfinished if (place / "parts").exists() else _HINT)
+        raise FileError(place.path(), f"has no {RESULTS}", _missing_results_hint(place))
     numbers, texts, names, manifest, units = read_results(path)
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
         raise FileError(path, "holds no results of a study", _HINT)

@@ -14,6 +14,7 @@ SETTING: Schema = {
     "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
     "expected": "a finite number, text, true or false, or a list of finite numbers",
 }
+SEVERAL = re.compile(r"=\s*[-+]?\.?\d[^=]*,")  # a value and a comma before another equals sign
 
 
 class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]]):
@@ -31,7 +32,7 @@ class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numb
 
     def parse(self, text: str) -> tuple[str, Numbers]:
         """Splits text into a name and its numbers."""
-        name, equals, written = text.rpartition("=")
+        name, equals, written = _one_setting(text)
         numbers = tuple(map(to_float, written.split(",")))
         if not (equals and name and all(map(math.isfinite, numbers))):
             raise InvalidValueError("NAME=VALUE, or NAME=VALUE,VALUE,… with finite numbers")
@@ -39,6 +40,14 @@ class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numb
 
     def plain(self, value: Mapping[str, Numbers]) -> dict[str, float | Sequence[float]]:
         return {name: numbers[0] if len(numbers) == 1 else [*numbers] for name, numbers in value.items()}
+
+
+def _one_setting(text: str) -> tuple[str, str, str]:
+    """Splits text at its last equals sign; several settings in one text are refused, as commas separate numbers."""
+    parts = text.rpartition("=")
+    if SEVERAL.search(parts[0]):
+        raise InvalidValueError("one NAME=VALUE; repeat the option for each name")
+    return parts
 
 
 class AngleWithUnit(float):
@@ -92,7 +101,7 @@ class JointNumbers(NamedNumbers):
 
     def parse(self, text: str) -> tuple[str, Numbers]:
         """Splits text into a name and its numbers."""
-        name, equals, written = text.rpartition("=")
+        name, equals, written = _one_setting(text)
         try:
             if equals and name:
                 return name, tuple(map(self._number, written.split(",")))

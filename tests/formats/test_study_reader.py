@@ -52,6 +52,12 @@ def test_numbers_and_texts_are_those_that_pandas_reads(tmp_path: Path) -> None:
 def test_a_folder_that_is_no_study_is_reported(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"has no results\.parquet"):
         read_study(tmp_path)
+    (tmp_path / "parts").mkdir()
+    with pytest.raises(FileError, match="the study is not finished"):
+        read_study(tmp_path)
+    (tmp_path / "episodes.csv").touch()
+    with pytest.raises(FileError, match=r"episodes\.csv --x seed --y return -o returns\.png` plots its episodes"):
+        read_study(tmp_path)
     with pytest.raises(FileError, match="holds no results of a study"):
         read_study(write(tmp_path, {}))
     (tmp_path / "results.parquet").write_text("nothing")

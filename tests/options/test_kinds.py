@@ -22,7 +22,7 @@ from mjrun.options.number_kinds import (
     Size,
 )
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings, setting_text
+from mjrun.options.setting_kinds import ColumnDefinitions, JointNumbers, NamedNumbers, Settings, setting_text
 
 
 @pytest.mark.parametrize(
@@ -177,6 +177,12 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
 def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], text: str) -> None:
     with pytest.raises(InvalidValueError):
         kind.parse(text)
+
+
+@pytest.mark.parametrize("kind", [NamedNumbers(), JointNumbers()])
+def test_two_settings_in_one_text_are_refused_instead_of_one_with_a_comma_in_its_name(kind: Kind[Any, Any]) -> None:
+    with pytest.raises(InvalidValueError, match="one NAME=VALUE; repeat the option for each name"):
+        kind.parse("forward=0.5,turn=0.1")
 
 
 @given(st.lists(st.integers(0, 5)))
