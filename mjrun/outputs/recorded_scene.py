@@ -29,7 +29,7 @@ from mjrun.outputs.output import OutputRequest, OutputResult, PassContext
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.physics.simulation_loop import Tap
 from mjrun.rendering.added_geoms import Decoration
-from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage
+from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, visual_remark
 from mjrun.rendering.visual import visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -128,8 +128,8 @@ def plan_scene(
     """
     model, source = context.model, context.simulation.source
     drawn, remark, is_framed = drawn_model(request, model, source, cameras, is_measured=is_measured)
-    if remark:
-        context.reporter.note(remark)
+    for text in filter(None, (remark, visual_remark(source))):
+        context.reporter.note(text)
     with source.named_in_errors():
         motions = camera_motions(cameras, request.size, model, is_framed=is_framed)
     awaited = {**shot_events([motion.script for motion in motions]), **(events or {})}

@@ -6,6 +6,7 @@ The states of both models are interchangeable, and so are the ids of everything 
 import copy
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from mjrun.model.stage import FLOOR, GROUND, LIGHT, SLANT
 from mjrun.model.state import restore, sizes, widened
 from mjrun.options.rendering import SceneOptions
 
+VISUAL, KEPT = re.compile(rb"<visual\b"), re.compile(rb"""\bdiscardvisual\s*=\s*["']false["']""")  # in a URDF
 TILES = 3.0  # tiles of the floor per extent of the model
 AWAY = 2.0  # distance of the light and reach of its shadows, in extents of the model
 COVERED = (
@@ -147,6 +149,18 @@ def stage_remark(parts: Sequence[str]) -> str:
     *some, last = (f"a {part}" for part in parts)
     added = f"{', '.join(some)} and {last}" if some else last
     return f"{added} added, which the model lacks; {option('stage')} none omits {'them' if some else 'it'}"
+
+
+def visual_remark(source: ModelSource) -> str:
+    """Returns a remark about the visual geoms of a URDF file, which MuJoCo does not read unless the file demands it."""
+    path = source.main_file
+    if path is None or path.suffix != ".urdf":
+        return ""
+    text = path.read_bytes()
+    if not VISUAL.search(text) or KEPT.search(text):
+        return ""
+    keeping = '<mujoco><compiler discardvisual="false"/></mujoco>'
+    return f"MuJoCo reads no <visual> of a URDF, unless {keeping} is within its <robot>"
 
 
 def ground_remark(model: mujoco.MjModel, state: np.ndarray) -> str:

@@ -15,7 +15,7 @@ from mjrun.model.fields import arrays
 from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
 from mjrun.options.rendering import ViewOptions
-from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, stage_parts
+from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, stage_parts, visual_remark
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 ARM = """
@@ -101,6 +101,17 @@ def test_a_stage_is_kept_where_the_compiler_fuses_bodies_and_discards_visual_geo
     assert np.array_equal(staged.geom_bodyid, [*model.geom_bodyid, model.nbody])
     assert np.array_equal(staged.geom_size[:-1], model.geom_size)
     assert staged.geom_type[-1] == mujoco.mjtGeom.mjGEOM_PLANE
+
+
+@pytest.mark.parametrize("kept", ["true", "false"])
+@pytest.mark.parametrize("shape", ["visual", "collision"])
+def test_a_remark_tells_when_mujoco_reads_no_visual_geoms_of_a_urdf(tmp_path: Path, kept: str, shape: str) -> None:
+    compiler = f'<mujoco><compiler discardvisual="{kept}" fusestatic="false"/></mujoco>'
+    sphere = f'<{shape}><geometry><sphere radius="1"/></geometry></{shape}>'
+    path = tmp_path / "a.urdf"
+    path.write_text(f'<robot name="r">{compiler}<link name="a">{sphere}</link></robot>')
+    source = source_of(path)
+    assert bool(visual_remark(source)) == (source.load().ngeom == 0)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, -0.7, math.pi / 2])
