@@ -84,7 +84,7 @@ def status_report(status: "StudyStatus") -> str:
         ]
         page.table("running", columns, len(ranges), SHOWN, "--json has all")
     page.note(status.text)
-    return page.text().lstrip("\n")
+    return page.text()
 
 
 def unused_report(unused: "UnusedFiles") -> str:

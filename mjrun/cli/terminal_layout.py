@@ -70,8 +70,9 @@ class TerminalLayout:
         self._text += "".join(f"{' ' * INDENT}{line}\n" for line in lines)
 
     def note(self, text: str) -> None:
-        """Adds a separate line."""
-        self._print(Text(""))
+        """Adds a line, after a blank one unless it is the first."""
+        if self._text:
+            self._print(Text(""))
         self._print(Text(text, style="dim"))
 
     def text(self) -> str:

@@ -47,6 +47,13 @@ def test_in_a_pipe_every_row_is_one_line_without_spaces_at_its_end(monkeypatch: 
     assert re.fullmatch(rf"title  2\n  name{gaps[0]}value\n  a{{300}}{gaps[1]}1\n  b", written.text())
 
 
+def test_a_page_does_not_begin_with_a_blank_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, None)
+    written.note("first")
+    written.note("second")
+    assert written.text() == "first\n\nsecond"
+
+
 @pytest.mark.parametrize("width", [50, 80, None])
 def test_paths_are_never_broken(monkeypatch: pytest.MonkeyPatch, width: int | None) -> None:
     path, text = (

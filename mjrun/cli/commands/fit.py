@@ -42,7 +42,8 @@ def fit(console: Console, command_line: CommandLine) -> None:
     \b
     mjrun fit arm.xml log.csv --free 'joint/elbow.damping=log:0.01..10' -o fitted.xml
     mjrun fit arm.xml log.csv --free 'scale:joint/*.armature=0.2..5' --map 'qpos/elbow=elbow_deg*pi/180' --json
-    mjrun fit arm.xml log.csv --free delay:ctrl/motor=0..0.05 --comparison fit.csv && mjrun plot fit.csv -o fit.png
+    mjrun fit arm.xml log.csv --free delay:ctrl/motor=0..0.05 --comparison fit.csv
+    mjrun plot fit.csv --y 'qpos/*' -o fit.png
     mjrun fit arm_fit.yaml starts=8 -o fitted.xml
     mjrun fit arm.xml --free 'joint/*.damping=0.1..10' --excite chirp.csv && mjrun video arm.xml --ctrl-from chirp.csv
 
