@@ -20,6 +20,7 @@ from mjrun.cli.simulation_command import (
     simulation,
     stem,
     varied_controllers,
+    with_camera_scripts,
 )
 from mjrun.errors import FailedPointsError, FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
@@ -174,7 +175,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
     code = varied_controllers(command_line)
     facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
-    return command_line.make(Study, **facts), nullcontext
+    return with_camera_scripts(command_line).make(Study, **facts), nullcontext
 
 
 def _is_plan(path: str) -> bool:

@@ -127,6 +127,20 @@ def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> N
     assert b"changed since the last run: model, files\n" in mjrun_here("sweep", ball, "--steps", "6", *options).stderr
 
 
+@pytest.mark.slow
+def test_a_camera_script_is_part_of_the_study(mjrun_here: Command, ball: str) -> None:
+    script = mjrun_here.folder / "turn.yaml"
+    script.write_text("shots:\n  - orbit: {lookat: ball, distance: 2, azimuth: 10}\n")
+    options = ("--keep", "video", "--camera", "turn.yaml", "--size", "32x32", "--fps", "10", "-o", "study")
+    made = mjrun_here("sweep", ball, "--duration", "0.1", "--vary", "qpos/ball/z=1", *METRIC, *options)
+    video = mjrun_here.folder / "study" / "points" / "000000" / "video.mp4"
+    assert (made.returncode, video.is_file()) == (0, True)
+    before = video.stat().st_mtime_ns
+    script.unlink()
+    assert mjrun_here("sweep", "study").returncode == 0
+    assert video.stat().st_mtime_ns == before
+
+
 def test_a_folder_that_is_no_study_is_refused(mjrun_here: Command) -> None:
     (mjrun_here.folder / "empty").mkdir()
     refused = mjrun_here("sweep", "empty")
