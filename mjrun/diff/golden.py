@@ -100,6 +100,7 @@ class GoldenComparison:
             self._result = compare_rows(
                 self._table, self._rows, self._columns, self._key, self._tolerances, *self._names
             )
+            self._table.require_unchanged()
         except BaseException as failure:  # handed to the thread that adds rows
             self._failure = failure
         self._rows.drain()

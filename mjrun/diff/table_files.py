@@ -142,6 +142,8 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         except CellError as error:
             error.add_note(f"{option('columns')} selects the columns to compare; others may contain anything")
             raise
+        for reader in (reader_a, reader_b):
+            reader.require_unchanged()
         return table, provenance_notes(*manifests)
 
 

@@ -8,6 +8,8 @@ of its columns and of one more. A table is untrusted: nothing in it is executed,
 import contextlib
 import html
 import io
+import os
+import stat
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import field
@@ -161,6 +163,7 @@ class OpenTable:
     ) -> None:
         self.path = path
         self.file = file
+        self._written = _last_write(file)  # before anything is read
         self._all_names: dict[str, None] = {}
         named = [columns] if isinstance(columns, str) else [] if columns is None or callable(columns) else [*columns]
 
@@ -212,6 +215,15 @@ class OpenTable:
         with self._failing():
             return self._lines.skip_equal(other._lines)
 
+    def require_unchanged(self) -> None:
+        """Requires that nothing was written to the file since it was opened. A file that is replaced is read on.
+
+        Raises:
+          FileError: something was written; rows may be those of two tables.
+        """
+        if _last_write(self.file) != self._written:
+            raise FileError(self.path, "has changed while it was read")
+
     def close(self) -> None:
         """Closes the file."""
         self.file.close()
@@ -227,8 +239,20 @@ class OpenTable:
         try:
             with file_errors(self.path):
                 yield
+        except FileError:
+            self.require_unchanged()  # or else the file is not at fault
+            raise
         except MemoryError:
             raise FileError(self.path, "its columns do not fit in memory") from None
+
+
+def _last_write(file: BinaryIO) -> tuple[int, int] | None:
+    """Returns the size [bytes] and the time of the last write [ns] of an open file; None if it is not a regular one."""
+    try:
+        status = os.fstat(file.fileno())
+    except OSError:  # a stream without a descriptor
+        return None
+    return (status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
 
 
 def open_table(

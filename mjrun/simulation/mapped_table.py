@@ -64,6 +64,7 @@ def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dic
             columns = dict(zip(table.names, block.T, strict=True))
             for key, evaluator in evaluators.items():
                 parts[key].append(evaluator.feed(columns))
+        table.require_unchanged()
         factors = {key: _si_factor(expression, table.units) for key, expression in expressions.items()}
     return {key: np.concatenate(blocks) * factors[key] for key, blocks in parts.items()}
 

@@ -1,5 +1,7 @@
 """Rows that come are compared with a golden table, as two tables are."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,9 @@ from mjrun.diff.result import TableDifference
 from mjrun.diff.table_files import compare_tables
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.formats.table_reader import OpenTable
 from mjrun.options.diff import TableDiffOptions
+from mjrun.simulation.mapped_table import evaluated
 from tests.formats.table_files import columns, write
 
 NAMES = columns("time", "x", "y")
@@ -49,6 +53,41 @@ def test_it_finds_what_the_comparison_of_two_files_finds(
     coming = compared(a, now, block)
     assert coming == files
     assert coming.only_a.count == shorter
+
+
+def test_a_golden_table_that_is_overwritten_is_not_compared_and_one_that_is_replaced_is(tmp_path: Path) -> None:
+    golden = write(tmp_path / "golden.csv", [rows(30)], NAMES)
+    changed = rows(30) * [1, -1, 1]
+    other = write(tmp_path / "other.csv", [changed], NAMES)
+    os.utime(golden, ns=(0, 0))
+    comparison = GoldenComparison(str(golden), NAMES, EXACT)
+    comparison.add(rows(30))
+    golden.write_bytes(other.read_bytes())
+    with pytest.raises(FileError) as caught:
+        comparison.finish()
+    assert str(caught.value) == f"{golden}: has changed while it was read"
+
+    comparison = GoldenComparison(str(golden), NAMES, EXACT)
+    comparison.add(changed)
+    write(tmp_path / "new.csv", [rows(30)], NAMES).rename(golden)
+    assert not any(column.first for column in comparison.finish().columns)
+
+
+def test_tables_that_are_written_to_during_a_comparison_are_not_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b = (write(tmp_path / f"{name}.csv", [rows(30)], NAMES) for name in "ab")
+    blocks = OpenTable.blocks
+
+    def read_and_edit(table: OpenTable) -> Iterator[np.ndarray]:
+        yield from blocks(table)
+        os.utime(table.path, ns=(0, table.path.stat().st_mtime_ns + 10**9))
+
+    monkeypatch.setattr("mjrun.formats.table_reader.OpenTable.blocks", read_and_edit)
+    with pytest.raises(FileError, match=r"a\.csv: has changed while it was read"):
+        compare_tables(str(a), str(b), TableDiffOptions())
+    with pytest.raises(FileError, match=r"b\.csv: has changed while it was read"):
+        evaluated(b, {})
 
 
 def test_the_same_rows_agree_in_every_format(tmp_path: Path) -> None:
