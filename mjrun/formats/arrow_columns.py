@@ -125,7 +125,8 @@ def parquet_groups(
       FileError: one of them would fill the memory.
     """
     texts = [field.name for field in pyarrow.parquet.read_schema(file) if _is_text(field.type)]
-    content = pyarrow.parquet.ParquetFile(file, read_dictionary=[name for name in repeated if name in texts])
+    dictionaries = [name for name in repeated if name in texts]
+    content = pyarrow.parquet.ParquetFile(file, read_dictionary=dictionaries, page_checksum_verification=True)
     metadata = content.metadata
     names = [name for name in content.schema_arrow.names if name not in without]
     sizes = row_group_sizes(metadata, names)

@@ -572,6 +572,7 @@ def _writer(stream: object, schema: "pyarrow.Schema") -> "pyarrow.parquet.Parque
         compression="zstd",
         use_dictionary=repeated,  # type: ignore[arg-type] # whose stub does not know names
         column_encoding=encodings,
+        write_page_checksum=True,
     )
 
 

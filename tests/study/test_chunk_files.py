@@ -86,6 +86,17 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFil
     assert {*files.damaged} == {"broken.parquet", cut.name}
 
 
+def test_a_part_with_any_wrong_byte_in_its_pages_is_damaged(files: ChunkFiles, tmp_path: Path) -> None:
+    part = write(files, [0, 1], RESULTS)
+    content = part.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    for place in range(4, footer):
+        part.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        fresh = files_in(tmp_path)
+        known = fresh.read(range(2), keys_of)
+        assert fresh.damaged == [part.name] or [*map(str, known)] == [*map(str, RESULTS)]
+
+
 def test_a_part_is_opened_only_for_its_points(files: ChunkFiles) -> None:
     parts = [write(files, [point, point + 1], [RESULTS[0]] * 2) for point in (0, 2, 4, 6)]
     for part in (parts[0], parts[3]):
