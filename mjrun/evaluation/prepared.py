@@ -81,8 +81,8 @@ class PreparedEvaluation:
             self.points = points_of(options, task.stored_at(snapshot.place))
             self.groups = self._grouped(options, task, rewritten, snapshot)
             chosen = [group.spec.chosen for group in self.groups]
+            self.player = self._checked_players()  # imports the policies, and with them the modules that they import
             self.modules = module_sources(dict.fromkeys(each.policy for each in chosen if each.is_code))
-            self.player = self._checked_players()
             self.metrics = [name for name, _ in plain_metrics(options.metric)]
             self.units = {**self.player.metric_units(), **written_units(options.metric)}
             check_metric_names(

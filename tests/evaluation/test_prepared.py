@@ -99,6 +99,14 @@ def prepare(folder: Path, **arguments: object) -> PreparedEvaluation:
     return PreparedEvaluation(EvaluationOptions(task, "out", **arguments), task, None)  # type: ignore[arg-type]
 
 
+def test_what_a_policy_imports_goes_with_it(tmp_path: Path) -> None:
+    (tmp_path / "gains_of_a_policy.py").write_text("K = 1.0\n")
+    policy = tmp_path / "policy_with_gains.py"
+    policy.write_text("import gains_of_a_policy\n\ndef act(observation):\n    return [gains_of_a_policy.K]\n")
+    modules = prepare(tmp_path, policy=f"{policy}:act").modules
+    assert [Path(source.path).name for source in modules] == ["gains_of_a_policy.py", policy.name]
+
+
 def test_disturbances_may_vary(tmp_path: Path) -> None:
     texts = ["cart=0/0/0@0.1+0.2", "cart=5/0/0@0.1+0.2"]
     result = prepare(tmp_path, policy="random", vary={"push": ",".join(texts)})
