@@ -78,7 +78,8 @@ def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(
     angles = angles + np.random.default_rng(0).normal(0, NOISE, len(angles))
     columns = {"time": times, "qpos/hinge": angles, "ctrl/motor": played(result.files[0])[::5][: len(times)]}
     data = (str(write_log(tmp_path / "log.csv", columns)),)
-    worse = replace(pendulum.simulation, set=(("joint/hinge.damping", "0.3"), ("joint/hinge.armature", "0.05")))
+    wrong = (("joint/hinge.damping", "0.3"), ("joint/hinge.armature", "0.05"))
+    worse = Simulation(pendulum.simulation.model, set=wrong)
     fitted = Fit(worse, data=data, free=FREE, starts=1, holdout=0).run()
     for expected, found in zip(result.parameters, fitted.parameters, strict=True):
         width = expected.high - expected.low

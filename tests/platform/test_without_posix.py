@@ -20,8 +20,9 @@ PACKAGE = Path(mjrun.__file__).parent
 TRACE = ("trace", "scene:pendulum", "--steps", "20")
 SWEEP = ("sweep", "scene:pendulum", "--vary", "opt.timestep=0.001,0.002,0.004", "--duration", "0.02", "--jobs", "2")
 
-# Where POSIX may be used: in its own module, in the monitor that forks, and in what confines a process on Linux.
-HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/loopback_connector.py")
+# Where POSIX may be used: in its own module, in the monitor that forks, in what confines a process on Linux, and before
+# any bytecode is written.
+HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/loopback_connector.py", "__main__.py")
 
 
 @pytest.fixture(scope="module")
