@@ -115,11 +115,12 @@ def test_no_image_of_an_edited_model_stays_even_if_the_edit_is_undone(model: Pat
 def test_rejected_images_and_points_that_are_gone_leave_no_files(model: Path, tmp_path: Path) -> None:
     folder = tmp_path / "set"
     made(model, folder, samples=5, format="yolo")
-    visible = [each["objects"][1]["visible"] for each in records(folder)]
-    limit = sorted(visible)[2] + 1e-9
-    expected = [index for index, share in enumerate(visible) if share > limit]
-    result = made(model, folder, samples=5, format="yolo", accept=f"visible/ball > {limit!r}")
-    assert result.rejected == 5 - len(expected) > 0
+    pixels = [each["objects"][1]["pixels"] for each in records(folder)]
+    limit = sorted(pixels)[2]
+    expected = [index for index, count in enumerate(pixels) if count > limit]
+    assert len(expected) == 2
+    result = made(model, folder, samples=5, format="yolo", accept=f"pixels/ball > {limit}")
+    assert result.rejected == 3
     assert sum(result.images.values()) == len(expected)
     for name in (*ASSETS, "labels"):
         assert sorted(int(path.stem) for path in (folder / name).iterdir()) == expected
