@@ -97,7 +97,7 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
         case tree.ColumnReference(name=name):
             return lambda columns, known: columns[name]
         case tree.ColumnVector(names=names):
-            return lambda columns, known: vector_of(columns, names)
+            return lambda columns, known: _vector(columns, names)
         case tree.AggregateCall() | tree.PreviousValue() | tree.TextMatch():
             return lambda columns, known: known[value]
         case tree.FunctionCall():
@@ -153,8 +153,7 @@ def _call(call: tree.FunctionCall) -> Evaluation:
     return folded
 
 
-def vector_of(columns: Columns, names: tuple[str, ...]) -> np.ndarray:
-    """Returns the columns `names` side by side, `(n, len(names))`."""
+def _vector(columns: Columns, names: tuple[str, ...]) -> np.ndarray:
     if isinstance(columns, ColumnMatrix):
         return columns.vector(names)
     return np.stack([columns[name] for name in names], axis=-1)

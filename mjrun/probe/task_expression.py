@@ -10,8 +10,7 @@ The language is that of `mjrun.probe.row_expression`, with values of one instant
 one do not depend on the others, to the last bit.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -27,13 +26,12 @@ from mjrun.probe.expression import (
     PreviousValue,
     walk,
 )
-from mjrun.probe.expression_program import WorldsProgram
+from mjrun.probe.expression_evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 from mjrun.probe.vocabularies import ModelVocabulary
 
 Ids = Sequence[int] | np.ndarray | None  # ids of worlds; None for all
-Program = Callable[[Mapping[str, Any], slice | np.ndarray, int], list[np.ndarray]]
 
 
 class TaskVocabulary(ModelVocabulary):
@@ -53,75 +51,68 @@ class TaskVocabulary(ModelVocabulary):
 class TaskExpression(ParsedExpression):
     """A number, or a condition, per control instant."""
 
+    def evaluator(self, count: int) -> "TaskEvaluator":
+        """Returns a new evaluation for `count` worlds, none of which has begun."""
+        return TaskEvaluator(self.root, count)
+
 
 class TaskEvaluator:
-    """An evaluator of expressions in several worlds, at one control instant after another.
+    """An evaluator of an expression in several worlds, at one control instant after another.
 
     It must be called within `np.errstate(all="ignore")`: 1/0 is inf, as in assertions.
 
-    Args:
-      expressions: the expressions.
-      count: the number of worlds, none of which has begun.
-
     Attributes:
-      roots: the roots of the expressions.
-      previous: the calls of `previous`, inner ones first, each with its values of the worlds `(count, …)`.
+      root: the expression.
     """
 
-    def __init__(self, expressions: Sequence[TaskExpression], count: int) -> None:
-        self.roots: list[NumericExpression | BooleanExpression] = [each.root for each in expressions]
+    def __init__(self, root: NumericExpression | BooleanExpression, count: int) -> None:
+        self.root = root
         self._count = count
-        nodes = [node for root in self.roots for node in walk(root) if isinstance(node, PreviousValue)]
-        self.previous = [
-            (node, np.full((count, node.width) if node.width else count, np.nan)) for node in dict.fromkeys(nodes)
+        is_truth = isinstance(root, BooleanExpression)
+        self._type = np.dtype(bool if is_truth else np.float64)
+        self._evaluation = truth_evaluation(root) if is_truth else evaluation(root)
+        previous = [node for node in walk(root) if isinstance(node, PreviousValue)]
+        operands = {node: evaluation(node.operand) for node in previous}
+        self._previous = [  # inner ones first, each once
+            (node, operands[node], np.full((count, node.width) if node.width else count, np.nan))
+            for node in dict.fromkeys(previous)
         ]
+
+    @property
+    def previous(self) -> list[tuple[PreviousValue, np.ndarray]]:
+        """The calls of `previous`, inner ones first, each with its values of the worlds `(count, …)`."""
+        return [(node, before) for node, _, before in self._previous]
 
     @property
     def memory(self) -> list[np.ndarray]:
         """The stored values of each world `(count, …)`."""
-        return [before for _, before in self.previous]
+        return [before for _, _, before in self._previous]
 
-    def begin(self, columns: Mapping[str, Any], ids: Ids = None) -> list[np.ndarray]:
+    def begin(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
         """Returns the values at the first control instant of the worlds `ids`, and drops their earlier values.
 
         Args:
           columns: columns of the k worlds `ids`, or of all of them, `(k,)` each, by name.
 
         Returns:
-          `(k,)` of each expression, float64, or bool for a condition.
+          `(k,)` float64, or bool for a condition.
         """
-        return self._begin(columns, *self._worlds(ids))
+        return self._evaluate(columns, ids, first=True)
 
-    def advance(self, columns: Mapping[str, Any], ids: Ids = None) -> list[np.ndarray]:
+    def advance(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
         """Returns the values at the next control instant of the worlds `ids`; see `begin`."""
-        return self._advance(columns, *self._worlds(ids))
+        return self._evaluate(columns, ids, first=False)
 
-    def remember(self, columns: Mapping[str, Any], ids: Ids = None) -> None:
-        """Begins as `begin`, without the values."""
-        if self.previous:
-            self._remember(columns, *self._worlds(ids))
-
-    def _worlds(self, ids: Ids) -> tuple[slice | np.ndarray, int]:
-        return (slice(None), self._count) if ids is None else (np.asarray(ids, int), len(ids))
-
-    @cached_property
-    def _begin(self) -> Program:
-        return self._compiled(self.roots, is_first=True)
-
-    @cached_property
-    def _advance(self) -> Program:
-        return self._compiled(self.roots, is_first=False)
-
-    @cached_property
-    def _remember(self) -> Program:
-        return self._compiled([], is_first=True)
-
-    def _compiled(self, roots: Sequence[NumericExpression | BooleanExpression], is_first: bool) -> Program:
-        """Compiles the function that stores all previous values, and returns the values of some expressions."""
-        program = WorldsProgram(is_first)
-        for node, before in self.previous:
-            program.remember(node, before)
-        return program.function("columns, rows, count", f"[{', '.join(map(program.value, roots))}]")
+    def _evaluate(self, columns: Mapping[str, Any], ids: Ids, first: bool) -> np.ndarray:
+        worlds = slice(None) if ids is None else np.asarray(ids, int)
+        count = self._count if ids is None else len(ids)
+        known: KnownValues = {}
+        for node, operand, before in self._previous:
+            now = operand(columns, known)
+            known[node] = now if first else np.array(before[worlds])  # a copy: `before` changes now
+            before[worlds] = now
+        values = np.asarray(self._evaluation(columns, known), self._type)
+        return values if values.shape == (count,) else np.array(np.broadcast_to(values, count))
 
 
 def parse_task_value(text: str, columns: TaskVocabulary, label: str) -> TaskExpression:

@@ -7,13 +7,7 @@ import numpy as np
 
 from mjrun.errors import concerning
 from mjrun.probe.expression_evaluation import ColumnLayout, ColumnMatrix
-from mjrun.probe.task_expression import (
-    TaskEvaluator,
-    TaskExpression,
-    TaskVocabulary,
-    parse_task_condition,
-    parse_task_value,
-)
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 from mjrun.task.batch_columns import NumberSource
 from mjrun.task.episode import Endings
 from mjrun.task.single_world_expressions import RowProgram
@@ -81,8 +75,9 @@ class TaskExpressions:
                 conditions.append(parse_task_condition(termination.when, columns, f"terminations.{name}.when"))
 
         self._weights = [reward.weight for reward in task.rewards.values()]
-        self._rewards, self._conditions = TaskEvaluator(rewards, count), TaskEvaluator(conditions, count)
-        self._values, self._names_of_values = TaskEvaluator([*values.values()], count), [*values]
+        self._rewards = [each.evaluator(count) for each in rewards]
+        self._conditions = [each.evaluator(count) for each in conditions]
+        self._values = {name: each.evaluator(count) for name, each in values.items()}
         self.has_values = bool(values)
         own_endings = (termination.ending(name) for name, termination in task.terminations.items())
         self.endings = Endings(own_endings, TIMED_OUT, UNSTABLE)
@@ -104,7 +99,8 @@ class TaskExpressions:
     @property
     def memory(self) -> list[np.ndarray]:
         """The previous values that they remember of each world `(count, …)`."""
-        return [*self._rewards.memory, *self._conditions.memory, *self._values.memory]
+        evaluators = [*self._rewards, *self._conditions, *self._values.values()]
+        return [array for each in evaluators for array in each.memory]
 
     def columns(self, measured: np.ndarray, inputs: ExpressionInputs) -> ColumnMatrix:
         """Returns the columns that they read, `(k,)` each, from those of the model `(k, len(self.measured))`."""
@@ -135,19 +131,19 @@ class TaskExpressions:
           whether both must be called within `np.errstate(all="ignore")`.
         """
         judging = RowProgram(columns, is_first)
-        values = judging.values(self._rewards)
+        values = [judging.value(each) for each in self._rewards]
         for index, (value, weight) in enumerate(zip(values, self._weights, strict=True)):
             judging.add(f"t{index} = float({value}) * {weight!r}")
         terms = [f"t{index}" for index in range(len(values))]
-        holds = [f"{code} if {truth} else " for code, truth in enumerate(judging.values(self._conditions))]
+        holds = [f"{code} if {judging.value(each)} else " for code, each in enumerate(self._conditions)]
         judge = judging.function(
             "time", f"{' + '.join(['0.0', *terms])}, [{', '.join(terms)}], {''.join(holds)}{RUNNING}"
         )
 
         filling = RowProgram(columns, is_first)
         filling.copy(measured, "values")
-        for place, value in zip(places, filling.values(self._values), strict=True):
-            filling.add(f"values[{place}] = {value}")
+        for place, each in zip(places, self._values.values(), strict=True):
+            filling.add(f"values[{place}] = {filling.value(each)}")
         return judge, filling.function("values, time", "None"), judging.uses_numpy or filling.uses_numpy
 
     def time(self, instants: Any) -> Any:
@@ -161,8 +157,10 @@ class TaskExpressions:
           The code of the first termination that holds there `(count,)`; −1 where none does.
         """
         with np.errstate(all="ignore"):
-            self._rewards.remember(columns, ids)
-            return self._codes(self._conditions.begin(columns, ids), count)
+            for each in self._rewards:
+                if each.memory:
+                    each.begin(columns, ids)
+            return self._codes([each.begin(columns, ids) for each in self._conditions], count)
 
     def advance(self, columns: ColumnMatrix, ids: np.ndarray | None, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Evaluates the expressions at the end of a control period in `count` worlds.
@@ -171,17 +169,18 @@ class TaskExpressions:
           The weighted terms of the reward `(nterms, count)`, and the code of the first termination that holds
           `(count,)`; −1 where none does.
         """
-        terms = np.empty((len(self._weights), count))
+        terms = np.empty((len(self._rewards), count))
         with np.errstate(all="ignore"):
-            for term, value, weight in zip(terms, self._rewards.advance(columns, ids), self._weights, strict=True):
-                np.multiply(value, weight, out=term)
-            return terms, self._codes(self._conditions.advance(columns, ids), count)
+            for term, each, weight in zip(terms, self._rewards, self._weights, strict=True):
+                np.multiply(each.advance(columns, ids), weight, out=term)
+            return terms, self._codes([each.advance(columns, ids) for each in self._conditions], count)
 
     def values(self, columns: ColumnMatrix, ids: np.ndarray | None, first: bool) -> Mapping[str, np.ndarray]:
         """Returns the observed values, `(k,)` by the name of their term; see `columns`."""
         with np.errstate(all="ignore"):
-            values = self._values.begin(columns, ids) if first else self._values.advance(columns, ids)
-            return dict(zip(self._names_of_values, values, strict=True))
+            if first:
+                return {name: each.begin(columns, ids) for name, each in self._values.items()}
+            return {name: each.advance(columns, ids) for name, each in self._values.items()}
 
     def _codes(self, conditions: Sequence[np.ndarray], count: int) -> np.ndarray:
         """Returns the code of the first condition `(count,)` bool that holds in each world."""

@@ -1,11 +1,14 @@
 """Expressions of a single world, compiled to Python.
 
-On single numbers, an operation of NumPy takes about 1 µs and one of Python a fortieth of that. The numbers are bit for
-bit those that `mjrun.probe.expression_evaluation` computes on many rows. Names become places in an array.
+On single numbers, an operation of NumPy takes about 1 µs and one of Python a fortieth of that. A program is a function
+with one line for each value; common parts of several expressions are computed once. Its numbers are bit for bit those
+that `mjrun.probe.expression_evaluation` computes on many rows. No text of a document gets into the source: names become
+places in an array, and functions are passed as objects.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -27,18 +30,19 @@ from mjrun.probe.expression import (
     PreviousValue,
     RowwiseReduction,
 )
-from mjrun.probe.expression_program import OPERATORS, ExpressionProgram
 from mjrun.probe.task_expression import TaskEvaluator
 from mjrun.task.batch_columns import NumberSource, as_slice
 
 TIME = "time"
+# Python's operators that are bit for bit those of NumPy.
+OPERATORS: dict[Function, str] = {ARITHMETIC["+"]: "+", ARITHMETIC["-"]: "-", ARITHMETIC["*"]: "*", np.add: "+"}
 OF_NUMBERS = {*OPERATORS, ARITHMETIC["/"], abs}  # functions that are faster on each of a few numbers than on a vector
 FEW = 7  # the most numbers that NumPy adds in order; it adds more of them pairwise
 # Numbers that Python copies one by one in less time than NumPy together: adjacent ones, and others.
 ADJACENT, SCATTERED = 2, 9
 
 
-class RowProgram(ExpressionProgram):
+class RowProgram:
     """A function of the time [s] and the columns of one world, built line by line.
 
     Args:
@@ -50,24 +54,28 @@ class RowProgram(ExpressionProgram):
     """
 
     def __init__(self, columns: Mapping[str, NumberSource], is_first: bool) -> None:
-        super().__init__()
         self._columns, self._is_first = columns, is_first
+        self._lines: list[str] = []
+        self._variables: dict[str, str] = {}  # by their assigned source
         self._vectors: dict[tuple[str, ...], str] = {}
         self._previous: dict[PreviousValue, str] = {}
-        self._objects |= {"isfinite": math.isfinite, "sqrt": math.sqrt}
+        self._objects: dict[str, Any] = {"isfinite": math.isfinite, "sqrt": math.sqrt}
         self.uses_numpy = False
 
-    def values(self, evaluator: TaskEvaluator) -> list[str]:
-        """Adds the lines of expressions, with the memory of `evaluator`; returns the variables of their values."""
+    def value(self, evaluator: TaskEvaluator) -> str:
+        """Adds the lines of an expression, with the memory of `evaluator`; returns the variable of its value."""
         for node, memory in evaluator.previous:
             now = self._number(node.operand)
             name = self._object(memory)
             before = f"{name}[0].copy()" if node.width else f"{name}.item(0)"
             self._previous[node] = now if self._is_first else self._assigned(before)
             self.add(f"{name}[0] = {now}")
-        return [
-            self._truth(root) if isinstance(root, BooleanExpression) else self._number(root) for root in evaluator.roots
-        ]
+        root = evaluator.root
+        return self._truth(root) if isinstance(root, BooleanExpression) else self._number(root)
+
+    def add(self, line: str) -> None:
+        """Adds a line of source."""
+        self._lines.append(line)
 
     def copy(self, numbers: Mapping[int, NumberSource], target: str) -> None:
         """Adds lines that copy numbers, by their places in the array `target`."""
@@ -79,6 +87,13 @@ class RowProgram(ExpressionProgram):
                     left.remove(stop)
                     stop += 1
                 self._copy_vector(source, [numbers[place][1] for place in range(start, stop)], target, start)
+
+    def function(self, parameters: str, result: str) -> Callable[..., Any]:
+        """Compiles the function that returns `result`; one of its parameters is `time`."""
+        source = "\n    ".join([f"def program({parameters}):", *self._lines, f"return {result}"])
+        namespace = {**self._objects}
+        exec(compile(source, "<expressions of a task>", "exec"), namespace)
+        return namespace["program"]
 
     def _number(self, node: NumericExpression) -> str:
         match node:
@@ -205,6 +220,22 @@ class RowProgram(ExpressionProgram):
         """Returns the variable with the result of a NumPy function."""
         self.uses_numpy = True
         return self._assigned(f"{self._object(function)}({', '.join(arguments)})")
+
+    def _assigned(self, text: str) -> str:
+        """Returns the variable with the value of the source `text`."""
+        if text not in self._variables:
+            self._variables[text] = variable = f"v{len(self._variables)}"
+            self.add(f"{variable} = {text}")
+        return self._variables[text]
+
+    def _object(self, thing: Any) -> str:
+        """Returns the name of an object that has no source."""
+        for name, known in self._objects.items():
+            if known is thing:
+                return name
+        name = f"o{len(self._objects)}"
+        self._objects[name] = thing
+        return name
 
 
 def _is_arithmetic(call: FunctionCall) -> bool:

@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.task_expression import (
-    TaskEvaluator,
-    TaskExpression,
-    TaskVocabulary,
-    parse_task_condition,
-    parse_task_value,
-)
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 
 DT = 0.05
 MODEL = mujoco.MjModel.from_xml_string(
@@ -34,9 +28,9 @@ def at(instant: int, worlds: slice | list[int] = slice(None)) -> dict[str, np.nd
 def series(expression: TaskExpression, worlds: list[int] | None = None) -> np.ndarray:
     """The values at all instants: `(instants, worlds)`."""
     chosen = slice(None) if worlds is None else worlds
-    evaluator = TaskEvaluator([expression], SERIES.shape[1] if worlds is None else len(worlds))
+    evaluator = expression.evaluator(SERIES.shape[1] if worlds is None else len(worlds))
     first = evaluator.begin(at(0, chosen))
-    return np.concatenate([first, *(evaluator.advance(at(k, chosen)) for k in range(1, len(SERIES)))])
+    return np.stack([first, *(evaluator.advance(at(k, chosen)) for k in range(1, len(SERIES)))])
 
 
 def column(name: str) -> np.ndarray:
@@ -96,23 +90,24 @@ def test_a_world_gets_the_same_bits_whatever_is_beside_it(worlds: list[int]) -> 
 
 
 def test_worlds_begin_and_continue_on_their_own() -> None:
-    evaluator = TaskEvaluator([parse_task_value("previous(qpos/slide)", COLUMNS, "value")], 4)
-    evaluator.remember(at(0, [0, 1, 2, 3]))
-    np.testing.assert_array_equal(evaluator.advance(at(1, [3, 1]), [3, 1]), [SLIDE[0, [3, 1]]])
-    np.testing.assert_array_equal(evaluator.begin(at(5, [1]), [1]), [SLIDE[5, [1]]])
+    expression = parse_task_value("previous(qpos/slide)", COLUMNS, "value")
+    evaluator = expression.evaluator(4)
+    evaluator.begin(at(0, [0, 1, 2, 3]))
+    np.testing.assert_array_equal(evaluator.advance(at(1, [3, 1]), [3, 1]), SLIDE[0, [3, 1]])
+    np.testing.assert_array_equal(evaluator.begin(at(5, [1]), [1]), SLIDE[5, [1]])
     np.testing.assert_array_equal(
-        evaluator.advance(at(6, [0, 1, 2, 3])), [[SLIDE[0, 0], SLIDE[5, 1], SLIDE[0, 2], SLIDE[1, 3]]]
+        evaluator.advance(at(6, [0, 1, 2, 3])), [SLIDE[0, 0], SLIDE[5, 1], SLIDE[0, 2], SLIDE[1, 3]]
     )
 
 
 def test_a_condition_holds_world_by_world_and_nan_is_not_finite() -> None:
     condition = parse_task_condition("not isfinite('qpos/*') or rate(qpos/slide) > 0", COLUMNS, "fallen")
     assert condition.columns == ("qpos/slide", "qpos/hinge")
-    evaluator = TaskEvaluator([condition], 5)
+    evaluator = condition.evaluator(5)
     slide, hinge = np.array([0, np.nan, 0, 0, 0.0]), np.array([0, 0, np.inf, 0, 0])
-    np.testing.assert_array_equal(evaluator.begin({"qpos/slide": slide, "qpos/hinge": hinge}), [[0, 1, 1, 0, 0]])
+    np.testing.assert_array_equal(evaluator.begin({"qpos/slide": slide, "qpos/hinge": hinge}), [0, 1, 1, 0, 0])
     slide = np.array([-1, 0, 0, 1, np.nan])
-    np.testing.assert_array_equal(evaluator.advance({"qpos/slide": slide, "qpos/hinge": hinge}), [[0, 0, 1, 1, 1]])
+    np.testing.assert_array_equal(evaluator.advance({"qpos/slide": slide, "qpos/hinge": hinge}), [0, 0, 1, 1, 1])
 
 
 @pytest.mark.parametrize(

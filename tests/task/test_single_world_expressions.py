@@ -1,20 +1,11 @@
-"""Compiled expressions of one world and of many give the bits of the trees."""
+"""Compiled expressions of one world give the bits that they have among many worlds."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pytest
 
-from mjrun.probe.expression import BooleanExpression, NumericExpression, PreviousValue, walk
-from mjrun.probe.expression_evaluation import evaluate, evaluate_truth
-from mjrun.probe.task_expression import (
-    TaskEvaluator,
-    TaskExpression,
-    TaskVocabulary,
-    parse_task_condition,
-    parse_task_value,
-)
+from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 from mjrun.task.single_world_expressions import RowProgram
 from tests.task.test_worlds import MODEL
 
@@ -68,11 +59,12 @@ def test_a_world_alone_gets_the_same_bits(is_condition: bool) -> None:
     row = np.zeros(len(NAMES))
     sources = {name: (row, place) for place, name in enumerate(NAMES)}
     for world in range(SERIES.shape[1]):
-        alone = TaskEvaluator(expressions, 1)
+        alone = [each.evaluator(1) for each in expressions]
         programs = []
         for is_first in (True, False):
             program = RowProgram(sources, is_first)
-            programs.append(program.function("time", f"[{', '.join(program.values(alone))}]"))
+            values = [program.value(each) for each in alone]
+            programs.append(program.function("time", f"[{', '.join(values)}]"))
         for instant, columns in enumerate(SERIES[:, world]):
             row[:] = columns
             with np.errstate(all="ignore"):
@@ -81,37 +73,14 @@ def test_a_world_alone_gets_the_same_bits(is_condition: bool) -> None:
                 assert same_bits(value, other), (text, world, instant, value, other)
 
 
-@pytest.mark.parametrize("is_condition", [False, True])
-def test_many_worlds_get_the_bits_of_the_tree(is_condition: bool) -> None:
-    parse = parse_task_condition if is_condition else parse_task_value
-    texts = CONDITIONS if is_condition else VALUES
-    expressions = [parse(text, COLUMNS, "value") for text in texts]
-    expected = among_others(expressions)
-    evaluator = TaskEvaluator(expressions, SERIES.shape[1])
-    for instant, columns in enumerate(SERIES):
-        known = dict(zip(NAMES, columns.T.copy(), strict=True)) | {"time": np.full(len(columns), 0.05 * instant)}
-        with np.errstate(all="ignore"):
-            values = (evaluator.advance if instant else evaluator.begin)(known)
-        for text, ours, others in zip(texts, values, expected[instant], strict=True):
-            assert ours.shape == others.shape
-            assert all(map(same_bits, ours, others)), (text, instant, ours, others)
-
-
 def among_others(expressions: Sequence[TaskExpression]) -> np.ndarray:
-    """The values of all worlds together `(instants, expressions, worlds)`, by walking the trees."""
-    values, before = [], dict[NumericExpression, Any]()
+    """The values of all worlds together `(instants, expressions, worlds)`."""
+    evaluators = [each.evaluator(SERIES.shape[1]) for each in expressions]
+    values = []
     for instant, columns in enumerate(SERIES):
         known = dict(zip(NAMES, columns.T.copy(), strict=True)) | {"time": np.full(len(columns), 0.05 * instant)}
-        previous, row = dict[NumericExpression, Any](), []
         with np.errstate(all="ignore"):
-            for each in expressions:
-                for node in dict.fromkeys(node for node in walk(each.root) if isinstance(node, PreviousValue)):
-                    now = evaluate(node.operand, known, previous)
-                    previous[node], before[node] = before.get(node, now), now
-                is_truth = isinstance(each.root, BooleanExpression)
-                value = (evaluate_truth if is_truth else evaluate)(each.root, known, previous)
-                row.append(np.broadcast_to(value, len(columns)))
-        values.append(row)
+            values.append([(each.advance if instant else each.begin)(known) for each in evaluators])
     return np.array(values)
 
 
@@ -148,7 +117,7 @@ def test_only_arithmetic_needs_no_numpy() -> None:
     def uses_numpy(text: str) -> bool:
         row = np.zeros(len(NAMES))
         program = RowProgram({name: (row, place) for place, name in enumerate(NAMES)}, False)
-        program.values(TaskEvaluator([parse_task_value(text, COLUMNS, "value")], 1))
+        program.value(parse_task_value(text, COLUMNS, "value").evaluator(1))
         return program.uses_numpy
 
     assert not uses_numpy("norm('command/*') + where(isfinite('action/*'), action/1^2 / 3, rate(action/2))")
