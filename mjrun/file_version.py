@@ -3,6 +3,7 @@
 import os
 import stat
 from collections.abc import Callable, Sequence
+from typing import IO
 
 COARSEST_TIME = 2 * 10**9  # [ns] between the times that a file system distinguishes, as FAT
 
@@ -15,6 +16,18 @@ def file_version(place: str) -> list[int] | None:
 def folder_version(place: str) -> list[int] | None:
     """Returns numbers that differ once a file in a settled folder has come, gone or been renamed; None without it."""
     return _version_at(place, stat.S_ISDIR)
+
+
+def content_version(file: IO[bytes]) -> tuple[int, int] | None:
+    """Returns numbers that differ once an open regular file is written to, but not if it is replaced or renamed.
+
+    None if it is not a regular file.
+    """
+    try:
+        status = os.fstat(file.fileno())
+    except OSError:  # a stream without a descriptor
+        return None
+    return (status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
 
 
 def version_of(status: os.stat_result) -> list[int]:

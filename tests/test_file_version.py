@@ -1,10 +1,11 @@
 """Theorems about versions: whatever happens to a settled file or folder, its version is another one."""
 
+import io
 import os
 import time
 from pathlib import Path
 
-from mjrun.file_version import COARSEST_TIME, file_version, folder_version, is_settled, version_of
+from mjrun.file_version import COARSEST_TIME, content_version, file_version, folder_version, is_settled, version_of
 
 
 def test_a_file_has_another_version_once_its_content_is_changed_or_replaced_even_with_its_size_and_time(
@@ -36,6 +37,22 @@ def test_a_folder_has_another_version_once_a_file_comes_goes_or_is_renamed(tmp_p
         change()
         seen.append(folder_version(str(tmp_path)))
     assert len({tuple(version) for version in seen if version}) == 4
+
+
+def test_the_content_of_an_open_file_has_another_version_once_it_is_written_to_and_not_when_it_is_replaced(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"one")
+    with path.open("rb") as file:
+        first = content_version(file)
+        path.rename(tmp_path / "b")
+        path.write_bytes(b"another")
+        assert content_version(file) == first
+        time.sleep(0.02)
+        (tmp_path / "b").write_bytes(b"two")
+        assert content_version(file) != first
+    assert content_version(io.BytesIO()) is None
 
 
 def test_there_is_no_version_of_what_is_missing_or_of_another_kind(tmp_path: Path) -> None:

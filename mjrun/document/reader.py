@@ -98,11 +98,9 @@ class _Resolver:
         whole = _REFERENCE.fullmatch(text)
         if whole and whole[1] is not None:
             value = self._value(whole, node.mark, path)
-            return (
-                tree.ScalarNode(node.mark, value.value, value.text, text)
-                if value
-                else tree.ReportedFaultNode(node.mark)
-            )
+            if not value:
+                return tree.ReportedFaultNode(node.mark)
+            return tree.ScalarNode(node.mark, value.value, value.text, text)
         parts: list[str] = []
         end = 0
         for match in _REFERENCE.finditer(text):

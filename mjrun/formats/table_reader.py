@@ -8,8 +8,6 @@ of its columns and of one more. A table is untrusted: nothing in it is executed,
 import contextlib
 import html
 import io
-import os
-import stat
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import field
@@ -22,6 +20,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, file_errors
+from mjrun.file_version import content_version
 from mjrun.formats.input_file import cut, require_file
 from mjrun.formats.local_and_remote_folders import open_url
 from mjrun.formats.table_read_stream import AcceptedCells, ColumnFilter
@@ -163,7 +162,7 @@ class OpenTable:
     ) -> None:
         self.path = path
         self.file = file
-        self._written = _last_write(file)  # before anything is read
+        self._written = content_version(file)  # before anything is read
         self._all_names: dict[str, None] = {}
         named = [columns] if isinstance(columns, str) else [] if columns is None or callable(columns) else [*columns]
 
@@ -221,7 +220,7 @@ class OpenTable:
         Raises:
           FileError: something was written; rows may be those of two tables.
         """
-        if _last_write(self.file) != self._written:
+        if content_version(self.file) != self._written:
             raise FileError(self.path, "has changed while it was read")
 
     def close(self) -> None:
@@ -244,15 +243,6 @@ class OpenTable:
             raise
         except MemoryError:
             raise FileError(self.path, "its columns do not fit in memory") from None
-
-
-def _last_write(file: BinaryIO) -> tuple[int, int] | None:
-    """Returns the size [bytes] and the time of the last write [ns] of an open file; None if it is not a regular one."""
-    try:
-        status = os.fstat(file.fileno())
-    except OSError:  # a stream without a descriptor
-        return None
-    return (status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
 
 
 def open_table(

@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import BrokenModelError, CompiledOverrideError, option
+from mjrun.errors import BrokenModelError, CompiledOverrideError, file_errors, option
 from mjrun.model.fields import arrays, is_layout
 from mjrun.model.override import Override
 from mjrun.model.source import ModelSource
@@ -156,7 +156,8 @@ def visual_remark(source: ModelSource) -> str:
     path = source.main_file
     if path is None or path.suffix != ".urdf":
         return ""
-    text = path.read_bytes()
+    with file_errors(path):
+        text = path.read_bytes()
     if not VISUAL.search(text) or KEPT.search(text):
         return ""
     keeping = '<mujoco><compiler discardvisual="false"/></mujoco>'

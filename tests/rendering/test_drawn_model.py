@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError
+from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError, FileError
 from mjrun.model.fields import arrays
 from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
@@ -112,6 +112,9 @@ def test_a_remark_tells_when_mujoco_reads_no_visual_geoms_of_a_urdf(tmp_path: Pa
     path.write_text(f'<robot name="r">{compiler}<link name="a">{sphere}</link></robot>')
     source = source_of(path)
     assert bool(visual_remark(source)) == (source.load().ngeom == 0)
+    path.unlink()
+    with pytest.raises(FileError, match="cannot be read"):
+        visual_remark(source)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, -0.7, math.pi / 2])
