@@ -141,6 +141,12 @@ class ResultColumns(Sequence[PointResult]):
         self._message[places] = self._coded(rows.messages)[rows.message]
         self._host[places] = self._coded(rows.hosts)[rows.host]
 
+    def forget(self, places: Sequence[int]) -> None:
+        """Removes the results at these places, which are missing then."""
+        blank = ResultColumns(self.points[list(places)], self.metrics.shape[1])
+        for name in (*NUMBERS, "_message", "_host"):
+            getattr(self, name)[list(places)] = getattr(blank, name)
+
     def rows(self, places: np.ndarray) -> ResultRows:
         """Returns the results at these places."""
         return ResultRows(

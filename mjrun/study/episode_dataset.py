@@ -328,11 +328,11 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
     def _missing(self, prepared: PreparedStudy, known: Sequence[Mapping[str, Any]]) -> list[int]:
         """Returns the points to simulate: those without a result, and those whose files are lost."""
         have = {each["key"] for each in known}
-        missing = set(prepared.missing(self.retry_failed))
-        for index, (key, result) in enumerate(zip(prepared.keys, prepared.known, strict=True)):
-            if result.status == "ok" and not self._waits(index, key):
-                missing.add(index)
-        return [index for index in sorted(missing) if prepared.keys[index] not in have]
+        numbered = enumerate(zip(prepared.keys, prepared.known, strict=True))
+        prepared.known.forget(
+            [index for index, (key, result) in numbered if result.status == "ok" and not self._waits(index, key)]
+        )
+        return [index for index in prepared.missing(self.retry_failed) if prepared.keys[index] not in have]
 
     def _waits(self, index: int, key: str) -> bool:
         """Returns whether the files of an episode are there, and of this episode."""

@@ -3,7 +3,6 @@
 import json
 import os
 import time
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from importlib import import_module
@@ -87,14 +86,15 @@ class Dataset(DatasetOptions, ExecutionOptions):
             prepared.files.create()
             prepared.warn(reporter)
             study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
-            missing = sorted({*prepared.missing(self.retry_failed), *self._lost(prepared)})
+            prepared.known.forget(self._lost(prepared))
+            missing = prepared.missing(self.retry_failed)
             if len(missing) < len(prepared.keys):
                 reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
             made = 0
             if missing:
                 made = prepared.simulate(missing, study, reporter, publish=self._publish).total()
-            lost = {*self._lost(prepared)} if made < len(missing) else set[int]()
-            return self._conclude(study, prepared, objects, made, lost, start)
+                prepared.known.forget(self._lost(prepared))  # such as those whose files have been removed meanwhile
+            return self._conclude(study, prepared, objects, made, start)
 
     @property
     def _layout(self) -> Any:
@@ -203,10 +203,9 @@ class Dataset(DatasetOptions, ExecutionOptions):
         prepared: PreparedStudy,
         objects: Sequence[ObjectToLabel],
         made: int,
-        lost: set[int],
         start: float,
     ) -> "DatasetResult":
-        """Writes the labels and returns the result; the points `lost` have results, but their files are missing."""
+        """Writes the labels and returns the result."""
         results, folder = prepared.known, Path(self.output)
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         study_table(prepared.points, (), results, prepared.units).write(folder, facts)
@@ -214,7 +213,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
         rejected = 0
         for index, result in enumerate(results):
-            document = self._record(index) if result.status == "ok" and index not in lost else None
+            document = self._record(index) if result.status == "ok" else None
             for image in document["images"] if document else ():
                 rejected += not image["accepted"]
                 if image["accepted"]:
@@ -240,11 +239,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
             wall=time.perf_counter() - start,
         )
         study.write_manifest({"schema": SCHEMA, "format": list(self.format), "images": dict(result.images)})
-        statuses = Counter(results.counts)
-        statuses["ok"] -= len(lost)
-        statuses["missing"] += len(lost)
-        failed = statuses["ok"] < len(results)
-        raise_failures(result, [], FailedPointsError(+statuses) if failed else None)
+        is_complete = results.counts.get("ok", 0) == len(results)
+        raise_failures(result, [], None if is_complete else FailedPointsError(results.counts))
         return result
 
     def _objects(self, objects: Sequence[ObjectToLabel], model: mujoco.MjModel) -> bytes:

@@ -12,6 +12,7 @@ from mjrun.study.point_server import PointSimulationServer
 from mjrun.worker import PicklableException, Reply, Request
 
 _alone = threading.Lock()  # the threads of an engine share MuJoCo's handler of warnings
+_servers = list[PointSimulationServer]()  # of which another thread, where garbage is collected, must free no OpenGL
 
 
 class WorkerHere:
@@ -20,6 +21,7 @@ class WorkerHere:
     def __init__(self) -> None:
         self.pending = deque[Request]()
         self._server = PointSimulationServer()
+        _servers.append(self._server)
         self._values = deque[Any]()
 
     def send(self, name: str, *arguments: object) -> None:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -11,10 +11,11 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import FailedPointsError, UsageError
+from mjrun.errors import DrawError, FailedPointsError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.study.dataset_specs import camera_argument, part_of
 from mjrun.study.image_dataset import Dataset, DatasetResult
+from mjrun.study.point_images import PointImageMaker
 from tests.cases import cases
 from tests.study.in_process import simulate_here
 
@@ -97,6 +98,26 @@ def test_lost_files_are_rendered_again_and_nothing_else(model: Path, tmp_path: P
     assert made(model, folder).rendered == 2
     assert contents(folder) == before
     assert made(model, folder).rendered == 0
+
+
+def test_a_known_point_whose_lost_files_cannot_be_rendered_again_has_failed(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "set"
+    made(model, folder)
+    (folder / "images/000001.png").unlink()
+
+    def failing(*_: object) -> NoReturn:
+        raise DrawError("no memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PointImageMaker, "make", failing)
+        with pytest.raises(FailedPointsError) as caught:
+            made(model, folder)
+    (result,) = caught.value.results
+    assert (result.statuses, result.failures[0].message) == ({"ok": 2, "failed": 1}, "no memory")
+    assert sum(result.images.values()) == 2
+    assert made(model, folder).rendered == 1
 
 
 def test_no_image_of_an_edited_model_stays_even_if_the_edit_is_undone(model: Path, tmp_path: Path) -> None:
