@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cache, reduce
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
@@ -184,9 +184,11 @@ def _installed() -> tuple[str, ...]:
 
 
 def _content(path: str) -> bytes:
-    """Returns the source of a module: as it was pickled, if this process has it from there."""
+    """Returns the source of a module: as this process has executed it, where it was imported by `load_code`."""
     pickled = _pickled_source(path)
-    return pickled.content if pickled else Path(path).read_bytes()
+    if pickled:
+        return pickled.content
+    return _executed[path] if path in _executed else Path(path).read_bytes()
 
 
 def _pickled_source(path: str) -> ModuleSource | None:
@@ -207,6 +209,36 @@ def _imported(content: bytes, name: str) -> list[str]:
             names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
     parents = {each.rpartition(".")[0] for each in (*names, name)}
     return [each for each in names | parents if each]
+
+
+_executed = dict[str, bytes]()  # sources of the user's modules, by the path of the file
+
+
+class _ModuleReadOnce(importlib.machinery.SourceFileLoader):
+    """A loader of a module of the user's, which remembers the source that it executes."""
+
+    def path_stats(self, path: str) -> NoReturn:  # type: ignore[override]
+        """Refuses bytecode, which may be of a source that was edited in the same second."""
+        raise OSError
+
+    def get_data(self, path: str) -> bytes:  # type: ignore[override]
+        content = _executed[path] = super().get_data(path)
+        return content
+
+
+class _ModulesReadOnce(importlib.abc.MetaPathFinder):
+    """A finder of the user's modules in files, which Python finds next to each other."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
+        if spec and type(spec.loader) is importlib.machinery.SourceFileLoader and _is_users(spec.loader.path):
+            spec.loader = _ModuleReadOnce(fullname, spec.loader.path)
+        return spec
+
+
+_finder = _ModulesReadOnce()
 
 
 class _PickledModules(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
@@ -271,6 +303,8 @@ def made(thing: object, code: str, name: str) -> object:
 
 
 def _load(place: str, attribute: str, name: str, form: str) -> object:
+    if _finder not in sys.meta_path:
+        sys.meta_path.insert(sys.meta_path.index(importlib.machinery.PathFinder), _finder)
     try:
         module = _file(Path(place), form) if place.endswith(".py") else _module(place)
         if not hasattr(module, attribute.partition(".")[0]):
@@ -291,7 +325,7 @@ def _file(path: Path, form: str) -> ModuleType:
     if not pickled and not path.is_file():
         raise FileError(path, "there is no such file" if not path.exists() else "is not a file", form)
     sys.path.insert(0, str(path.parent.resolve()))  # as `python FILE.py` does
-    loader = _PickledModules([pickled]) if pickled else None
+    loader = _PickledModules([pickled]) if pickled else _ModuleReadOnce(path.stem, str(path.resolve()))
     spec = importlib.util.spec_from_file_location(path.stem, path.resolve(), loader=loader)
     assert spec
     assert spec.loader

@@ -1,12 +1,14 @@
 """Code that the user names: found where Python finds it, and never in the way of the payload."""
 
+import os
+import py_compile
 import sys
 from pathlib import Path
 
 import pytest
 
 from mjrun.errors import ControllerError, FileError, UsageError
-from mjrun.python_code import RedirectedFunction, code_hash, load_code, made
+from mjrun.python_code import RedirectedFunction, code_hash, load_code, made, module_sources
 
 
 @pytest.fixture
@@ -73,3 +75,25 @@ def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
     assert code_hash([act]) != before
     assert code_hash([]) == code_hash([print]) == code_hash([Path]) == ""
     del sys.modules["control_of_a_test"], sys.modules["gains_of_a_test"]
+
+
+def test_the_source_of_a_module_is_that_which_was_executed(folder: Path) -> None:
+    edit = "__import__('pathlib').Path(__file__).write_text('edited')"
+    sources = {"editing_itself": f"{edit}\nimport editing_itself_too", "editing_itself_too": edit}
+    for name, text in sources.items():
+        (folder / f"{name}.py").write_text(text)
+    load_code("editing_itself.py:editing_itself_too", "policy", "")
+    assert {each.name: each.content.decode() for each in module_sources(["editing_itself.py:"])} == sources
+    for name in sources:
+        del sys.modules[name]
+
+
+def test_code_is_that_of_the_file_and_not_of_bytecode_of_the_same_second(folder: Path) -> None:
+    path = folder / "sized_in_test.py"
+    for value in "12":
+        path.write_text(f"VALUE = {value}")
+        os.utime(path, (10**9, 10**9))
+        if value == "1":
+            py_compile.compile(str(path))
+    assert load_code("sized_in_test.py:VALUE", "policy", "") == 2
+    del sys.modules["sized_in_test"]
