@@ -34,8 +34,6 @@ WORST_FIRST = (FAILED, SLOWER, INCONCLUSIVE, NOT_SLOWER, FASTER)
 OPTIONS = ("key", "noise_std", "noise_rate", "settings")
 MACHINE = ("system", "cpu", "cores", "available")
 ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
-# Prefixes of overrides in earlier versions of mjrun, and in this one.
-EARLIER_SETTINGS = (("--set ", ""), ("--integrator ", "opt.integrator="), ("--timestep ", "opt.timestep="))
 
 
 @dataclass(frozen=True)
@@ -198,8 +196,6 @@ def differences(now: Document, base: Document) -> list[str]:
     for part, keys in (("engine", ENGINE), ("options", OPTIONS), ("machine", MACHINE)):
         for key in keys:
             there, here = base[part][key], now[part][key]
-            if key == "settings":
-                there, here = [*map(_setting, there)], [*map(_setting, here)]
             if there != here:
                 name = "engine" if (part, key) == ("engine", "name") else key
                 reasons.append(f"{name}: {clean(_word(there))} there, {clean(_word(here))} here")
@@ -220,7 +216,7 @@ def workload_obstacle(now: Document, base: Document) -> str | None:
     if here is None:
         return "no reference workload is timed with this engine"
     if there is None:
-        return "the baseline has no reference workload; earlier versions of mjrun did not time one"
+        return "the baseline has no reference workload"
     if here["version"] != there["version"]:
         return "the baseline has another reference workload"
     if now["mujoco"] != base["mujoco"]:
@@ -330,14 +326,6 @@ def verdict(low: float | None, high: float | None, fastest: float, limit: float)
 def _label(timing: TimingId) -> str:
     name, device = timing
     return f"{name} by {device}" if device else name
-
-
-def _setting(text: str) -> str:
-    """Returns an override in its present form."""
-    for before, after in EARLIER_SETTINGS:
-        if text.startswith(before):
-            return after + text.removeprefix(before)
-    return text
 
 
 def _word(value: Any) -> str:

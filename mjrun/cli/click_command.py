@@ -22,7 +22,7 @@ from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, OneOrMore
-from mjrun.options.option import FrontEnd, Option, Options, options_of
+from mjrun.options.option import OTHER_NAMES, FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings
 
@@ -37,23 +37,6 @@ ON_FILES = (OpenWhenDoneOptions, ConfinementOptions)  # of commands that may rea
 # Sections that several commands share; they follow the sections of a single command.
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
-# Names of options in earlier versions and in other tools that are too different to be suggested by similarity.
-OTHER_NAMES = {
-    "at": ("time",),
-    "bitrate": ("crf",),
-    "columns": ("probe",),
-    "duration": ("time", "steps"),
-    "framerate": ("fps",),
-    "height": ("size",),
-    "length": ("duration",),
-    "resolution": ("size",),
-    "time": ("duration",),
-    "width": ("size",),
-    "-n": ("episodes", "samples"),
-    "-r": ("fps", "rate"),
-    "-s": ("size",),
-    "-t": ("duration",),
-}
 SHORT_DEFAULT = 24  # characters that are kept on one line
 
 

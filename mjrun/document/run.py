@@ -30,7 +30,6 @@ from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_o
 from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
-    RENAMED,
     Fault,
     MappingNode,
     Place,
@@ -92,8 +91,7 @@ class _Run(OptionsMapping[Values]):
 
     def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Place, str]]:
         yield from super().conflicts(values)
-        renamed = any(RENAMED.get(key, "").startswith(tuple(OUTPUTS)) for key in values)  # which is reported separately
-        if not renamed and not any(values.get(key, []) != [] for key in OUTPUTS):
+        if not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"the document has no outputs; add one of {', '.join(OUTPUTS)}"
 
     def mapping_schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> dict[str, object]:

@@ -10,7 +10,7 @@ from typing import NamedTuple, cast
 from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, DocumentProblem, UsageError, clean, listing, quoted, spelled, suggestion
 from mjrun.options.kinds import OneOrMore
-from mjrun.options.option import Options, document_options
+from mjrun.options.option import OTHER_NAMES, Options, document_options
 from mjrun.options.schema_validation import TYPES, Misfit
 from mjrun.timeline import rational
 
@@ -197,14 +197,6 @@ def described(node: Node) -> str:
 
 DeclaredAt = Callable[[Place], type[Options]]  # returns the options at a place of a document
 
-# Keys of earlier versions, and their replacements.
-RENAMED = {
-    "films": "videos",
-    "stills": "images",
-    "recording": "recordings, a list",
-    "at": "time",
-    "groups": "geomgroup, sitegroup, jointgroup, …",
-}
 # Places whose keys are names that may contain dots.
 NAMED = (
     *("set", "qpos", "qvel", "ctrl", "vary", "correlate", "when", "metrics", "free", "changes"),
@@ -245,10 +237,9 @@ def _fault(misfit: Misfit, node: Node, tree: Node, more_keys: Sequence[str]) -> 
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:
-    if key in RENAMED:
-        return f"unknown key {quoted(key)}: it was renamed to {RENAMED[key]}"
     choices = f"; keys: {listing(keys)}" if keys else ""
-    return f"unknown key {quoted(shortened(key))}{suggestion(key, keys)}{choices}"
+    meant = [name for name in OTHER_NAMES.get(key, ()) if name in keys]
+    return f"unknown key {quoted(shortened(key))}{suggestion(key, keys, *meant)}{choices}"
 
 
 def fault_at(tree: Node, path: Place, error: UsageError) -> Fault:

@@ -17,6 +17,24 @@ V = TypeVar("V")
 T = TypeVar("T")
 C = TypeVar("C")
 
+# Names of options in other tools that are too different to be suggested by similarity.
+OTHER_NAMES = {
+    "at": ("time",),
+    "bitrate": ("crf",),
+    "columns": ("probe",),
+    "duration": ("time", "steps"),
+    "framerate": ("fps",),
+    "height": ("size",),
+    "length": ("duration",),
+    "resolution": ("size",),
+    "time": ("duration",),
+    "width": ("size",),
+    "-n": ("episodes", "samples"),
+    "-r": ("fps", "rate"),
+    "-s": ("size",),
+    "-t": ("duration",),
+}
+
 
 class FrontEnd(Flag):
     """Front ends that accept an option."""

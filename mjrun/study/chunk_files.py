@@ -6,7 +6,6 @@ can therefore be stopped, changed and continued by any number of processes at on
 
 import hashlib
 import json
-import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
@@ -55,7 +54,6 @@ DIGITS = 16  # of the hash at the end of the name of a part
 TEXTS, INTEGERS = ("status", "message", "host"), ("point", "steps", "exit_code")
 KEY_BYTES = 16
 KEYS = f"S{KEY_BYTES}"  # of numpy, which ignores zeros at the end
-HEXADECIMAL = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}")
 TOGETHER = 8  # parts that are merged into one
 PART_BYTES = 2**25  # largest part that is made by merging
 GROUP = 2**14  # rows that are merged at once
@@ -336,7 +334,7 @@ class ChunkFiles:
                 damaged += [name] if PointRange.of(name) else []
                 continue
             study = (schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
-            if study != self.study and {*_schema(()).names} - {"point"} <= {*schema.names}:
+            if study != self.study and {*_schema(()).names} <= {*schema.names}:
                 others.append(name)
         return others, damaged
 
@@ -610,16 +608,14 @@ def _part(points: np.ndarray, keys: Sequence[str], results: ResultRows, metrics:
 
 
 def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str], *, has_keys: bool) -> bool:
-    """Returns whether a file with these columns is a part of a study with these metrics, of this or an older layout."""
+    """Returns whether a file with these columns is a part of a study with these metrics."""
     from pyarrow import types
 
     found = {name for name in schema.names if name.startswith(METRIC)}
     if found != {METRIC + name for name in metrics} or len(set(schema.names)) < len(schema.names):
         return False
     ours = _schema(metrics)
-    is_old = "key" in schema.names and types.is_string(schema.field("key").type)
-    wanted = [name for name in ours.names if (has_keys and not is_old) or name != "key"]
-    wanted = [name for name in wanted if not is_old or name != "point"]
+    wanted = [name for name in ours.names if has_keys or name != "key"]
 
     def kind(name: str) -> "pyarrow.DataType":
         found = schema.field(name).type
@@ -629,7 +625,7 @@ def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str], *, has_keys: bool
 
 
 def _part_rows(table: "pyarrow.Table", metrics: Sequence[str]) -> _PartRows:
-    """Returns the valid rows of a part; files are untrusted, and have older layouts."""
+    """Returns the valid rows of a part; files are untrusted."""
     from mjrun.formats.arrow_columns import array_numbers, array_validity
 
     arrays = {name: table.column(name).combine_chunks() for name in table.column_names}
@@ -658,23 +654,8 @@ def _part_rows(table: "pyarrow.Table", metrics: Sequence[str]) -> _PartRows:
     )
     rows = np.flatnonzero(is_valid & (status != MISSING))
     study = (table.schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
-    is_old = "point" not in table.column_names
-    points = np.full(table.num_rows, -1) if is_old else numbers("point")
-    return _PartRows("" if is_old else study, points[rows], _keys_in(table)[rows], results.at(rows))
-
-
-def _keys_in(table: "pyarrow.Table") -> np.ndarray:
-    """Returns the keys in a part; those of older layouts are texts, of which invalid ones become empty."""
-    from pyarrow import types
-
-    from mjrun.formats.arrow_columns import array_numbers
-
-    if "key" not in table.column_names:
-        return np.zeros(table.num_rows, KEYS)
-    column = table.column("key").combine_chunks()
-    if types.is_fixed_size_binary(column.type):
-        return array_numbers(column, KEYS)
-    return _binary([text if text and HEXADECIMAL.fullmatch(text) else "" for text in column.to_pylist()])
+    keys = array_numbers(arrays["key"], KEYS) if "key" in arrays else np.zeros(table.num_rows, KEYS)
+    return _PartRows(study, numbers("point")[rows], keys[rows], results.at(rows))
 
 
 def _binary(keys: Sequence[str]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 A file that concerns a range of points has a name that begins with `STUDY-FIRST-LAST-`. It is in the smallest of some
 nested folders `STUDY-FIRST-LAST.points` whose range contains its own, and beside these folders if none does. In small
-studies, and in those of earlier versions, all files are in one folder; files are read in whichever folder they are.
+studies, all files are in one folder.
 """
 
 import re

@@ -147,7 +147,7 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
     """Returns the number of points of a study, its metrics and its hash.
 
     Raises:
-      FileError: the manifest cannot be read, or is of an older version of mjrun.
+      FileError: the manifest cannot be read, or is not that of a study.
     """
     path = folder.path(MANIFEST)
     try:

@@ -1,10 +1,8 @@
 """Values that do not fit are reported all at once, each at its place, with what is expected."""
 
-import pytest
-
 from mjrun.errors import clean
 from tests.cases import cases
-from tests.document.documents import ANCHOR, Nothing, Run, problems, put, read
+from tests.document.documents import ANCHOR, Run, problems, put, read
 
 
 @cases("text, lines")
@@ -39,11 +37,6 @@ def test_long_and_hostile_text_is_cut_and_cleaned() -> None:
     assert "'\\u202ekey'" in found[0]
 
 
-@pytest.mark.parametrize(
-    ("key", "new"),
-    [("films", "videos"), ("stills", "images"), ("recording", "recordings, a list"), ("at", "time")],
-)
-def test_a_key_of_earlier_versions_is_reported_with_its_new_name(key: str, new: str) -> None:
-    assert problems(lambda: read(put(f"{key}: 1\n"), Nothing)) == [
-        f"d.yaml:1:1: unknown key '{key}': it was renamed to {new}"
-    ]
+def test_a_key_that_is_the_name_of_an_option_in_other_tools_is_reported_with_ours() -> None:
+    [problem] = problems(lambda: read(put("length: 1\n"), Run))
+    assert problem.startswith("d.yaml:1:1: unknown key 'length' (did you mean 'duration'?)")

@@ -127,15 +127,6 @@ def test_points_with_one_key_have_one_result(tmp_path: Path) -> None:
     assert known.counts == {"ok": 3}
 
 
-def test_a_part_of_an_older_layout_is_read_by_keys(files: ChunkFiles, tmp_path: Path) -> None:
-    part = write(files, [0, 1], RESULTS)
-    table = pyarrow.parquet.ParquetFile(part).read().drop_columns(["point"]).replace_schema_metadata()
-    old = table.set_column(0, "key", pyarrow.array([KEYS[3], "no key"]))
-    pyarrow.parquet.write_table(old, tmp_path / "parts" / "0123456789abcdef.parquet")
-    part.unlink()
-    assert read(files) == {3: "ok"}
-
-
 def test_merged_parts_have_the_same_results(files: ChunkFiles, tmp_path: Path) -> None:
     parts = [write(files, [point, 7], [RESULTS[point % 2], RESULTS[0]]) for point in range(6)]
     other = write(files_in(tmp_path, "cd" * 32), [0], RESULTS[:1])
@@ -156,7 +147,7 @@ def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
     parts = [write(files, points, [RESULTS[0]] * len(points)) for points in ([0, 1], [2], [3, 4], [5, 6])]
     assert [len(part.relative_to(tmp_path).parts) for part in parts] == [4, 4, 2, 3]
     moved = tmp_path / "parts" / write(files, [7], RESULTS[1:]).name
-    next(tmp_path.rglob(moved.name)).rename(moved)  # where earlier versions have it
+    next(tmp_path.rglob(moved.name)).rename(moved)
     parts[1].write_text("damaged")
     known = {0: "ok", 1: "ok", 3: "ok", 4: "ok", 5: "ok", 6: "ok", 7: "crashed"}
     assert read(files) == known
