@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pkgutil import resolve_name
 
-from mjrun.options.kinds import Choice
+from mjrun.options.kinds import ChoiceKind
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 from mjrun.outputs.format_lists import with_formats
 
@@ -59,7 +59,7 @@ def _lines(declared: Sequence[Option]) -> Iterator[str]:
 
 
 def _choices(each: Option) -> Sequence[str]:
-    return each.kind.names if isinstance(each.kind, Choice) else ()
+    return each.kind.names if isinstance(each.kind, ChoiceKind) else ()
 
 
 def _shown(default: object) -> str:

@@ -18,11 +18,11 @@ from typing import Any, ForwardRef, Union, get_args, get_origin
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
-from mjrun.options.kinds import AnyKind, CameraKind, Choice, Kind, OneOrMore
-from mjrun.options.number_kinds import Instant, ProcessCount
+from mjrun.options.kinds import AnyKind, CameraKind, ChoiceKind, Kind, OneOrMoreKind
+from mjrun.options.number_kinds import InstantKind, ProcessCountKind
 from mjrun.options.option import Option, Options, options_of
 from mjrun.options.policy import PolicyKind
-from mjrun.options.structured_kinds import OneOf
+from mjrun.options.structured_kinds import OneOfKind
 from mjrun.python_help import FUNCTIONS, options_of_name
 
 STUB = Path(mjrun.__file__).with_name("__init__.pyi")
@@ -53,8 +53,8 @@ INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 # Kinds that accept objects of rooms that declarations do not know.
 ACCEPTED: dict[type[AnyKind], str] = {
     CameraKind: "str | int | PathLike[str] | CameraScript",
-    Instant: "float | str | Fraction | ConditionEvent",
-    ProcessCount: "int | Literal['auto']",
+    InstantKind: "float | str | Fraction | ConditionEvent",
+    ProcessCountKind: "int | Literal['auto']",
     PolicyKind: "str | PathLike[str] | Policy | Callable[..., object]",
 }
 
@@ -62,15 +62,15 @@ ACCEPTED: dict[type[AnyKind], str] = {
 def accepted(kind: AnyKind) -> str:
     """Returns the type of the values that a kind accepts."""
     match kind:
-        case OneOrMore():
+        case OneOrMoreKind():
             each = accepted(kind.each)
             return f"{each} | Sequence[{each}]"
-        case Choice():
+        case ChoiceKind():
             return f"Literal[{', '.join(map(repr, kind.names))}]"
         case _ if type(kind) in ACCEPTED:
             return ACCEPTED[type(kind)]
     bases = [base for home in type(kind).__mro__ for base in vars(home).get("__orig_bases__", ())]
-    return written(next(get_args(base)[0] for base in bases if get_origin(base) in (Kind, OneOf)))
+    return written(next(get_args(base)[0] for base in bases if get_origin(base) in (Kind, OneOfKind)))
 
 
 def accepted_by(option: Option) -> str:

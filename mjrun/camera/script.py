@@ -21,12 +21,12 @@ from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, ObjectNam
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, near
 from mjrun.model.names import identify, names
-from mjrun.options.kinds import Choice, Flag, ReadingContext, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real
+from mjrun.options.kinds import ChoiceKind, FlagKind, ReadingContext, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Number, RealKind
 from mjrun.options.option import Options, document_key, located, option, options, options_of, required
 from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.options.schema_validation import InvalidValueError, Path, Schema
-from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping, mappings_in, plain_values
+from mjrun.options.structured_kinds import ListKind, OneOfKind, OptionsMappingKind, mappings_in, plain_values
 from mjrun.timeline import rational
 
 END = "end"  # of the simulation
@@ -46,11 +46,11 @@ class FramedObject(Options):
 
     target: str = required(converter=ObjectNameKind(), kw_only=False, help="A body, geom or site.")
     margin: float = option(
-        converter=Real(least=1), default=1.2, kw_only=False, help="Size of the image relative to the object."
+        converter=RealKind(least=1), default=1.2, kw_only=False, help="Size of the image relative to the object."
     )
 
 
-class InstantOrEndKind(ExactNumber):
+class InstantOrEndKind(ExactNumberKind):
     """A time [s], kept exactly, or the end."""
 
     def __init__(self) -> None:
@@ -73,15 +73,15 @@ class ConditionEvent(Options):
     """An event in the simulation: the instant when a condition becomes true."""
 
     when: str = required(
-        converter=Text(),
+        converter=TextKind(),
         kw_only=False,
         help="The condition, as in speed(box) > 0.02; quote it if it contains ': ' or ' #'.",
     )
     nth: int = option(
-        converter=Integer(1), default=1, kw_only=False, help="Number of the occurrence to use, counted from 1."
+        converter=IntegerKind(1), default=1, kw_only=False, help="Number of the occurrence to use, counted from 1."
     )
     offset: Fraction = option(
-        converter=ExactNumber(signed=True),
+        converter=ExactNumberKind(signed=True),
         default=0,
         kw_only=False,
         help="Delay after the event [s]; negative for a time before it.",
@@ -95,7 +95,7 @@ class ConditionEvent(Options):
     )
 
 
-class InstantOrEventKind(OneOf["float | str | Fraction | ConditionEvent", "Fraction | ConditionEvent"]):
+class InstantOrEventKind(OneOfKind["float | str | Fraction | ConditionEvent", "Fraction | ConditionEvent"]):
     """A time [s], kept exactly, or an event.
 
     Args:
@@ -103,24 +103,24 @@ class InstantOrEventKind(OneOf["float | str | Fraction | ConditionEvent", "Fract
     """
 
     def __init__(self, zero: bool = False) -> None:
-        time = ExactNumber(zero=zero)
+        time = ExactNumberKind(zero=zero)
         forms = "a time [s] or {when, nth, offset, else}"
-        super().__init__(forms, number=time, string=time, object=OptionsMapping(ConditionEvent, ConditionEvent))
+        super().__init__(forms, number=time, string=time, object=OptionsMappingKind(ConditionEvent, ConditionEvent))
 
     def __call__(self, value: "float | str | Fraction | ConditionEvent") -> "Fraction | ConditionEvent":
-        return value if isinstance(value, ConditionEvent) else ExactNumber(zero=True)(value)
+        return value if isinstance(value, ConditionEvent) else ExactNumberKind(zero=True)(value)
 
     def plain(self, value: "Fraction | ConditionEvent") -> object:
         return plain_values(value) if isinstance(value, ConditionEvent) else value
 
 
-class BlendKind(OneOf["Blend | str | float", Blend]):
+class BlendKind(OneOfKind["Blend | str | float", Blend]):
     """A blend, its shape or its width."""
 
     def __init__(self) -> None:
         forms = "a shape, a width [s] or {shape, width}"
-        shape, width = Choice((*BLENDS,)), Real(above=0)
-        super().__init__(forms, string=shape, number=width, object=OptionsMapping(Blend, Blend))
+        shape, width = ChoiceKind((*BLENDS,)), RealKind(above=0)
+        super().__init__(forms, string=shape, number=width, object=OptionsMappingKind(Blend, Blend))
 
     def __call__(self, value: "Blend | str | float") -> Blend:
         match value:
@@ -135,14 +135,14 @@ class BlendKind(OneOf["Blend | str | float", Blend]):
         return plain_values(value)
 
 
-class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
+class FramedObjectKind(OneOfKind["FramedObject | str", FramedObject]):
     """An object to frame, or its name."""
 
     def __init__(self) -> None:
         super().__init__(
             "an object's name or {target, margin}",
             string=ObjectNameKind(),
-            object=OptionsMapping(FramedObject, FramedObject),
+            object=OptionsMappingKind(FramedObject, FramedObject),
         )
 
     def __call__(self, value: "FramedObject | str") -> FramedObject:
@@ -164,14 +164,14 @@ class Shot(Options):
         help="End of the shot: a time of the simulation [s], or an event.",
     )
     lasting: Fraction | None = option(
-        converter=optional(ExactNumber()),
+        converter=optional(ExactNumberKind()),
         default=None,
         key="duration",
         kw_only=False,
         help="Duration of the shot [s] in simulated time, instead of until.",
     )
     speed: Fraction | None = option(
-        converter=optional(ExactNumber()),
+        converter=optional(ExactNumberKind()),
         default=None,
         kw_only=False,
         help="Simulated seconds per second of video: 0.5 is slow motion.",
@@ -192,7 +192,7 @@ class Shot(Options):
         help="Vertical field of view [deg], or its height [m] if orthographic; the model's if left out.",
     )
     shake: Shake | None = option(
-        converter=optional(OptionsMapping(Shake, Shake, blank=True)),
+        converter=optional(OptionsMappingKind(Shake, Shake, blank=True)),
         default=None,
         kw_only=False,
         help="Shake of a hand-held camera.",
@@ -205,7 +205,7 @@ class Shot(Options):
     )
 
 
-class ShotMappingKind(OptionsMapping[Shot]):
+class ShotMappingKind(OptionsMappingKind[Shot]):
     """A shot in a document, whose rig is one of its keys."""
 
     def __init__(self) -> None:
@@ -236,12 +236,12 @@ class CameraDocument(Options):
     """The camera's shots in a video, one after the other."""
 
     speed: Fraction | None = option(
-        converter=optional(ExactNumber()),
+        converter=optional(ExactNumberKind()),
         default=None,
         help="Simulated seconds per second of video, for shots without a speed: 0.5 is slow motion.",
     )
     shots: tuple[Shot, ...] = required(
-        converter=ListOf[Shot](ShotMappingKind(), least=1),
+        converter=ListKind[Shot](ShotMappingKind(), least=1),
         help="The shots in order; all but the last set their end with until or duration.",
     )
 
@@ -259,7 +259,7 @@ class CameraDocument(Options):
 class InlineCamera(CameraDocument):
     """A camera script written in place."""
 
-    name: str = option(converter=Text(), default="script", help="Name of the camera in captions and files.")
+    name: str = option(converter=TextKind(), default="script", help="Name of the camera in captions and files.")
 
 
 @dataclass(frozen=True)
@@ -406,7 +406,7 @@ class _RigArgument:
             key, equals, value = part.partition("=")
             if key not in self.keys:
                 raise UnknownNameError("setting", key, self.keys, where=self._where)
-            if key != "ease" and isinstance(self._kinds[key], Flag):
+            if key != "ease" and isinstance(self._kinds[key], FlagKind):
                 if equals or key in texts:
                     raise UsageError(f"{self._where}: write {key} once")
             elif not equals or not value or key in texts:
@@ -416,7 +416,7 @@ class _RigArgument:
 
     def _value(self, key: str, text: str, ease: str) -> object:
         kind = self._kinds[key]
-        if isinstance(kind, Flag):
+        if isinstance(kind, FlagKind):
             return True
         try:
             value = kind.parse(text)

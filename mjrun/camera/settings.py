@@ -8,11 +8,11 @@ import numpy as np
 from mjrun.camera.targets import Place
 from mjrun.dataclass import dataclass
 from mjrun.errors import suggestion
-from mjrun.options.kinds import Choice, Kind, Text
-from mjrun.options.number_kinds import POINT, Integer, Point, Real
+from mjrun.options.kinds import ChoiceKind, Kind, TextKind
+from mjrun.options.number_kinds import POINT, IntegerKind, PointKind, RealKind
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import TEXT, InvalidValueError, Schema
-from mjrun.options.structured_kinds import OneOf, OptionsMapping
+from mjrun.options.structured_kinds import OneOfKind, OptionsMappingKind
 
 # Rise monotonically from 0 to 1 as u does.
 EASINGS: dict[str, Callable[[float], float]] = {
@@ -59,10 +59,10 @@ class Blend(Options):
     """The transition from one shot to the next."""
 
     shape: str = option(
-        converter=Choice((*BLENDS,)), default="cosine", kw_only=False, help="The shape of the transition."
+        converter=ChoiceKind((*BLENDS,)), default="cosine", kw_only=False, help="The shape of the transition."
     )
     width: float = option(
-        converter=Real(above=0),
+        converter=RealKind(above=0),
         default=0.5,
         kw_only=False,
         help="Duration of the transition [s]; for a sigmoid, the time from 1/2 to 1/(1+e).",
@@ -81,11 +81,13 @@ def blend_weight(blend: Blend | None, since: float) -> float:
 class Shake(Options):
     """The shake of a hand-held camera: smooth noise on the direction of view."""
 
-    angle: float = option(converter=Real(), default=0.3, kw_only=False, help="Standard deviation of each angle [deg].")
-    frequency: float = option(
-        converter=Real(above=0), default=2.0, kw_only=False, help="Frequency of the shake [Hz], in video time."
+    angle: float = option(
+        converter=RealKind(), default=0.3, kw_only=False, help="Standard deviation of each angle [deg]."
     )
-    seed: int = option(converter=Integer(), default=0, kw_only=False, help="Seed of the shake.")
+    frequency: float = option(
+        converter=RealKind(above=0), default=2.0, kw_only=False, help="Frequency of the shake [Hz], in video time."
+    )
+    seed: int = option(converter=IntegerKind(), default=0, kw_only=False, help="Seed of the shake.")
 
 
 class ShakeNoise:
@@ -107,7 +109,7 @@ class ShakeNoise:
         return self._amplitude * np.sin(2 * math.pi * turns).sum(axis=1)
 
 
-class ObjectNameKind(Text):
+class ObjectNameKind(TextKind):
     """The name of an object, as in `box`, `geom:edge`, `site:tip` or `subtree:torso`; resolved in a model later."""
 
     metavar = "OBJECT"
@@ -123,14 +125,14 @@ class PlaceKind(Kind[Place, Place]):
         return {"anyOf": [TEXT, POINT], "forms": "an object's name or a point [x, y, z]"}
 
     def __call__(self, value: Place) -> Place:
-        return value if isinstance(value, str) else Point()(value)
+        return value if isinstance(value, str) else PointKind()(value)
 
     def parse(self, text: str) -> Place:
         try:
             _, _, _ = map(float, text.split("/"))
         except ValueError:
             return text
-        return Point().parse(text)
+        return PointKind().parse(text)
 
     def plain(self, value: Place) -> object:
         return value if isinstance(value, str) else [*value]
@@ -140,20 +142,20 @@ class PlaceKind(Kind[Place, Place]):
 class RampOptions(Options):
     """A number that changes over the shot."""
 
-    start: float = required(converter=Real(least=None), key="from", help="At the beginning of the shot.")
-    end: float = required(converter=Real(least=None), key="to", help="At the end of the shot.")
-    ease: str = option(converter=Choice((*EASINGS,)), default="linear", help="Easing from one number to the other.")
+    start: float = required(converter=RealKind(least=None), key="from", help="At the beginning of the shot.")
+    end: float = required(converter=RealKind(least=None), key="to", help="At the end of the shot.")
+    ease: str = option(converter=ChoiceKind((*EASINGS,)), default="linear", help="Easing from one number to the other.")
 
 
 @options
 class PositiveRampOptions(RampOptions):
     """A positive number that changes over the shot."""
 
-    start: float = required(converter=Real(above=0), key="from", help="At the beginning of the shot.")
-    end: float = required(converter=Real(above=0), key="to", help="At the end of the shot.")
+    start: float = required(converter=RealKind(above=0), key="from", help="At the beginning of the shot.")
+    end: float = required(converter=RealKind(above=0), key="to", help="At the end of the shot.")
 
 
-class RampKind(OneOf["EasedNumber | float", EasedNumber]):
+class RampKind(OneOfKind["EasedNumber | float", EasedNumber]):
     """A number, or one that changes over the shot: `140..240`.
 
     Args:
@@ -163,8 +165,8 @@ class RampKind(OneOf["EasedNumber | float", EasedNumber]):
     metavar = "X..Y"
 
     def __init__(self, unit: str = "") -> None:
-        mapping = OptionsMapping(PositiveRampOptions if unit else RampOptions, EasedNumber)
-        number = Real(above=0) if unit else Real(least=None)
+        mapping = OptionsMappingKind(PositiveRampOptions if unit else RampOptions, EasedNumber)
+        number = RealKind(above=0) if unit else RealKind(least=None)
         super().__init__("a number or {from, to, ease}", number=number, object=mapping)
         self.unit = unit
 

@@ -21,10 +21,10 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
-from mjrun.options.kinds import AnyKind, Choice, Flag, OneOrMore
+from mjrun.options.kinds import AnyKind, ChoiceKind, FlagKind, OneOrMoreKind
 from mjrun.options.option import OTHER_NAMES, FrontEnd, Option, Options, options_of
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import ColumnDefinitions, NamedNumbers, Settings
+from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -235,12 +235,12 @@ class DeclaredOption(click.Option):
     def __init__(self, declared: Option) -> None:
         self.declared = declared
         kind, names = declared.kind, [*declared.short, "/".join(flags(declared)), declared.name]
-        if isinstance(kind, Flag):
+        if isinstance(kind, FlagKind):
             super().__init__(names, is_flag=True, default=None)
             return
-        each = kind.repeated if isinstance(kind, OneOrMore) else kind
-        chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
-        metavar = None if isinstance(each, Choice) else kind.metavar
+        each = kind.repeated if isinstance(kind, OneOrMoreKind) else kind
+        chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, ChoiceKind) else KindType(each)
+        metavar = None if isinstance(each, ChoiceKind) else kind.metavar
         optional: dict[str, Any] = {}
         if declared.flag_value is not None:
             optional |= {"is_flag": False, "flag_value": declared.flag_value}
@@ -356,7 +356,7 @@ def flags(declared: Option) -> list[str]:
     """Returns the long spellings of an option: `--legend`, `--no-legend`."""
     long = flag(declared.name)
     kind = declared.kind
-    negatable = isinstance(kind, Flag) and kind.negatable
+    negatable = isinstance(kind, FlagKind) and kind.negatable
     return [long, f"--no-{long[2:]}"] if negatable else [long]
 
 
@@ -376,7 +376,7 @@ def _help(declared: Option) -> str:
 
 def is_repeatable(declared: Option) -> bool:
     """Returns whether the command line accepts the option more than once."""
-    return isinstance(declared.kind, OneOrMore | Settings | NamedNumbers | ColumnDefinitions)
+    return isinstance(declared.kind, OneOrMoreKind | SettingsKind | NamedNumbersKind | ColumnDefinitionsKind)
 
 
 def shown_default(declared: Option) -> str:
@@ -391,9 +391,9 @@ def shown_default(declared: Option) -> str:
 
 def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     """Combines the values of all repetitions."""
-    if isinstance(kind, NamedNumbers):
+    if isinstance(kind, NamedNumbersKind):
         return dict(cast("Sequence[tuple[str, object]]", values))
-    if isinstance(kind, OneOrMore) and kind.commas:
+    if isinstance(kind, OneOrMoreKind) and kind.commas:
         return tuple(part for words in cast("Sequence[tuple[object, ...]]", values) for part in words)
     return tuple(values)
 

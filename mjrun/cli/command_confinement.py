@@ -21,7 +21,7 @@ from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownName
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY
 from mjrun.options.every_command import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
-from mjrun.options.kinds import AnyKind, OneOrMore, PathKind
+from mjrun.options.kinds import AnyKind, OneOrMoreKind, PathKind
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.shared_status import ConfinementPromise
@@ -213,7 +213,7 @@ def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
 
 
 def _is_written(kind: AnyKind) -> bool:
-    while isinstance(kind, OneOrMore):
+    while isinstance(kind, OneOrMoreKind):
         kind = kind.each
     return isinstance(kind, PathKind) and kind.written
 

@@ -12,7 +12,7 @@ from mjrun.cli.main import COMMANDS, load_command
 from mjrun.dataclass import dataclass
 from mjrun.document.run import OUTPUTS
 from mjrun.formats import tables
-from mjrun.options.kinds import Flag
+from mjrun.options.kinds import FlagKind
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.report import PageOptions
 from mjrun.options.simulation import SimulationOptions
@@ -203,7 +203,7 @@ def _name(each: Option, available: FrontEnd) -> str:
 
 def _value(each: Option) -> str:
     """Returns the placeholder for the value, which may wrap between alternatives."""
-    if isinstance(each.kind, Flag):
+    if isinstance(each.kind, FlagKind):
         return "true or false"
     metavar = each.kind.metavar
     return " | ".join(f"`{part}`" for part in ([metavar] if "[" in metavar else metavar.split("|")))

@@ -10,16 +10,16 @@ from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.tree import DeclaredAt, Fault, MappingNode, Place, document_error, option_fault
 from mjrun.errors import DocumentError, UsageError
-from mjrun.options.kinds import Text
+from mjrun.options.kinds import TextKind
 from mjrun.options.option import Options, document_key, document_options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
-from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import MODELS
 
 MODEL = document_key(
     "model",
-    Text(),
+    TextKind(),
     f"The model: a file ({', '.join(MODELS)}), relative to the folder of this document, or another source such as "
     "scene:dominos.",
     dataclasses.MISSING,
@@ -132,7 +132,7 @@ class SimulationDocumentReader(Generic[Made]):
 
     def __init__(self, name: str, declared: type[Options], every: type[Options], make: Callable[..., Made]) -> None:
         self._declared, self._every, self._make = declared, every, make
-        self.record = OptionsMapping[Values](every, dict, name=name, more=[MODEL], optional=["output"])
+        self.record = OptionsMappingKind[Values](every, dict, name=name, more=[MODEL], optional=["output"])
 
     def declared_at(self, place: Place) -> type[Options]:
         """Returns the options at a place of such a document."""

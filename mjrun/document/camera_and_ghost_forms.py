@@ -21,15 +21,15 @@ from mjrun.document.reader import read
 from mjrun.document.tree import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
-from mjrun.options.kinds import AnyKind, NameOrIndex, ReadingContext, Text, optional
-from mjrun.options.number_kinds import Integer, Point, Real, Vector
+from mjrun.options.kinds import AnyKind, NameOrIndexKind, ReadingContext, TextKind, optional
+from mjrun.options.number_kinds import IntegerKind, PointKind, RealKind, Vector
 from mjrun.options.option import Options, option, options
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP
 from mjrun.options.schema_validation import TEXT, Path, Schema, check
-from mjrun.options.structured_kinds import OneOf, OptionsMapping
+from mjrun.options.structured_kinds import OneOfKind, OptionsMappingKind
 from mjrun.suffixes import is_yaml
 
-CAMERA = OptionsMapping(CameraDocument, CameraDocument)
+CAMERA = OptionsMappingKind(CameraDocument, CameraDocument)
 
 
 def read_camera(path: pathlib.Path | str) -> CameraScript:
@@ -42,7 +42,7 @@ def read_camera(path: pathlib.Path | str) -> CameraScript:
     return read(path, CAMERA)[0].script(pathlib.Path(path).stem, str(path))
 
 
-class DocumentMujocoNameKind(Text):
+class DocumentMujocoNameKind(TextKind):
     """A name that MuJoCo defines, such as a visual flag."""
 
     def __init__(self, of: str) -> None:
@@ -78,12 +78,14 @@ class DocumentMujocoNameKind(Text):
 BROKEN = "free"  # replaces a camera document whose faults are already reported
 
 
-class DocumentCameraKind(OneOf[object, object]):
+class DocumentCameraKind(OneOfKind[object, object]):
     """A camera as text, possibly the file of a camera document, as an index, or as a document of shots."""
 
     def __init__(self) -> None:
         forms = "a camera as text, by index, or as {name, speed, shots}"
-        super().__init__(forms, string=Text(), number=Integer(), object=OptionsMapping(InlineCamera, _inline_script))
+        super().__init__(
+            forms, string=TextKind(), number=IntegerKind(), object=OptionsMappingKind(InlineCamera, _inline_script)
+        )
 
     def read(self, value: object, reader: ReadingContext) -> object:
         camera = super().read(value, reader)
@@ -105,27 +107,27 @@ def _inline_script(**values: object) -> CameraScript:
 class InlineGhost(Options):
     """A translucent copy of the model; without key, trace or recording, it moves as the model does."""
 
-    offset: Vector = option(converter=Point(), default=(0.0, 0.0, 0.0), help="Displacement of the ghost [m].")
+    offset: Vector = option(converter=PointKind(), default=(0.0, 0.0, 0.0), help="Displacement of the ghost [m].")
     opacity: float | None = option(
-        converter=optional(Real(above=0, most=1)), default=None, help="Opacity of the ghost; 1 is solid."
+        converter=optional(RealKind(above=0, most=1)), default=None, help="Opacity of the ghost; 1 is solid."
     )
     key: str | None = option(
-        converter=optional(NameOrIndex()),
+        converter=optional(NameOrIndexKind()),
         default=None,
         help="Keyframe that sets the pose of the ghost, by name or index.",
     )
     trace: str | None = option(
-        converter=optional(Text()),
+        converter=optional(TextKind()),
         default=None,
         help="Table of positions that the ghost follows, relative to the folder of this document.",
     )
     map: str | None = option(
-        converter=optional(Text()),
+        converter=optional(TextKind()),
         default=None,
         help="File of lines that define the columns of that table, instead of the map of the simulation; or none.",
     )
     recording: str | None = option(
-        converter=optional(Text()),
+        converter=optional(TextKind()),
         default=None,
         help="Recording (.npz) that the ghost follows, relative to the folder of this document.",
     )
@@ -147,7 +149,7 @@ class InlineGhost(Options):
         return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
 
 
-class GhostTextKind(Text):
+class GhostTextKind(TextKind):
     """The settings of a ghost as text."""
 
     @property
@@ -155,7 +157,7 @@ class GhostTextKind(Text):
         return {"type": "string"}
 
 
-class DocumentGhostKind(OneOf[object, object]):
+class DocumentGhostKind(OneOfKind[object, object]):
     """A ghost as text or as a mapping; its files are relative to the document."""
 
     def __init__(self) -> None:
@@ -163,7 +165,7 @@ class DocumentGhostKind(OneOf[object, object]):
             return cast("Callable[..., InlineGhost]", InlineGhost)(**values).text()
 
         forms = "text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, map, recording}"
-        super().__init__(forms, string=GhostTextKind(), object=OptionsMapping(InlineGhost, text))
+        super().__init__(forms, string=GhostTextKind(), object=OptionsMappingKind(InlineGhost, text))
 
     def read(self, value: object, reader: ReadingContext) -> object:
         return ghost_text(str(super().read(value, reader)), reader.input)
@@ -189,12 +191,12 @@ def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
 FORMS: dict[type[AnyKind], AnyKind] = {
     kinds.CameraKind: DocumentCameraKind(),
     kinds.GhostKind: DocumentGhostKind(),
-    number_kinds.Instant: InstantOrEventKind(zero=True),
+    number_kinds.InstantKind: InstantOrEventKind(zero=True),
 }
 
 
 def form_of(kind: AnyKind) -> AnyKind:
     """Returns the kind that reads values of `kind` from documents."""
-    if isinstance(kind, kinds.MujocoName):
+    if isinstance(kind, kinds.MujocoNameKind):
         return DocumentMujocoNameKind(kind.of)
     return FORMS.get(type(kind), kind)

@@ -30,10 +30,10 @@ from mjrun.evaluation.prepared import Rewritten
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions
-from mjrun.options.kinds import Text
+from mjrun.options.kinds import TextKind
 from mjrun.options.option import Options, document_key
-from mjrun.options.setting_kinds import Settings
-from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.options.setting_kinds import SettingsKind
+from mjrun.options.structured_kinds import OptionsMappingKind
 
 TASK = (
     "Task: a document, relative to the folder of this one; a task of the gallery, such as scene:car_drive; or an "
@@ -47,13 +47,13 @@ class _EvaluationOptions(EvaluationOptions):
     """A task, its policies, and criteria for the episodes."""
 
 
-EVALUATION = OptionsMapping[Values](
+EVALUATION = OptionsMappingKind[Values](
     _EvaluationOptions,
     dict,
     name="Evaluation",
     more=[
-        document_key("task", Text(), TASK, dataclasses.MISSING),
-        document_key("changes", Settings(), CHANGES, ()),
+        document_key("task", TextKind(), TASK, dataclasses.MISSING),
+        document_key("changes", SettingsKind(), CHANGES, ()),
     ],
     optional=["output"],
 )
@@ -97,7 +97,7 @@ def read_evaluation(
     folders = DocumentContext(Path(path).parent)
     document, tree = read(path, EVALUATION, folders, assignments, variables=True)
     builder = DocumentValueBuilder(tree, folders, _declared_at)
-    changed = Settings()(cast("Mapping[str, object]", document.get("changes", {})))
+    changed = SettingsKind()(cast("Mapping[str, object]", document.get("changes", {})))
     changes = [f"{key}={text}" for key, text in changed]
     chosen = {"output": f"{Path(path).stem}_eval", **values_of(EvaluationOptions, document)}
     chosen |= {**(values or {}), "command": command}
@@ -146,5 +146,5 @@ def evaluation_text(evaluation: Evaluation, changes: Sequence[str] = (), command
       UsageError: a document cannot contain this: code, or a folder outside of the current one.
     """
     pairs = dict(change.split("=", 1) for change in changes)  # as for the task, the last value of a key applies
-    changed: Mapped = {"changes": plain_value(Settings(), [*pairs.items()])} if pairs else {}
+    changed: Mapped = {"changes": plain_value(SettingsKind(), [*pairs.items()])} if pairs else {}
     return text_of({"task": evaluation.task.text, **changed, **plain_options(evaluation)}, command)

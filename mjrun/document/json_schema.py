@@ -21,7 +21,7 @@ from mjrun.document.task import TASK
 from mjrun.errors import FailureReport, UnknownNameError
 from mjrun.model.info import SECTION_TYPES, InfoResult, ModelDescription
 from mjrun.options.schema_validation import ANNOTATIONS, Schema
-from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.outputs.format_lists import with_formats
 from mjrun.outputs.run_report import RESULTS, RunResult
 
@@ -34,7 +34,7 @@ _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 JsonSchema = dict[str, Any]
 
 # Kind of document → its contents, its title, and whether it supports variables and defaults.
-DOCUMENTS: dict[str, tuple[OptionsMapping[Any], str, bool]] = {
+DOCUMENTS: dict[str, tuple[OptionsMappingKind[Any], str, bool]] = {
     "camera": (CAMERA, "mjrun camera document", False),
     "run": (RUN, "mjrun run document", True),
     "study": (STUDY.record, "mjrun study document", True),

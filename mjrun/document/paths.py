@@ -8,8 +8,8 @@ from pathlib import Path, PurePosixPath
 from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentProblem, UsageError, clean, option, quoted
 from mjrun.model.sources import is_file
-from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoName, ReadingContext
-from mjrun.options.number_kinds import Instant
+from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoNameKind, ReadingContext
+from mjrun.options.number_kinds import InstantKind
 from mjrun.outputs.output import ReservedFiles
 from mjrun.suffixes import is_url
 
@@ -108,7 +108,7 @@ class DocumentContext(ReadingContext):
         return os.path.normpath(joined) if self.lexical else joined
 
     def form(self, kind: AnyKind) -> AnyKind:
-        if not isinstance(kind, CameraKind | GhostKind | Instant | MujocoName):
+        if not isinstance(kind, CameraKind | GhostKind | InstantKind | MujocoNameKind):
             return kind
         from mjrun.document.camera_and_ghost_forms import form_of  # slow to import, and few documents need it
 

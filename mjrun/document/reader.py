@@ -14,7 +14,7 @@ from mjrun.errors import FileError, listing, quoted, suggestion
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema_validation import Misfits
-from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.suffixes import YAML, is_yaml
 
 VARS, DEFAULTS = "vars", "defaults"
@@ -303,7 +303,7 @@ def _set_item(
 
 def read(
     path: Path | str,
-    record: OptionsMapping[T],
+    record: OptionsMappingKind[T],
     context: ReadingContext | None = None,
     assignments: Sequence[str] = (),
     *,
@@ -398,7 +398,7 @@ class _Reader:
         return both if below and isinstance(both, tree.MappingNode) else None
 
     def validated(
-        self, root: tree.MappingNode | None, record: OptionsMapping[T], context: ReadingContext | None
+        self, root: tree.MappingNode | None, record: OptionsMappingKind[T], context: ReadingContext | None
     ) -> tuple[T, tree.MappingNode]:
         """Returns the value and the tree if there were no faults."""
         values: list[T] = []

@@ -50,7 +50,7 @@ from mjrun.options.report import PageOptions
 from mjrun.options.run import RunCommandOptions
 from mjrun.options.schema_validation import Schema
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping
+from mjrun.options.structured_kinds import ListKind, OneOfKind, OptionsMappingKind
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 from mjrun.outputs.output import OutputRequest, OutputResult
@@ -73,18 +73,18 @@ class _TopLevel(SimulationOptions, PageOptions):
     """A simulation and its outputs."""
 
 
-def _entry(output: type[OutputOptions]) -> OneOf[object, object]:
+def _entry(output: type[OutputOptions]) -> OneOfKind[object, object]:
     """Returns the form of an output: a mapping of its options, or its file alone."""
-    mapping = OptionsMapping[Values](output, dict, name=output.__name__.removesuffix("Options"))
-    return OneOf("a file, or a mapping with an output", string=PathKind(written=True), object=mapping)
+    mapping = OptionsMappingKind[Values](output, dict, name=output.__name__.removesuffix("Options"))
+    return OneOfKind("a file, or a mapping with an output", string=PathKind(written=True), object=mapping)
 
 
-class _Run(OptionsMapping[Values]):
+class _Run(OptionsMappingKind[Values]):
     """A simulation and its outputs."""
 
     def __init__(self) -> None:
         outputs = [
-            document_key(key, ListOf[object](_entry(output)), f"The {key}: a file or a mapping each.", ())
+            document_key(key, ListKind[object](_entry(output)), f"The {key}: a file or a mapping each.", ())
             for key, output in OUTPUTS.items()
         ]
         super().__init__(_TopLevel, dict, name="Run", more=[MODEL, *outputs])

@@ -12,7 +12,7 @@ from mjrun.options.kinds import AnyKind, PathKind
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import Settings, setting_text
+from mjrun.options.setting_kinds import SettingsKind, setting_text
 from mjrun.options.structured_kinds import plain_values
 from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.simulation.simulation import Simulation
@@ -94,7 +94,7 @@ def _refused(each: Option, value: object) -> bool:
 
 def plain_value(kind: AnyKind, value: object) -> Plain:
     """Returns `value` in its document form."""
-    if isinstance(kind, Settings):
+    if isinstance(kind, SettingsKind):
         return _settings(cast("Sequence[tuple[str, str]]", value))
     return _written(kind.plain(value))
 

@@ -28,11 +28,11 @@ from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.formats.local_and_remote_folders import folder_at, opened_at
 from mjrun.formats.output_writer import publish_together, written_file
-from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
+from mjrun.options.kinds import ChoiceKind, Kind, ReadingContext, TextKind
 from mjrun.options.option import Options, document_options, options, required
 from mjrun.options.schema_validation import InvalidValueError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions, SimulationOptions
-from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.job_plan import SCHEMA, JobPlan
 from mjrun.study.study import Study
@@ -143,8 +143,8 @@ RANGE: Schema = {"type": "array", "items": {"type": "integer"}}
 class _PlannedStudy(Options):
     """A plan."""
 
-    format: str = required(converter=Choice((SCHEMA,)), key="schema", help="Format of the plan.")
-    folder: str = required(converter=Text(), help="Folder of the study.")
+    format: str = required(converter=ChoiceKind((SCHEMA,)), key="schema", help="Format of the plan.")
+    folder: str = required(converter=TextKind(), help="Folder of the study.")
     study: object = required(converter=PlainValueKind[object]({}), help="Study, as a document.")
     identity: Mapping[str, str] = required(
         converter=PlainValueKind[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
@@ -156,7 +156,7 @@ class _PlannedStudy(Options):
     )
 
 
-LINE = OptionsMapping(_PlannedStudy, _PlannedStudy)
+LINE = OptionsMappingKind(_PlannedStudy, _PlannedStudy)
 
 
 def write_plan(path: str, plan: JobPlan) -> None:
@@ -257,7 +257,7 @@ def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) 
     return STUDY.made(tree, folders, document, {}, given, CodeOptions())
 
 
-def _read(record: OptionsMapping[V], value: object, tree: Node, reader: ReadingContext) -> V:
+def _read(record: OptionsMappingKind[V], value: object, tree: Node, reader: ReadingContext) -> V:
     """Reads plain values by `record`.
 
     Raises:

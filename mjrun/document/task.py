@@ -35,11 +35,11 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import names_task, parse_source
 from mjrun.model.sources.bundled_scene import bundled_task
-from mjrun.options.kinds import Text
+from mjrun.options.kinds import TextKind
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import Real
+from mjrun.options.number_kinds import RealKind
 from mjrun.options.option import Options, document_key, options, options_of
-from mjrun.options.structured_kinds import ListOf, MappingOf, OneOf, OptionsMapping
+from mjrun.options.structured_kinds import ListKind, MappingKind, OneOfKind, OptionsMappingKind
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.suffixes import YAML
 from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
@@ -56,18 +56,18 @@ class _TaskOptions(TaskOptions):
     """A model, and the observations, actions and rewards of a policy."""
 
 
-def _part(key: str) -> OptionsMapping[Values]:
+def _part(key: str) -> OptionsMappingKind[Values]:
     declared = PARTS[key][1]
-    return OptionsMapping[Values](declared, dict, name=declared.section)
+    return OptionsMappingKind[Values](declared, dict, name=declared.section)
 
 
-_REWARD = OneOf[object, object](
+_REWARD = OneOfKind[object, object](
     "an expression, or a mapping with value and weight",
-    string=Text(),
-    number=Real(least=None),
+    string=TextKind(),
+    number=RealKind(least=None),
     object=_part("rewards"),
 )
-TASK = OptionsMapping[Values](
+TASK = OptionsMappingKind[Values](
     _TaskOptions,
     dict,
     name="Task",
@@ -76,21 +76,21 @@ TASK = OptionsMapping[Values](
         document_key("reset", _part("reset"), "Initial state of an episode."),
         document_key(
             "observations",
-            ListOf[Values](_part("observations"), least=1),
+            ListKind[Values](_part("observations"), least=1),
             "Observations of the policy: terms in the order of its input.",
             dataclasses.MISSING,
         ),
         document_key(
             "actions",
-            ListOf[Values](_part("actions"), least=1),
+            ListKind[Values](_part("actions"), least=1),
             "Actions of the policy: groups of actuators or joints in the order of its output.",
             dataclasses.MISSING,
         ),
-        document_key("commands", MappingOf[Values](_part("commands")), "Commands to the policy, by name.", {}),
-        document_key("rewards", MappingOf[Values](_REWARD), "Terms whose sum is the reward of a control period.", {}),
+        document_key("commands", MappingKind[Values](_part("commands")), "Commands to the policy, by name.", {}),
+        document_key("rewards", MappingKind[Values](_REWARD), "Terms whose sum is the reward of a control period.", {}),
         document_key(
             "terminations",
-            MappingOf[Values](_part("terminations")),
+            MappingKind[Values](_part("terminations")),
             "Conditions that end an episode, by name; the first true one applies.",
             {},
         ),

@@ -9,7 +9,7 @@ from typing import NamedTuple, cast
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, DocumentProblem, UsageError, clean, listing, quoted, spelled, suggestion
-from mjrun.options.kinds import OneOrMore
+from mjrun.options.kinds import OneOrMoreKind
 from mjrun.options.option import OTHER_NAMES, Options, document_options
 from mjrun.options.schema_validation import TYPES, Misfit
 from mjrun.timeline import rational
@@ -264,7 +264,7 @@ def _entry_path(tree: MappingNode, place: Place, path: Place, declared: type[Opt
     kind, entries = each.kind, find(tree, (*place, each.key))
     match path:
         case (_, int() as index, *rest) if (
-            isinstance(entries, ListNode) and isinstance(kind, OneOrMore) and kind.commas
+            isinstance(entries, ListNode) and isinstance(kind, OneOrMoreKind) and kind.commas
         ):
             counts = [len(cast("tuple[object, ...]", kind.parse(str(plain(entry))))) for entry in entries.items]
             owners = [i for i, count in enumerate(counts) for _ in range(count)]

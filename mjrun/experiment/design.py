@@ -27,7 +27,7 @@ from mjrun.experiment.samplers import SAMPLERS, SAMPLES, correlated, rank_correl
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.kinds import AnyKind
-from mjrun.options.number_kinds import Integer
+from mjrun.options.number_kinds import IntegerKind
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
@@ -275,7 +275,7 @@ def _decimal(value: Fraction) -> str:
 
 def is_whole(name: str) -> bool:
     """Returns whether a parameter takes whole numbers, such as `seed`."""
-    return isinstance(simulation_kinds().get(name), Integer)
+    return isinstance(simulation_kinds().get(name), IntegerKind)
 
 
 @cache

@@ -3,12 +3,12 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, NameOrIndex, OneOrMore, PathKind, Text, optional
+from mjrun.options.kinds import ChoiceKind, FlagKind, NameOrIndexKind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import ExactNumber, Integer, Percent, ProcessCount, Real, Size
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, PercentKind, ProcessCountKind, RealKind, SizeKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.rendering import QUALITIES, RENDERERS, VIEWS, BackendOptions
-from mjrun.options.setting_kinds import ScanValues
+from mjrun.options.setting_kinds import ScanValuesKind
 
 ENGINES = ("c", "warp")
 SUMMARY = "$GITHUB_STEP_SUMMARY"
@@ -20,44 +20,46 @@ class StepTimingOptions(Options):
 
     section: ClassVar[str] = "Measurement"
 
-    budget: Fraction = option(converter=ExactNumber("SECONDS"), default=3, help="Approximate wall time to spend [s].")
+    budget: Fraction = option(
+        converter=ExactNumberKind("SECONDS"), default=3, help="Approximate wall time to spend [s]."
+    )
     repeats: int | None = option(
-        converter=optional(Integer(1)),
+        converter=optional(IntegerKind(1)),
         default=None,
         usual="7 to 50",
         help="Number of times to repeat each rollout.",
     )
     threads: tuple[int | str, ...] = option(
-        converter=OneOrMore(ProcessCount("N", of="threads"), commas=True),
+        converter=OneOrMoreKind(ProcessCountKind("N", of="threads"), commas=True),
         default=(),
         usual="1,auto; 1 with --scan",
         help="Numbers of simulations to run side by side, each measured in turn: 1,2,auto.",
     )
     scan: tuple[tuple[str, str], ...] = option(
-        converter=ScanValues(),
+        converter=ScanValuesKind(),
         default=(),
         help="Measure every combination of these settings: integrator=euler,rk4 timestep=.001,.002 "
         "opt.solver=cg,newton, or any path of --set. Separate values that contain commas by semicolons.",
     )
     accuracy: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Add the energy drift, and the distance from a run with a smaller timestep.",
     )
     horizon: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="1",
         help="Simulated time after which accuracy is measured [s].",
     )
     reference: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="an eighth of the smallest",
         help="Timestep of the run against which accuracy is measured [s].",
     )
     whole: bool = option(
-        converter=Flag(), default=False, help="Also time a complete trace and a complete video of 1 s."
+        converter=FlagKind(), default=False, help="Also time a complete trace and a complete video of 1 s."
     )
 
 
@@ -68,31 +70,31 @@ class EngineOptions(Options):
     section: ClassVar[str] = "Engine"
 
     engine: str = option(
-        converter=Choice(ENGINES),
+        converter=ChoiceKind(ENGINES),
         default="c",
         help="Physics engine: c is MuJoCo; warp is MuJoCo Warp, which steps many worlds at once in single "
         "precision and requires the extra warp.",
     )
     worlds: int | None = option(
-        converter=optional(Integer(1, 2**20)),
+        converter=optional(IntegerKind(1, 2**20)),
         default=None,
         usual="4096 on a GPU, 8 on a CPU",
         help="Number of worlds that Warp steps at once.",
     )
     device: str | None = option(
-        converter=optional(Text("cpu|cuda:N")),
+        converter=optional(TextKind("cpu|cuda:N")),
         default=None,
         usual="the first GPU, or cpu",
         help="Warp device: cpu or cuda:N.",
     )
     nconmax: int | None = option(
-        converter=optional(Integer(1)),
+        converter=optional(IntegerKind(1)),
         default=None,
         usual="chosen by MuJoCo Warp",
         help="Maximum number of contacts per Warp world.",
     )
     njmax: int | None = option(
-        converter=optional(Integer(1)),
+        converter=optional(IntegerKind(1)),
         default=None,
         usual="chosen by MuJoCo Warp",
         help="Maximum number of constraints per Warp world.",
@@ -106,26 +108,26 @@ class RolloutOptions(Options):
     section: ClassVar[str] = "Simulation"
 
     key: str | None = option(
-        converter=optional(NameOrIndex()),
+        converter=optional(NameOrIndexKind()),
         default=None,
         usual="test, if it exists",
         help="Keyframe to start from, by name or index.",
     )
     steps: int | None = option(
-        converter=optional(Integer(1)),
+        converter=optional(IntegerKind(1)),
         default=None,
         usual="10000, or what the budget allows",
         short="--nstep",
         help="Number of steps per rollout.",
     )
     noise_std: float = option(
-        converter=Real(most=1, metavar="STD"),
+        converter=RealKind(most=1, metavar="STD"),
         default=0.01,
         help="Standard deviation of noise on the controls, as a share of half their range; 0 keeps the initial "
         "controls.",
     )
     noise_rate: float = option(
-        converter=Real(metavar="SECONDS"),
+        converter=RealKind(metavar="SECONDS"),
         default=0.1,
         help="Time constant [s] of the control noise around the keyframe's controls, or the middle of their ranges.",
     )
@@ -137,24 +139,30 @@ class FrameTimingOptions(BackendOptions):
 
     section: ClassVar[str] = "Rendering"
 
-    render: bool = option(converter=Flag(), default=False, help="Also time rendering and encoding.")
+    render: bool = option(converter=FlagKind(), default=False, help="Also time rendering and encoding.")
     size: tuple[tuple[int, int], ...] = option(
-        converter=OneOrMore(Size()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
+        converter=OneOrMoreKind(SizeKind()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
     )
     camera: str | None = option(
-        converter=optional(Text("SPEC")), default=None, usual="free", help="Camera, as for mjrun video."
+        converter=optional(TextKind("SPEC")), default=None, usual="free", help="Camera, as for mjrun video."
     )
     view: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(VIEWS)),
+        converter=OneOrMoreKind(ChoiceKind(VIEWS)),
         default=(),
         usual="rgb",
         help="Kind of image: colour, depth or segmentation.",
     )
     quality: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(QUALITIES)), default=(), usual="model", help="Rendering quality, as for mjrun video."
+        converter=OneOrMoreKind(ChoiceKind(QUALITIES)),
+        default=(),
+        usual="model",
+        help="Rendering quality, as for mjrun video.",
     )
     renderer: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(RENDERERS)), default=(), usual="classic", help="Renderer, as for mjrun video."
+        converter=OneOrMoreKind(ChoiceKind(RENDERERS)),
+        default=(),
+        usual="classic",
+        help="Renderer, as for mjrun video.",
     )
 
 
@@ -169,14 +177,14 @@ class BaselineOptions(Options):
     )
     compare: str | None = option(converter=optional(PathKind()), default=None, help="Compare with a saved baseline.")
     fail_above: float | None = option(
-        converter=optional(Percent()),
+        converter=optional(PercentKind()),
         default=None,
         help="Exit with code 1 if the result is certainly more than this much slower than the baseline, such as "
         "10%, or if the simulation became unstable. A slowdown whose confidence interval contains the limit "
         "is inconclusive.",
     )
     force: bool = option(
-        converter=Flag(), default=False, help="Compare even if the model, the options or the machine differ."
+        converter=FlagKind(), default=False, help="Compare even if the model, the options or the machine differ."
     )
 
 
@@ -189,11 +197,11 @@ class BenchReportOptions(Options):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("csv", "markdown"), "both print to standard output"),)
 
     csv: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print a CSV table instead, one line per combination of settings.",
     )
-    markdown: bool = option(converter=Flag(), default=False, help="Print Markdown instead.")
+    markdown: bool = option(converter=FlagKind(), default=False, help="Print Markdown instead.")
     summary: str | None = option(
         converter=optional(PathKind("[FILE]", written=True)),
         default=None,

@@ -3,18 +3,18 @@
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import Numbers, Percent, Real
+from mjrun.options.kinds import FlagKind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import Numbers, PercentKind, RealKind
 from mjrun.options.option import Options, option, options
 from mjrun.options.report import PageOptions
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import NamedNumbers
+from mjrun.options.setting_kinds import NamedNumbersKind
 
 ALIGNMENTS = ("time", "row")
 NO_TOLERANCES: dict[str, Numbers] = {}
 
 
-class ColumnTolerancesKind(NamedNumbers):
+class ColumnTolerancesKind(NamedNumbersKind):
     """Tolerances by column name with wildcards, absolute as in `qvel/*=1e-6`, or also relative as in
     `qvel/*=1e-6,1e-3`.
     """
@@ -48,12 +48,12 @@ class ToleranceOptions(Options):
     section: ClassVar[str] = "Tolerances"
 
     atol: float = option(
-        converter=Real(metavar="ATOL"),
+        converter=RealKind(metavar="ATOL"),
         default=0.0,
         help="Absolute tolerance: numbers and pixels count as equal if |a - b| <= ATOL + RTOL·|b|. If both "
         "tolerances are 0, they must be identical bit for bit; NaN equals NaN.",
     )
-    rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="Relative tolerance.")
+    rtol: float = option(converter=RealKind(metavar="RTOL"), default=0.0, help="Relative tolerance.")
     tol: Mapping[str, Numbers] = option(
         converter=ColumnTolerancesKind(),
         default=NO_TOLERANCES,
@@ -69,13 +69,13 @@ class TableDiffOptions(ToleranceOptions):
     section: ClassVar[str] = "Tables and recordings"
 
     columns: tuple[str, ...] = option(
-        converter=OneOrMore(Text("COLUMNS")),
+        converter=OneOrMoreKind(TextKind("COLUMNS")),
         default=(),
         usual="all",
         help="Compare only these columns, by name or wildcard, such as 'qpos/*'.",
     )
     align: str | None = option(
-        converter=optional(Text("time|row|COLUMN[,COLUMN]...")),
+        converter=optional(TextKind("time|row|COLUMN[,COLUMN]...")),
         default=None,
         usual="time, if both have it",
         help="How rows are paired: time pairs rows with equal times, row pairs rows with equal numbers, and column"
@@ -83,7 +83,7 @@ class TableDiffOptions(ToleranceOptions):
         "their parameters, and episodes by their seeds.",
     )
     common: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Compare only rows and columns that exist on both sides; the others are counted, but not treated as "
         "differences.",
@@ -102,20 +102,20 @@ class PictureDiffOptions(Options):
     section: ClassVar[str] = "Videos and images"
 
     min_psnr: float | None = option(
-        converter=optional(Real(metavar="DB")),
+        converter=optional(RealKind(metavar="DB")),
         default=None,
         usual="exact",
         help="Lowest peak signal-to-noise ratio at which frames count as equal [dB]; 40 is visually identical.",
     )
     min_ssim: float | None = option(
-        converter=optional(Real(least=-1.0, most=1, metavar="SSIM")),
+        converter=optional(RealKind(least=-1.0, most=1, metavar="SSIM")),
         default=None,
         usual="exact",
         help="Lowest structural similarity (SSIM) at which frames count as equal; 0.98 is visually identical. "
         "Requires the extra diff.",
     )
     max_changed: float | None = option(
-        converter=optional(Percent(most=1)),
+        converter=optional(PercentKind(most=1)),
         default=None,
         usual="exact",
         help="Largest share of changed pixels at which frames count as equal, such as 0.1%.",

@@ -10,11 +10,11 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.dataclass import dataclass
-from mjrun.options.kinds import OneOrMore, ReadingContext, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Point, Real
+from mjrun.options.kinds import OneOrMoreKind, ReadingContext, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, PointKind, RealKind
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, Path, check
-from mjrun.options.structured_kinds import OneOf, OptionsMapping
+from mjrun.options.structured_kinds import OneOfKind, OptionsMappingKind
 from mjrun.timeline import rational
 
 Force = tuple[float, float, float]
@@ -53,11 +53,11 @@ class Push:
 class PushMapping(Options):
     """A force on a body at its centre of mass, or at a site, for a limited time."""
 
-    body: str | None = option(converter=optional(Text()), default=None, help="Body to push at its centre of mass.")
-    site: str | None = option(converter=optional(Text()), default=None, help="Site at which to push its body.")
-    force: Force = required(converter=Point(), help="Force in world coordinates [N].")
-    at: Fraction = required(converter=ExactNumber(zero=True), help="Start of the push [s].")
-    duration: Fraction = required(converter=ExactNumber(), help="Duration of the push [s].")
+    body: str | None = option(converter=optional(TextKind()), default=None, help="Body to push at its centre of mass.")
+    site: str | None = option(converter=optional(TextKind()), default=None, help="Site at which to push its body.")
+    force: Force = required(converter=PointKind(), help="Force in world coordinates [N].")
+    at: Fraction = required(converter=ExactNumberKind(zero=True), help="Start of the push [s].")
+    duration: Fraction = required(converter=ExactNumberKind(), help="Duration of the push [s].")
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
@@ -65,7 +65,7 @@ class PushMapping(Options):
             yield ("site",) if "site" in values else (), "give either body or site"
 
 
-class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
+class PushKind(OneOfKind["Push | str | Mapping[str, object]", Push]):
     """A push as text, or as a mapping with body or site, force, at and duration."""
 
     metavar = "BODY=FX/FY/FZ@T+DURATION"
@@ -75,7 +75,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
             return _from_mapping(values)
 
         forms = "text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}"
-        super().__init__(forms, string=PushTextKind(), object=OptionsMapping(PushMapping, push))
+        super().__init__(forms, string=PushTextKind(), object=OptionsMappingKind(PushMapping, push))
 
     def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
         match value:
@@ -98,7 +98,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
         return str(value)
 
 
-class PushTextKind(Text):
+class PushTextKind(TextKind):
     """A push as text."""
 
     def read(self, value: object, reader: ReadingContext) -> object:
@@ -121,11 +121,11 @@ def _push(target: str, force: object, at: object, duration: object) -> Push:
     if not all(map(math.isfinite, (x, y, z))):
         raise InvalidValueError("a push with a force of three finite numbers, FX/FY/FZ [N]")
     try:
-        begin = ExactNumber(zero=True)(cast("float | str", at))
+        begin = ExactNumberKind(zero=True)(cast("float | str", at))
     except InvalidValueError:
         raise InvalidValueError("a push that begins at 0 or later [s]") from None
     try:
-        length = ExactNumber()(cast("float | str", duration))
+        length = ExactNumberKind()(cast("float | str", duration))
     except InvalidValueError:
         raise InvalidValueError("a push of a duration above 0 [s]") from None
     return Push(target, (x, y, z), begin, length)
@@ -137,7 +137,7 @@ def _exact(value: Fraction) -> str:
     return f"{near!r}".removesuffix(".0") if rational(near) == value else str(value)
 
 
-PUSHES = OneOrMore(PushKind())
+PUSHES = OneOrMoreKind(PushKind())
 
 
 @dataclass(frozen=True)
@@ -163,13 +163,13 @@ class DisturbanceOptions(Options):
     """Noise on the controls, and pushes."""
 
     ctrl_noise: float | None = option(
-        converter=optional(Real(metavar="STD")),
+        converter=optional(RealKind(metavar="STD")),
         default=None,
         usual="0, or that of the task",
         help="Standard deviation of Gaussian noise on every control, in the actuators' units.",
     )
     ctrl_noise_time: float | None = option(
-        converter=optional(Real(metavar="SECONDS")),
+        converter=optional(RealKind(metavar="SECONDS")),
         default=None,
         usual="0, or that of the task",
         help="Correlation time of the control noise [s]; 0 makes it independent at every step.",

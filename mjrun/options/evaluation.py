@@ -6,14 +6,14 @@ from dataclasses import field
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Flag, Kind, OneOrMore, PathKind, Text, optional
+from mjrun.options.kinds import FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import Integer, Numbers
+from mjrun.options.number_kinds import IntegerKind, Numbers
 from mjrun.options.option import FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
-from mjrun.options.setting_kinds import NamedNumbers, Settings
+from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
 from mjrun.options.video import PointOrEpisodeVideoOptions
 
@@ -24,7 +24,7 @@ NO_THRESHOLDS: dict[str, Numbers] = {}
 FAILURES = "failures"
 
 
-class LowestValuesKind(NamedNumbers):
+class LowestValuesKind(NamedNumbersKind):
     """Lowest accepted values by name: `success=90%`, `return=200`."""
 
     metavar = "NAME=VALUE"
@@ -114,10 +114,10 @@ class EvaluationOptions(
         help="Folder for the results; running again with the same folder continues an interrupted evaluation.",
     )
     episodes: int = option(
-        converter=Integer(1), default=100, help="Number of episodes for each policy and each point of a study."
+        converter=IntegerKind(1), default=100, help="Number of episodes for each policy and each point of a study."
     )
     seed: int = option(
-        converter=Integer(), default=0, help="Seed of the first episode; each later episode uses the next seed."
+        converter=IntegerKind(), default=0, help="Seed of the first episode; each later episode uses the next seed."
     )
     compare: object | None = option(
         converter=optional(PolicyKind()),
@@ -131,14 +131,14 @@ class EvaluationOptions(
         help="Normalization statistics for the observations of the second policy.",
     )
     metric: tuple[tuple[str, str], ...] = option(
-        converter=Settings("NAME=EXPR", "effort=mean(abs(ctrl/motor))"),
+        converter=SettingsKind("NAME=EXPR", "effort=mean(abs(ctrl/motor))"),
         default=(),
         key="metrics",
         help="Additional number per episode, computed from a trace with one row per control period: "
         "effort=mean(abs(ctrl/motor)), 'pace [km/h]=3.6*mean(speed/torso)'.",
     )
     require: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds for the table of episodes: share(success) > 0.9, "
         "quantile(return, 0.05) > 100.",
@@ -159,14 +159,14 @@ class EvaluationCommandOptions(Options):
     section: ClassVar[str] = "Report"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
-    csv: bool = option(converter=Flag(), default=False, help="Print the table of all episodes to stdout.")
+    csv: bool = option(converter=FlagKind(), default=False, help="Print the table of all episodes to stdout.")
     markdown: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print the report as Markdown to stdout, for the summary of a pull request.",
     )
     print_document: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print an evaluation document equivalent to this command and exit.",
     )

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag, PathKind, optional
+from mjrun.options.kinds import FlagKind, PathKind, optional
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
-from mjrun.options.setting_kinds import NamedNumbers
+from mjrun.options.setting_kinds import NamedNumbersKind
 
 TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
 
@@ -18,7 +18,7 @@ class OpenWhenDoneOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     open: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Open the page, video or image that was made.",
     )
@@ -32,7 +32,7 @@ class JsonReportOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     json: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print one JSON document to stdout instead of prose.",
     )
@@ -48,14 +48,14 @@ class ConsoleOptions(JsonReportOptions):
     section: ClassVar[str] = "Messages"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
-    quiet: bool = option(converter=Flag(), default=False, short="-q", help="Print only results and errors.")
+    quiet: bool = option(converter=FlagKind(), default=False, short="-q", help="Print only results and errors.")
     verbose: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         short="-v",
         help="Print more details, such as timings.",
     )
-    debug: bool = option(converter=Flag(), default=False, help="Print a traceback with every error.")
+    debug: bool = option(converter=FlagKind(), default=False, help="Print a traceback with every error.")
 
 
 @options
@@ -66,7 +66,7 @@ class ConfinementOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     untrusted: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Treat all files as untrusted: read only files beside the model and files that you name, write only to "
         "the folders of the outputs, use no network, run no code, load no .mjb, and limit time, memory and "
@@ -79,7 +79,7 @@ class ConfinementOptions(Options):
         help="Folder from which files may be read; requires --untrusted.",
     )
     limit: Mapping[str, tuple[float, ...]] = option(
-        converter=NamedNumbers("NAME=N"),
+        converter=NamedNumbersKind("NAME=N"),
         default=dict[str, tuple[float, ...]](),
         usual="time=3600, memory=8192, file=16384",
         help="Limit of an untrusted run: time, the wall time [s]; memory, that of each process [MiB]; or file, the "

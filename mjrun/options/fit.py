@@ -2,11 +2,11 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, Flag, OneOrMore, PathKind, optional
-from mjrun.options.number_kinds import Integer, Real, Size
+from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, OneOrMoreKind, PathKind, optional
+from mjrun.options.number_kinds import IntegerKind, RealKind, SizeKind
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
-from mjrun.options.setting_kinds import Settings
+from mjrun.options.setting_kinds import SettingsKind
 
 EXTRAS = {"fit": (("scipy",), "mjrun fit")}  # the libraries that the extra installs, and what needs them
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
@@ -19,13 +19,13 @@ class FitOptions(Options):
     section: ClassVar[str] = "Fit"
 
     data: tuple[str, ...] = option(
-        converter=OneOrMore(PathKind()),
+        converter=OneOrMoreKind(PathKind()),
         default=(),
         places=FrontEnd.DOCUMENT | FrontEnd.PYTHON,
         help="Tables of measurements, with columns such as time, qpos/knee and ctrl/motor.",
     )
     free: tuple[tuple[str, str], ...] = option(
-        converter=Settings("PATH=LOW..HIGH", "joint/hinge.damping=0.001..1"),
+        converter=SettingsKind("PATH=LOW..HIGH", "joint/hinge.damping=0.001..1"),
         default=(),
         help="Parameter to estimate and its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its order of "
         "magnitude is unknown. Accepts any path of --set, with scale: or wildcards to tie several values "
@@ -62,50 +62,54 @@ class FitOptions(Options):
         help=f"Video of the fitted model with the measured motion as a ghost: {VIDEOS}.",
     )
     camera: tuple[object, ...] = option(
-        converter=OneOrMore(CameraKind()), default="auto", help="Camera of the video: a camera of the model, or a rig."
+        converter=OneOrMoreKind(CameraKind()),
+        default="auto",
+        help="Camera of the video: a camera of the model, or a rig.",
     )
-    size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the video [pixels].")
+    size: tuple[int, int] = option(
+        converter=SizeKind(), default=(640, 360), help="Width and height of the video [pixels]."
+    )
     noise: tuple[tuple[str, str], ...] = option(
-        converter=Settings("COLUMN=STD", "qpos/knee=0.001"),
+        converter=SettingsKind("COLUMN=STD", "qpos/knee=0.001"),
         default=(),
         help="Standard deviation of the measurement noise of a signal, in its unit; accepts wildcards. By default, "
         "it is estimated from the high frequencies of the data.",
     )
     holdout: float = option(
-        converter=Real(0, most=0.9, metavar="SHARE"),
+        converter=RealKind(0, most=0.9, metavar="SHARE"),
         default=0.2,
         help="Share of each table, at its end, that is not used for the fit, but predicted to test whether the fit"
         " is an improvement.",
     )
     holdout_data: tuple[str, ...] = option(
-        converter=OneOrMore(PathKind()),
+        converter=OneOrMoreKind(PathKind()),
         default=(),
         help="Table that is not used for the fit but only predicted, instead of the last part of each table.",
     )
     starts: int = option(
-        converter=Integer(1),
+        converter=IntegerKind(1),
         default=3,
         help="Number of starting points: first the values of the model, then values spread evenly over the bounds,"
         " which are used if the fit does not reach the noise level.",
     )
     confidence: float = option(
-        converter=Real(0.5, most=0.999),
+        converter=RealKind(0.5, most=0.999),
         default=0.95,
         help="Confidence level of the intervals: the share of repeated fits whose intervals contain the true value.",
     )
     loss: str = option(
-        converter=Choice(LOSSES),
+        converter=ChoiceKind(LOSSES),
         default="linear",
         help="Loss function of the residuals. All but linear are robust: they reduce the weight of outliers and "
         "estimate noise and errors by medians.",
     )
     allow_unidentifiable: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Continue even if the measurements do not determine some parameters or combinations of them.",
     )
     keep_partial: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="If the fit is interrupted, write the model with the best parameters so far and report them; by "
         "default nothing is written.",
@@ -118,13 +122,13 @@ class FitOptions(Options):
         " length.",
     )
     excite_noise: float = option(
-        converter=Real(1e-12, metavar="STD"),
+        converter=RealKind(1e-12, metavar="STD"),
         default=1e-3,
         help="Expected standard deviation of the measured positions [rad, m], from which --excite predicts "
         "confidence intervals.",
     )
     velocity_limit: float | None = option(
-        converter=optional(Real(1e-9, metavar="SPEED")),
+        converter=optional(RealKind(1e-9, metavar="SPEED")),
         default=None,
         help="Maximum joint velocity under --excite [rad/s, m/s].",
     )

@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag, PathKind, Text, optional
-from mjrun.options.number_kinds import Instant, Integer
+from mjrun.options.kinds import FlagKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import InstantKind, IntegerKind
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
 from mjrun.options.rendering import ViewOptions
@@ -25,21 +25,23 @@ class ImageOptions(ViewOptions, OutputOptions):
         "or - for standard output.",
     )
     time: object = option(
-        converter=optional(Instant()),
+        converter=optional(InstantKind()),
         default=None,
         usual="0",
         short="-t",
         help="Time of the image [s]; documents also accept an event.",
     )
-    step: int | None = option(converter=optional(Integer()), default=None, help="Time of the image, as a step number.")
+    step: int | None = option(
+        converter=optional(IntegerKind()), default=None, help="Time of the image, as a step number."
+    )
     format: str | None = option(
-        converter=optional(Text("NAME")),
+        converter=optional(TextKind("NAME")),
         default=None,
         usual="the output's suffix; png in a pipe",
         help="File format; palette stores a segmentation as colours.",
     )
     legend: bool = option(
-        converter=Flag(negatable=True), default=True, help="List the objects of a coloured segmentation beside it."
+        converter=FlagKind(negatable=True), default=True, help="List the objects of a coloured segmentation beside it."
     )
     pointcloud: str | None = option(
         converter=optional(PathKind(written=True)),

@@ -4,8 +4,8 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, Flag, Kind, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Size
+from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, SizeKind
 from mjrun.options.option import option, options, required
 from mjrun.options.rendering import GEOMS, STAGE, RendererOptions
 from mjrun.options.schema_validation import InvalidValueError
@@ -54,45 +54,47 @@ class LabelledImageOptions(RendererOptions):
 
     section: ClassVar[str] = "Images"
 
-    size: tuple[int, int] = option(converter=Size(), default=(640, 480), help="Width and height of an image [pixels].")
+    size: tuple[int, int] = option(
+        converter=SizeKind(), default=(640, 480), help="Width and height of an image [pixels]."
+    )
     camera: tuple[object, ...] = option(
-        converter=OneOrMore(CameraKind()),
+        converter=OneOrMoreKind(CameraKind()),
         default="auto",
         help="Cameras, as for mjrun video. The settings of a rig can vary: --vary 'camera.azimuth=uniform(0,360)', "
         "camera.distance, camera.lookat, camera.fovy, …",
     )
     times: tuple[Fraction, ...] = option(
-        converter=OneOrMore(ExactNumber("SECONDS", zero=True), commas=True),
+        converter=OneOrMoreKind(ExactNumberKind("SECONDS", zero=True), commas=True),
         default=(Fraction(0),),
         help="Simulated times of the images of each point [s].",
     )
     objects: tuple[str, ...] = option(
-        converter=OneOrMore(Text("BODY[=CATEGORY]"), commas=True),
+        converter=OneOrMoreKind(TextKind("BODY[=CATEGORY]"), commas=True),
         default=(),
         usual="all bodies and flexes in the world, each a category",
         help="Bodies, each with everything attached to it, and flexes to label, by name or wildcard, and their "
         "category: 'mug*=mug,robot'.",
     )
     keypoints: tuple[str, ...] = option(
-        converter=OneOrMore(Text("SITE"), commas=True),
+        converter=OneOrMoreKind(TextKind("SITE"), commas=True),
         default=(),
         help="Sites to label as keypoints of the object that they belong to, by name or wildcard.",
     )
     accept: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Include only images for which this condition holds: visible/mug > 0.3 and pixels/mug > 200. "
         "The values are pixels/OBJECT, visible/OBJECT and truncated/OBJECT (shares of its silhouette), and objects, "
         "the number of objects in view.",
     )
     stage: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(STAGE), commas=True),
+        converter=OneOrMoreKind(ChoiceKind(STAGE), commas=True),
         default="auto",
         help="Surroundings to add: a floor that nothing collides with, light, sky, or none; auto adds the light and "
         "the sky that a model lacks.",
     )
     geoms: str | None = option(
-        converter=optional(Choice(GEOMS)),
+        converter=optional(ChoiceKind(GEOMS)),
         default=None,
         usual="visual where both have about the same place",
         help="Geoms to show of bodies that have some for looks and others for collisions.",
@@ -118,7 +120,7 @@ class DatasetOptions(LabelledImageOptions, VariationOptions):
         help="Folder for the dataset; running again with the same folder continues it.",
     )
     format: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(tuple(FORMATS)), commas=True),
+        converter=OneOrMoreKind(ChoiceKind(tuple(FORMATS)), commas=True),
         default="folder",
         help="Formats: " + "; ".join(f"{name} writes {what}" for name, what in FORMATS.items()) + ".",
     )
@@ -129,12 +131,12 @@ class DatasetOptions(LabelledImageOptions, VariationOptions):
         help="Parts of the dataset and their shares. Points keep their part when samples are added.",
     )
     polygons: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Write masks in COCO as polygons, which cannot have holes, instead of run lengths, which are exact.",
     )
     yolo_task: str = option(
-        converter=Choice(YOLO_TASKS),
+        converter=ChoiceKind(YOLO_TASKS),
         default="detect",
         help="Labels of YOLO: boxes, polygons of masks, or keypoints.",
     )

@@ -119,7 +119,7 @@ class Kind(Generic[V, T]):
 AnyKind = Kind[Any, Any]
 
 
-class Text(Kind[str, str]):
+class TextKind(Kind[str, str]):
     """Any text."""
 
     @property
@@ -132,7 +132,7 @@ class Text(Kind[str, str]):
         return value
 
 
-class MujocoName(Text):
+class MujocoNameKind(TextKind):
     """The name of a MuJoCo object or setting, such as a visual flag; resolved by the code that uses it.
 
     Attributes:
@@ -144,13 +144,13 @@ class MujocoName(Text):
         self.of = of
 
 
-class GhostKind(Text):
+class GhostKind(TextKind):
     """The settings of a ghost as text; documents also accept a mapping."""
 
     metavar = "SETTING,…"
 
 
-class Choice(Kind[str, str]):
+class ChoiceKind(Kind[str, str]):
     """One of several words."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -168,7 +168,7 @@ class Choice(Kind[str, str]):
         return value
 
 
-class Flag(Kind[bool, bool]):
+class FlagKind(Kind[bool, bool]):
     """True or false; `negatable` adds a `--no-` spelling on the command line."""
 
     def __init__(self, *, negatable: bool = False) -> None:
@@ -184,7 +184,7 @@ class Flag(Kind[bool, bool]):
         return value
 
 
-class NameOrIndex(Kind[str | int, str]):
+class NameOrIndexKind(Kind[str | int, str]):
     """An object by name or index: a keyframe, a preset."""
 
     metavar = "NAME|INDEX"
@@ -237,7 +237,7 @@ class PathKind(Kind[str | PathLike[str], str]):
         return reader.output(str(value)) if self.written else reader.input(str(value))
 
 
-class PythonFunction(Kind[Callable[..., object] | None, Callable[..., object] | None]):
+class PythonFunctionKind(Kind[Callable[..., object] | None, Callable[..., object] | None]):
     """Python code that the user names on the command line, or a callable in Python; never in a document."""
 
     metavar = "CODE"
@@ -261,7 +261,7 @@ class CameraKind(Kind[object, object]):
                 return value
 
 
-class OneOrMore(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
+class OneOrMoreKind(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
     """One or several values of a kind; repeatable on the command line.
 
     Attributes:

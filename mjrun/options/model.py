@@ -4,11 +4,11 @@ import math
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Real, to_float
+from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, RealKind, to_float
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema_validation import InvalidValueError, Schema
-from mjrun.options.setting_kinds import Settings
+from mjrun.options.setting_kinds import SettingsKind
 
 INTEGRATORS = ("euler", "rk4", "implicit", "implicitfast", "discrete")
 
@@ -17,7 +17,7 @@ AUTO = "auto"  # gains of servos that are derived from the model
 GAINS = ("kp", "kd")
 
 
-class ServoGainsKind(Text):
+class ServoGainsKind(TextKind):
     """Gains of servos: `auto`, or `kp=50,kd=2`; in documents and Python also True, for `auto`."""
 
     metavar = "[kp=KP,kd=KD]"
@@ -55,18 +55,18 @@ class ModelOptions(Options):
     section: ClassVar[str] = "Model"
 
     integrator: str | None = option(
-        converter=optional(Choice(INTEGRATORS)), default=None, help="Integrator, instead of the model's."
+        converter=optional(ChoiceKind(INTEGRATORS)), default=None, help="Integrator, instead of the model's."
     )
     timestep: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")), default=None, help="Timestep [s], instead of the model's."
+        converter=optional(ExactNumberKind("SECONDS")), default=None, help="Timestep [s], instead of the model's."
     )
     ground: float | None = option(
-        converter=optional(Real(least=None, metavar="HEIGHT")),
+        converter=optional(RealKind(least=None, metavar="HEIGHT")),
         default=None,
         help="Add a horizontal floor that collides, at this height [m].",
     )
     set: tuple[tuple[str, str], ...] = option(
-        converter=Settings(),
+        converter=SettingsKind(),
         default=(),
         help="Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10, "
         "opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1, vis.quality.shadowsize=1024; "
@@ -90,7 +90,7 @@ class ServoOptions(ModelOptions):
         "weights and force limits.",
     )
     assets: tuple[str, ...] = option(
-        converter=OneOrMore(PathKind("DIR")),
+        converter=OneOrMoreKind(PathKind("DIR")),
         default=(),
         help="Folder with the meshes and textures that the model of a demonstration names by paths of another machine, "
         "which are looked up by their ends: DIR/robots/panda/link0.stl, or DIR/panda/link0.stl.",
@@ -105,12 +105,12 @@ class InfoOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     columns: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="List every column that a trace of the model can have and exit.",
     )
     xml: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print the MJCF within a demonstration, with the paths of its meshes and textures here, and exit.",
     )

@@ -23,7 +23,7 @@ NUMBERS: Schema = {
 POINT: Schema = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3, "counted": "numbers"}
 
 
-class Integer(Kind[int, int]):
+class IntegerKind(Kind[int, int]):
     """An integer from `least` to `most`."""
 
     metavar = "N"
@@ -62,7 +62,7 @@ class Integer(Kind[int, int]):
         return self(int(text))
 
 
-class Real(Kind[float, float]):
+class RealKind(Kind[float, float]):
     """A finite number from `least` to `most`; `above` is an exclusive lower bound instead of `least`."""
 
     metavar = "X"
@@ -102,7 +102,7 @@ class Real(Kind[float, float]):
         return self(to_float(text))
 
 
-class Percent(Real):
+class PercentKind(RealKind):
     """A share, written as a percentage on the command line: `10%` is 0.1."""
 
     metavar = "PERCENT"
@@ -129,7 +129,7 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
 }
 
 
-class ExactNumber(Kind[Number, Fraction]):
+class ExactNumberKind(Kind[Number, Fraction]):
     """A positive exact number: `0.25`, `30`, `30000/1001`; `zero` also allows 0, `signed` any number.
 
     Texts may end with a unit: `200ms`.
@@ -185,19 +185,21 @@ class ExactNumber(Kind[Number, Fraction]):
         return self(cast("Number", value))
 
 
-class Instant(Kind[object, object]):
+class InstantKind(Kind[object, object]):
     """An exact time [s]; documents and Python also accept an event."""
 
     metavar = "SECONDS"
 
     def __call__(self, value: object) -> object:
-        return ExactNumber(self.metavar, zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
+        return (
+            ExactNumberKind(self.metavar, zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
+        )
 
     def parse(self, text: str) -> Fraction:
-        return ExactNumber(self.metavar, zero=True)(text)
+        return ExactNumberKind(self.metavar, zero=True)(text)
 
 
-class Size(Kind[Sequence[int], tuple[int, int]]):
+class SizeKind(Kind[Sequence[int], tuple[int, int]]):
     """Width and height in pixels: `1280x720`."""
 
     metavar = "WxH"
@@ -233,7 +235,7 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
         return self.parse(value) if isinstance(value, str) else value
 
 
-class FigureSize(Size):
+class FigureSizeKind(SizeKind):
     """Width and height of a figure in pixels, or in millimetres as `85mmx60mm`, of which 25.4 are 96 pixels."""
 
     metavar = "WxH"
@@ -259,7 +261,7 @@ class FigureSize(Size):
         return self((width, height))
 
 
-class Range(Kind[Sequence[float], tuple[float, float]]):
+class RangeKind(Kind[Sequence[float], tuple[float, float]]):
     """Two numbers, the smaller first: `0.5..4`."""
 
     metavar = "LOW..HIGH"
@@ -289,7 +291,7 @@ class Range(Kind[Sequence[float], tuple[float, float]]):
         return [*value]
 
 
-class ProcessCount(Kind[int | str, int | str]):
+class ProcessCountKind(Kind[int | str, int | str]):
     """A number of processes or threads, or `auto`."""
 
     metavar = "N|auto"
@@ -313,7 +315,7 @@ class ProcessCount(Kind[int | str, int | str]):
         return self(int(text) if text.isascii() and text.isdigit() and len(text) < 5 else text)
 
 
-class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
+class GroupsKind(Kind[Sequence[int] | str, tuple[int, ...]]):
     """MuJoCo's groups: `0,1,2`, `all` or `none`."""
 
     metavar = "GROUPS"
@@ -344,7 +346,7 @@ class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
         return "all" if value == GROUPS else [*value] or "none"
 
 
-class NumberVector(Kind["float | Sequence[float]", Numbers]):
+class NumberVectorKind(Kind["float | Sequence[float]", Numbers]):
     """One finite number, or one per component."""
 
     metavar = "NUMBERS"
@@ -365,7 +367,7 @@ class NumberVector(Kind["float | Sequence[float]", Numbers]):
         return value[0] if len(value) == 1 else [*value]
 
 
-class Point(Kind[Vector, Vector]):
+class PointKind(Kind[Vector, Vector]):
     """A point or a displacement [m]: `x/y/z`."""
 
     metavar = "X/Y/Z"

@@ -4,8 +4,8 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag, PathKind, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Integer
+from mjrun.options.kinds import FlagKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 
 # Placeholders in help texts, which `mjrun.outputs.format_lists` replaces by the available formats.
@@ -51,7 +51,7 @@ class RerunOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     if_changed: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Do nothing if the outputs are up to date: the contents of all files that are read and written, the "
         "options, the code and the versions are those of the last run that made them.",
@@ -83,7 +83,7 @@ class SimulationCommandOptions(RerunOptions):
         "be the model itself; the default NAME is end.",
     )
     print_document: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print a run document equivalent to this command and exit.",
     )
@@ -106,14 +106,14 @@ class KeyframeOptions(OutputOptions):
         "unchanged.",
     )
     name: str = option(
-        converter=Text(metavar="NAME"),
+        converter=TextKind(metavar="NAME"),
         default=LAST_INSTANT,
         help="Name of the keyframe; an existing keyframe with this name is replaced.",
     )
     time: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS", zero=True)),
+        converter=optional(ExactNumberKind("SECONDS", zero=True)),
         default=None,
         usual="the last instant",
         help="Time to save [s].",
     )
-    step: int | None = option(converter=optional(Integer()), default=None, help="Time to save, as a step number.")
+    step: int | None = option(converter=optional(IntegerKind()), default=None, help="Time to save, as a step number.")

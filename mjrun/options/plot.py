@@ -5,8 +5,8 @@ from dataclasses import field
 from pathlib import Path
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import FigureSize, Integer, Range, Real
+from mjrun.options.kinds import ChoiceKind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import FigureSizeKind, IntegerKind, RangeKind, RealKind
 from mjrun.options.option import Options, Requirement, option, options, required
 from mjrun.options.output import PLOTS
 from mjrun.options.report import PageOptions
@@ -22,7 +22,7 @@ class FigureOptions(Options):
     section: ClassVar[str] = "Figure"
 
     y: tuple[str, ...] = option(
-        converter=OneOrMore(Text("[TITLE: ]CURVE,…")),
+        converter=OneOrMoreKind(TextKind("[TITLE: ]CURVE,…")),
         default=(),
         usual="a panel for each group of columns and each of its units",
         help="A panel and its curves: columns, qpos/knee; wildcards, qpos/*; or expressions over columns, "
@@ -30,71 +30,76 @@ class FigureOptions(Options):
         "[mm]=penetration/deepest*1000.",
     )
     x: str | None = option(
-        converter=optional(Text("COLUMN")),
+        converter=optional(TextKind("COLUMN")),
         default=None,
         usual="time",
         help="Column or expression on the x axis.",
     )
     log: tuple[str, ...] = option(
-        converter=OneOrMore(Text("[PANEL:]x|y|both"), commas=True, expected="x, y or both"),
+        converter=OneOrMoreKind(TextKind("[PANEL:]x|y|both"), commas=True, expected="x, y or both"),
         default=(),
         help="Logarithmic axes: y in all panels, or 2:y in the second panel only.",
     )
     xlim: tuple[float, float] | None = option(
-        converter=optional(Range("LOW..HIGH")),
+        converter=optional(RangeKind("LOW..HIGH")),
         default=None,
         usual="all values",
         help="Range of the x axis, of which the curves then show all details.",
     )
     ylim: tuple[str, ...] = option(
-        converter=OneOrMore(Text("[PANEL:]LOW..HIGH")),
+        converter=OneOrMoreKind(TextKind("[PANEL:]LOW..HIGH")),
         default=(),
         usual="all values",
         help="Range of the y axis in all panels, -1..1, or in the second panel only, 2:-1..1.",
     )
     mark: tuple[str, ...] = option(
-        converter=OneOrMore(Text("[PANEL:|x:][LABEL=]VALUE")),
+        converter=OneOrMoreKind(TextKind("[PANEL:|x:][LABEL=]VALUE")),
         default=(),
         help="Draw a horizontal line in all panels, m·g=87.356, or in the second panel only, 2:m·g=87.356; or a "
         "vertical line, x:impact=0.52.",
     )
     mark_event: tuple[str, ...] = option(
-        converter=OneOrMore(Text("[LABEL=]CONDITION")),
+        converter=OneOrMoreKind(TextKind("[LABEL=]CONDITION")),
         default=(),
         help="Draw a vertical line wherever a condition over columns becomes true: landed=contact/ncon > 0.",
     )
-    title: str | None = option(converter=optional(Text("TEXT")), default=None, help="Title above all panels.")
+    title: str | None = option(converter=optional(TextKind("TEXT")), default=None, help="Title above all panels.")
     legend_title: str | None = option(
-        converter=optional(Text("TEXT")), default=None, help="Title of the legend, such as the quantity that it lists."
+        converter=optional(TextKind("TEXT")),
+        default=None,
+        help="Title of the legend, such as the quantity that it lists.",
     )
     xlabel: str | None = option(
-        converter=optional(Text("TEXT")), default=None, usual="the column of the x axis", help="Label of the x axis."
+        converter=optional(TextKind("TEXT")),
+        default=None,
+        usual="the column of the x axis",
+        help="Label of the x axis.",
     )
     ylabel: tuple[str, ...] = option(
-        converter=OneOrMore(Text("[PANEL:]TEXT")),
+        converter=OneOrMoreKind(TextKind("[PANEL:]TEXT")),
         default=(),
         help="Label of the y axis of all panels, force [N], or of the second panel only, 2:force [N]; each panel has a "
         "title already.",
     )
     style: str = option(
-        converter=Choice(STYLES),
+        converter=ChoiceKind(STYLES),
         default="light",
         help="Colour scheme; print is meant for paper and also distinguishes lines by dash patterns.",
     )
     size: tuple[int, int] | None = option(
-        converter=optional(FigureSize()),
+        converter=optional(FigureSizeKind()),
         default=None,
         usual="1280 to 1920 wide, and as high as the panels require",
         help="Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch.",
     )
     font_size: float | None = option(
-        converter=optional(Real(above=0, metavar="POINTS")),
+        converter=optional(RealKind(above=0, metavar="POINTS")),
         default=None,
         usual="chosen by the size",
         help="Size of letters [pt], for figures in papers.",
     )
     columns: int | None = option(
-        converter=optional(Integer(1, 8)),
+        converter=optional(IntegerKind(1, 8)),
         default=None,
         usual="chosen by the number of panels",
         help="Number of panels side by side.",
@@ -123,24 +128,24 @@ class TablePlotOptions(PageOptions, FigureOptions):
         help=f"{PLOTS}, or - for standard output.",
     )
     format: str | None = option(
-        converter=optional(Text("NAME")),
+        converter=optional(TextKind("NAME")),
         default=None,
         usual="the output's suffix; png in a pipe",
         help="File format.",
     )
     assert_: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds for each table: max(abs(energy/drift)) < 1e-3.",
     )
     label: tuple[str, ...] = option(
-        converter=OneOrMore(Text("NAME")),
+        converter=OneOrMoreKind(TextKind("NAME")),
         default=(),
         usual="the parts of the tables' names that differ",
         help="Name of a table in the legend, one for each table in order.",
     )
     include: tuple[str, ...] = option(
-        converter=OneOrMore(PathKind()),
+        converter=OneOrMoreKind(PathKind()),
         default=(),
         help="Also show this file on the page: an image, a video or a manifest (.json). Other files are linked.",
     )
@@ -156,7 +161,7 @@ class PlotOptions(FigureOptions, SamplingOptions):
         converter=PathKind(written=True, streamed=True), kw_only=False, help=f"The image to write: {PLOTS}."
     )
     probe: tuple[str, ...] = option(
-        converter=OneOrMore(Text("PROBE,…")),
+        converter=OneOrMoreKind(TextKind("PROBE,…")),
         default=(),
         usual="the columns of y, or those of a trace",
         help="Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use adds a panel "

@@ -4,7 +4,7 @@ import re
 from os import PathLike, fspath
 from typing import ClassVar, cast
 
-from mjrun.options.kinds import Flag, Kind, ReadingContext, optional
+from mjrun.options.kinds import FlagKind, Kind, ReadingContext, optional
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfit, MisfitError, Schema, check
 
@@ -61,7 +61,7 @@ class TrustOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     trust: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Allow policy files that can run code when they are opened: Stable-Baselines3 archives and torch files.",
     )

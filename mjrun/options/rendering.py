@@ -3,8 +3,18 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, Flag, GhostKind, MujocoName, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
+from mjrun.options.kinds import (
+    CameraKind,
+    ChoiceKind,
+    FlagKind,
+    GhostKind,
+    MujocoNameKind,
+    OneOrMoreKind,
+    PathKind,
+    TextKind,
+    optional,
+)
+from mjrun.options.number_kinds import ExactNumberKind, GroupsKind, RangeKind, SizeKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
 
 VIEWS = ("rgb", "depth", "seg")
@@ -37,13 +47,13 @@ class BackendOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     gl: str | None = option(
-        converter=optional(Text("BACKEND")),
+        converter=optional(TextKind("BACKEND")),
         default=None,
         usual="$MUJOCO_GL, or auto",
         help=f"OpenGL backend: {BACKENDS}.",
     )
     require_gpu: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Fail instead of rendering in software.",
     )
@@ -56,13 +66,13 @@ class RendererOptions(BackendOptions):
     section: ClassVar[str] = "Renderer"
 
     quality: str = option(
-        converter=Choice(QUALITIES),
+        converter=ChoiceKind(QUALITIES),
         default="model",
         help="Rendering quality: draft omits shadows, reflections and multisampling; model uses the model's "
         "settings; high adds supersampling.",
     )
     renderer: str = option(
-        converter=Choice(RENDERERS),
+        converter=ChoiceKind(RENDERERS),
         default="classic",
         help="Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one, which requires "
         "Vulkan.",
@@ -77,79 +87,81 @@ class SceneOptions(RendererOptions):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("geoms", "geomgroup"), "both choose the geoms to show"),)
     requirements: ClassVar[tuple[Requirement, ...]] = (Requirement("trail_span", "trail", "whose length it limits"),)
 
-    size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
+    size: tuple[int, int] = option(
+        converter=SizeKind(), default=(1280, 720), help="Width and height of one view [pixels]."
+    )
     camera: tuple[object, ...] = option(
-        converter=OneOrMore(CameraKind()),
+        converter=OneOrMoreKind(CameraKind()),
         default="auto",
         help=f"Camera of the model, by name or index; or one of {', '.join(RIG_EXAMPLES)} with settings after a colon: "
         f"{' '.join(RIG_EXAMPLES.values())}; or a camera script, camera.yaml, with a sequence of shots.",
     )
     stage: tuple[str, ...] = option(
-        converter=OneOrMore(Choice((*STAGE, "camera")), commas=True),
+        converter=OneOrMoreKind(ChoiceKind((*STAGE, "camera")), commas=True),
         default="auto",
         help="Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera that frames "
         "the model closely, or none; auto adds what a model without a floor and a sky lacks.",
     )
     geoms: str | None = option(
-        converter=optional(Choice(GEOMS)),
+        converter=optional(ChoiceKind(GEOMS)),
         default=None,
         usual="visual where both have about the same place",
         help="Geoms to show of bodies that have some for looks and others for collisions.",
     )
     show: tuple[str, ...] = option(
-        converter=OneOrMore(MujocoName("FLAG", of="visual flag"), commas=True),
+        converter=OneOrMoreKind(MujocoNameKind("FLAG", of="visual flag"), commas=True),
         default=(),
         help="Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent, joint, …",
     )
     hide: tuple[str, ...] = option(
-        converter=OneOrMore(MujocoName("FLAG", of="visual flag"), commas=True),
+        converter=OneOrMoreKind(MujocoNameKind("FLAG", of="visual flag"), commas=True),
         default=(),
         help="Visual flags to switch off: shadow, skybox, texture, …",
     )
     geomgroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of geoms to show: 0,1,2, all or none."
+        converter=optional(GroupsKind()), default=None, help="Groups of geoms to show: 0,1,2, all or none."
     )
     sitegroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of sites to show."
+        converter=optional(GroupsKind()), default=None, help="Groups of sites to show."
     )
     jointgroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of joints to show."
+        converter=optional(GroupsKind()), default=None, help="Groups of joints to show."
     )
     tendongroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of tendons to show."
+        converter=optional(GroupsKind()), default=None, help="Groups of tendons to show."
     )
     actuatorgroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of actuators to show."
+        converter=optional(GroupsKind()), default=None, help="Groups of actuators to show."
     )
     flexgroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of flexes to show."
+        converter=optional(GroupsKind()), default=None, help="Groups of flexes to show."
     )
     skingroup: tuple[int, ...] | None = option(
-        converter=optional(Groups()), default=None, help="Groups of skins to show."
+        converter=optional(GroupsKind()), default=None, help="Groups of skins to show."
     )
     frame_axes: str = option(
-        converter=MujocoName("KIND", of="frame"),
+        converter=MujocoNameKind("KIND", of="frame"),
         default="none",
         help="Objects whose axes are shown: body, geom, site, camera, light, contact or world.",
     )
     label: str = option(
-        converter=MujocoName("KIND", of="label"),
+        converter=MujocoNameKind("KIND", of="label"),
         default="none",
         help="Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …",
     )
     trail: tuple[str, ...] = option(
-        converter=OneOrMore(Text("OBJECT,…")),
+        converter=OneOrMoreKind(TextKind("OBJECT,…")),
         default=(),
         help="Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed is higher.",
     )
     trail_span: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="all",
         help="Duration of the motion that a trail shows [s].",
     )
     ghost: tuple[str, ...] = option(
-        converter=OneOrMore(GhostKind()),
+        converter=OneOrMoreKind(GhostKind()),
         default=(),
         help="Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows the pose of "
         "a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, "
@@ -170,39 +182,43 @@ class ImageContentOptions(Options):
     )
 
     view: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."
+        converter=OneOrMoreKind(ChoiceKind(VIEWS)),
+        default="rgb",
+        help="Kind of image: colour, depth [m] or segmentation.",
     )
-    layout: str = option(converter=Choice(LAYOUTS), default="row", help="Arrangement of several views in one frame.")
+    layout: str = option(
+        converter=ChoiceKind(LAYOUTS), default="row", help="Arrangement of several views in one frame."
+    )
     separate: bool = option(
-        converter=Flag(), default=False, help="Write each view to a separate file, named NAME-CAMERA-VIEW."
+        converter=FlagKind(), default=False, help="Write each view to a separate file, named NAME-CAMERA-VIEW."
     )
-    captions: bool = option(converter=Flag(), default=False, help="Label each view with its camera and its kind.")
+    captions: bool = option(converter=FlagKind(), default=False, help="Label each view with its camera and its kind.")
     style: str | None = option(
-        converter=optional(Choice(STYLES)),
+        converter=optional(ChoiceKind(STYLES)),
         default=None,
         usual="chosen by the file format",
         help="Pixel values of depth and segmentation: color writes colours for viewing; exact writes 16-bit "
         "millimetres or ids.",
     )
     depth_range: tuple[float, float] | None = option(
-        converter=optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
+        converter=optional(RangeKind("NEAR..FAR", "two depths in metres, the nearer first")),
         default=None,
         usual="the visible range",
         help="Depths [m] shown in the first and the last colour.",
     )
     seg_by: str = option(
-        converter=MujocoName("KIND", of="segmentation"),
+        converter=MujocoNameKind("KIND", of="segmentation"),
         default="object",
         help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
     )
     text: str | None = option(
-        converter=optional(Text("TEMPLATE")),
+        converter=optional(TextKind("TEMPLATE")),
         default=None,
         help="Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a trace as in "
         "'{qpos/knee:.1f}'.",
     )
     text_corner: str | None = option(
-        converter=optional(Choice(CORNERS)),
+        converter=optional(ChoiceKind(CORNERS)),
         default=None,
         usual="top-left; bottom-right with captions",
         help="Position of the text.",
@@ -214,7 +230,7 @@ class ImageContentOptions(Options):
         "OpenCV axes.",
     )
     calibration_format: str = option(
-        converter=Choice(CALIBRATION_FORMATS), default="mjrun", help="Format of the calibration file."
+        converter=ChoiceKind(CALIBRATION_FORMATS), default="mjrun", help="Format of the calibration file."
     )
 
 

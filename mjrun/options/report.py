@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag, PathKind, optional
-from mjrun.options.number_kinds import Real
+from mjrun.options.kinds import FlagKind, PathKind, optional
+from mjrun.options.number_kinds import RealKind
 from mjrun.options.option import FrontEnd, Options, option, options, options_of
 
 
@@ -15,17 +15,17 @@ class ReportFormatOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
     github: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print GitHub Actions annotations to stdout.",
     )
     junit: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print JUnit XML to stdout, in which errors and warnings are failures.",
     )
     markdown: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print a Markdown table of what failed to stdout, for the summary of a pull request.",
     )
@@ -61,7 +61,7 @@ class PageOptions(Options):
         help="Page about the result (.html): plots, images, videos, descriptions of columns, assertions and manifests.",
     )
     embed_up_to: float = option(
-        converter=Real(metavar="MB"),
+        converter=RealKind(metavar="MB"),
         default=10.0,
         help="Embed images and videos up to this size in the page; larger ones are linked.",
     )

@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, PathKind, optional
-from mjrun.options.number_kinds import ProcessCount, Real
+from mjrun.options.kinds import ChoiceKind, FlagKind, PathKind, optional
+from mjrun.options.number_kinds import ProcessCountKind, RealKind
 from mjrun.options.option import FrontEnd, option, options
 from mjrun.options.output import RerunOptions
 from mjrun.options.rendering import QUALITIES, BackendOptions
@@ -24,19 +24,19 @@ class RunCommandOptions(BackendOptions, CodeOptions, RerunOptions):
         help="Folder for all outputs; created if missing.",
     )
     update: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Create or replace the golden tables of all traces, and report what changed.",
     )
-    dry_run: bool = option(converter=Flag(), default=False, help="List the outputs that would be made and exit.")
+    dry_run: bool = option(converter=FlagKind(), default=False, help="List the outputs that would be made and exit.")
     quality: str | None = option(
-        converter=optional(Choice(QUALITIES)),
+        converter=optional(ChoiceKind(QUALITIES)),
         default=None,
         usual="from the document",
         help="Rendering quality of all videos and images.",
     )
     jobs: int | str | None = option(
-        converter=optional(ProcessCount()),
+        converter=optional(ProcessCountKind()),
         default=None,
         usual="from the document",
         help="Number of processes that render each video.",
@@ -48,7 +48,7 @@ class RunCommandOptions(BackendOptions, CodeOptions, RerunOptions):
         help="Self-contained page (.html) about all outputs.",
     )
     embed_up_to: float | None = option(
-        converter=optional(Real(metavar="MB")),
+        converter=optional(RealKind(metavar="MB")),
         default=None,
         usual="from the document",
         help="Embed images and videos up to this size in the page; larger ones are linked.",

@@ -17,7 +17,7 @@ SETTING: Schema = {
 SEVERAL = re.compile(r"=\s*[-+]?\.?\d[^=]*,")  # a value and a comma before another equals sign
 
 
-class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]]):
+class NamedNumbersKind(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]]):
     """Numbers by name: `hip=0.3`, `root=0,0,1,1,0,0,0`."""
 
     metavar = "NAME=VALUE"
@@ -68,7 +68,7 @@ UNITS: Mapping[str, tuple[type[AngleWithUnit | LengthWithUnit], float]] = {
 QUANTITY = rf"\s*([-+.\deE]+)\s*({'|'.join(UNITS)})(/s)?\s*"  # compiled when it is used
 
 
-class JointNumbers(NamedNumbers):
+class JointNumbersKind(NamedNumbersKind):
     """Positions or velocities by the name of the joint, whose numbers may have units: `hip=30deg`, `root/z=25cm`.
 
     Args:
@@ -127,7 +127,7 @@ class JointNumbers(NamedNumbers):
         return super().plain({name: tuple(map(float, numbers)) for name, numbers in value.items()})
 
 
-class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):
+class SettingsKind(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):
     """Texts by path: `opt.gravity=0,0,10`. If a path occurs twice, the last one applies."""
 
     metavar = "PATH=VALUE"
@@ -163,7 +163,7 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         return dict(value)
 
 
-class ColumnDefinitions(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str], tuple[str, ...]]):
+class ColumnDefinitionsKind(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str], tuple[str, ...]]):
     """Definitions of columns as texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines."""
 
     metavar = "COLUMN=EXPRESSION"
@@ -220,7 +220,7 @@ class ColumnDefinitions(Kind[str | PathLike[str] | Mapping[str, object] | Sequen
         return tuple(f"@{reader.input(text[1:])}" if text.startswith("@") else text for text in texts)
 
 
-class ScanValues(Settings):
+class ScanValuesKind(SettingsKind):
     """The values of each setting in one text, separated by commas, or by semicolons if values contain commas."""
 
     example = "opt.timestep=.001,.002"
@@ -310,7 +310,7 @@ DISTRIBUTION: Schema = {
 }
 
 
-class VariedSettings(ScanValues):
+class VariedSettingsKind(ScanValuesKind):
     """Settings to vary, with their values: `0.3,0.6`, `0.1..1:10`, `log:1e-4..1e-1:7`, `uniform(0.3, 1)`."""
 
     @property

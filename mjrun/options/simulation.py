@@ -5,12 +5,12 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, Flag, NameOrIndex, PathKind, PythonFunction, Text, optional
+from mjrun.options.kinds import ChoiceKind, FlagKind, NameOrIndexKind, PathKind, PythonFunctionKind, TextKind, optional
 from mjrun.options.model import ServoOptions
-from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Numbers, RealKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
-from mjrun.options.setting_kinds import ColumnDefinitions, JointNumbers, NamedNumbers
+from mjrun.options.setting_kinds import ColumnDefinitionsKind, JointNumbersKind, NamedNumbersKind
 
 INTERPOLATIONS = ("hold", "linear")
 NO_VALUES: dict[str, Numbers] = {}
@@ -39,14 +39,14 @@ class ControllerOptions(Options):
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND | FrontEnd.PYTHON
 
     controller: Callable[..., object] | None = option(
-        converter=PythonFunction(),
+        converter=PythonFunctionKind(),
         default=None,
         help="Python code that sets the controls: a function or class such as policy.py:act or "
         "package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a "
         "class may have a method reset.",
     )
     control_dt: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="every step",
         help="Time between two calls of the controller, or of a policy that has no task document [s].",
@@ -78,20 +78,20 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
     )
 
     key: str | None = option(
-        converter=optional(NameOrIndex()), default=None, help="Keyframe to start from, by name or index."
+        converter=optional(NameOrIndexKind()), default=None, help="Keyframe to start from, by name or index."
     )
     qpos: Mapping[str, Numbers] = option(
-        converter=JointNumbers(),
+        converter=JointNumbersKind(),
         default=NO_VALUES,
         help="Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.",
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=JointNumbers(rate=True),
+        converter=JointNumbersKind(rate=True),
         default=NO_VALUES,
         help="Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.",
     )
     ctrl: Mapping[str, Numbers] = option(
-        converter=NamedNumbers(),
+        converter=NamedNumbersKind(),
         default=NO_VALUES,
         help="Constant controls by actuator name or wildcard, in the actuator's units: motor=20, left_*=0.5.",
     )
@@ -102,7 +102,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         "ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.",
     )
     ctrl_interpolation: str = option(
-        converter=Choice(INTERPOLATIONS),
+        converter=ChoiceKind(INTERPOLATIONS),
         default="hold",
         help="Interpolation between the rows of the table of controls.",
     )
@@ -114,58 +114,60 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         "log, the output of another simulator.",
     )
     replay_mode: str = option(
-        converter=Choice(REPLAY_MODES),
+        converter=ChoiceKind(REPLAY_MODES),
         default=STATES,
         help="Replay mode: states plays back the recorded states; controls simulates again from the first state, "
         "with the recorded controls and forces.",
     )
     replay_rate: Fraction | None = option(
-        converter=optional(ExactNumber("HZ")),
+        converter=optional(ExactNumberKind("HZ")),
         default=None,
         usual="from the column time",
         help="Rows per second of a table without a column time [Hz].",
     )
     replay_interpolation: str = option(
-        converter=Choice(INTERPOLATIONS),
+        converter=ChoiceKind(INTERPOLATIONS),
         default="linear",
         help="Interpolation between the rows of a replayed table and across gaps in it; linear interpolates "
         "quaternions along an arc.",
     )
     replay_unwrap: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Unwrap hinge angles: treat a jump of more than half a turn between rows as a continued rotation.",
     )
     map: tuple[str, ...] = option(
-        converter=ColumnDefinitions(),
+        converter=ColumnDefinitionsKind(),
         default=(),
         help="Column of mjrun and its value, an expression over the columns of a table that is replayed or that a "
         "ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching columns "
         "'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.",
     )
     quat: str = option(
-        converter=Choice(QUATERNION_ORDERS),
+        converter=ChoiceKind(QUATERNION_ORDERS),
         default="wxyz",
         help="Order of quaternion components in a replayed table whose columns number them instead of naming them "
         "qw … qz.",
     )
     perturb: float = option(
-        converter=Real(metavar="STD"),
+        converter=RealKind(metavar="STD"),
         default=0.0,
         help="Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].",
     )
-    seed: int = option(converter=Integer(), default=0, help="Seed of all noise; with a policy, seed of the episode.")
+    seed: int = option(
+        converter=IntegerKind(), default=0, help="Seed of all noise; with a policy, seed of the episode."
+    )
     duration: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="5, or that of the recording or episode; unlimited in a view",
         help="Simulated time [s].",
     )
     steps: int | None = option(
-        converter=optional(Integer(1)), default=None, help="Number of steps, instead of a duration."
+        converter=optional(IntegerKind(1)), default=None, help="Number of steps, instead of a duration."
     )
     until: str | None = option(
-        converter=optional(Text("EXPR")),
+        converter=optional(TextKind("EXPR")),
         default=None,
         help="End the simulation at the first step at which this condition on its columns holds, if that is before its "
         "duration: qpos/root/z < 0.3, contact(ball, floor).",

@@ -27,7 +27,7 @@ V = TypeVar("V")
 T = TypeVar("T")
 
 
-class OptionsMapping(Kind[T, T]):
+class OptionsMappingKind(Kind[T, T]):
     """A mapping whose keys are the options of a class; `make` builds its value.
 
     Args:
@@ -129,7 +129,7 @@ class OptionsMapping(Kind[T, T]):
         return plain_values(cast("Options", value))
 
 
-class ListOf(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
+class ListKind(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
     """A list of values of one kind; a single value is not accepted in its place.
 
     Attributes:
@@ -165,7 +165,7 @@ class ListOf(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
         return [self.each.plain(item) for item in value]
 
 
-class MappingOf(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
+class MappingKind(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
     """A mapping from names to values of one kind."""
 
     metavar = "MAPPING"
@@ -194,7 +194,7 @@ class MappingOf(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
         return {"type": "object", "propertyNames": {"minLength": 1}, "additionalProperties": each}
 
 
-class OneOf(Kind[V, T]):
+class OneOfKind(Kind[V, T]):
     """A value that a document may write in several forms, distinguished by their JSON types.
 
     Args:

@@ -7,13 +7,13 @@ from fractions import Fraction
 from itertools import combinations
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, Kind, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Integer, ProcessCount, Real
+from mjrun.options.kinds import ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, ProcessCountKind, RealKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options, required
 from mjrun.options.output import VIDEOS
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import Settings, VariedSettings
+from mjrun.options.setting_kinds import SettingsKind, VariedSettingsKind
 from mjrun.options.trace import PROBES
 from mjrun.options.video import PointOrEpisodeVideoOptions
 
@@ -52,24 +52,24 @@ class KeptFileOptions(PointOrEpisodeVideoOptions):
     section: ClassVar[str] = "Files of points"
 
     keep: tuple[str, ...] = option(
-        converter=OneOrMore(Choice(KEPT), commas=True, expected="trace, recording or video"),
+        converter=OneOrMoreKind(ChoiceKind(KEPT), commas=True, expected="trace, recording or video"),
         default=(),
         help="Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet, "
         "recording.npz, video.mp4.",
     )
     keep_where: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Keep the files of points for which this condition on parameters, metrics and statuses holds: "
         "unstable, drift > 1.",
     )
     keep_lowest: tuple[str, ...] = option(
-        converter=OneOrMore(Text("N:METRIC")),
+        converter=OneOrMoreKind(TextKind("N:METRIC")),
         default=(),
         help="Keep the files of the N points with the lowest values of a metric: 4:drift.",
     )
     keep_highest: tuple[str, ...] = option(
-        converter=OneOrMore(Text("N:METRIC")),
+        converter=OneOrMoreKind(TextKind("N:METRIC")),
         default=(),
         help="Keep the files of the N points with the highest values of a metric: 4:drift.",
     )
@@ -79,7 +79,7 @@ class KeptFileOptions(PointOrEpisodeVideoOptions):
         help=f"Video that shows the videos of all kept points side by side with their values: {VIDEOS}.",
     )
     probe: tuple[str, ...] = option(
-        converter=OneOrMore(Text("NAME"), commas=True, expected="the name of something to measure"),
+        converter=OneOrMoreKind(TextKind("NAME"), commas=True, expected="the name of something to measure"),
         default=PROBES,
         usual=",".join(PROBES),
         help="Values to measure in kept traces, in addition to the columns that the metrics read.",
@@ -108,7 +108,7 @@ class VariationOptions(Options):
     section: ClassVar[str] = "Study"
 
     vary: tuple[tuple[str, str], ...] = option(
-        converter=VariedSettings(),
+        converter=VariedSettingsKind(),
         default=(),
         help="Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
         "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Accepts any path of --set; "
@@ -121,40 +121,40 @@ class VariationOptions(Options):
         help="Table of points: one column per parameter, one row per point.",
     )
     design: str = option(
-        converter=Choice(DESIGNS),
+        converter=ChoiceKind(DESIGNS),
         default="grid",
         help="How lists of values combine: grid makes all combinations, zip pairs them in order.",
     )
     samples: int = option(
-        converter=Integer(1, MOST_POINTS),
+        converter=IntegerKind(1, MOST_POINTS),
         default=64,
         help="Number of points to draw from distributions such as uniform(0,1); of saltelli and morris, the number of "
         "groups of points.",
     )
     sampler: str = option(
-        converter=Choice(tuple(SAMPLERS)),
+        converter=ChoiceKind(tuple(SAMPLERS)),
         default="sobol",
         help="Sampling method: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
     )
     correlate: tuple[tuple[str, str], ...] = option(
-        converter=Settings("NAME,NAME=R", "mass,friction=0.7"),
+        converter=SettingsKind("NAME,NAME=R", "mass,friction=0.7"),
         default=(),
         help="Rank correlation (Spearman's) of sampled parameters: mass,friction=0.7. Each keeps its distribution.",
     )
     repeats: int = option(
-        converter=Integer(1),
+        converter=IntegerKind(1),
         default=1,
         help="Number of simulations per point, each with the next seed; the table of means, repeats.csv, has "
         "confidence intervals.",
     )
     when: tuple[tuple[str, str], ...] = option(
-        converter=Settings("NAME=EXPR", "iterations=cone == 'elliptic'"),
+        converter=SettingsKind("NAME=EXPR", "iterations=cone == 'elliptic'"),
         default=(),
         help="Condition on other parameters under which a parameter exists: kd=kp > 0, iterations=integrator == "
         "'rk4'. Elsewhere the model keeps its own value, the cell is empty, and equal points are one.",
     )
     where: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Include only points for which this condition holds: mass < 10, integrator != 'rk4'.",
     )
@@ -167,7 +167,9 @@ class ConfidenceOptions(Options):
     section: ClassVar[str] = "Study"
 
     confidence: float = option(
-        converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="Confidence level of all intervals."
+        converter=RealKind(above=0, most=0.9999, metavar="SHARE"),
+        default=0.95,
+        help="Confidence level of all intervals.",
     )
 
 
@@ -189,15 +191,15 @@ class StudyOptions(KeptFileOptions, PageOptions, ExperimentTrackerOptions, Varia
         "same folder continues the study.",
     )
     metric: tuple[tuple[str, str], ...] = option(
-        converter=Settings("NAME=EXPR", "drift=max(abs(energy/drift))"),
+        converter=SettingsKind("NAME=EXPR", "drift=max(abs(energy/drift))"),
         default=(),
         key="metrics",
         help="Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < "
         "0.8), 'pace [km/h]=3.6*max(speed/torso)' with a unit. Uses the same expressions as --assert.",
     )
-    every: int = option(converter=Integer(1), default=1, help="Evaluate metrics at every N-th step.")
+    every: int = option(converter=IntegerKind(1), default=1, help="Evaluate metrics at every N-th step.")
     require: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.",
     )
@@ -243,14 +245,14 @@ class ExecutionOptions(Options):
     )
 
     jobs: int | str = option(
-        converter=ProcessCount("N", of="processes"),
+        converter=ProcessCountKind("N", of="processes"),
         default="auto",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help=f"Number of processes on this machine; on Slurm, largest number of jobs that run or wait, "
         f"by default {SLURM_JOBS}, and as many as the cluster accepts.",
     )
     engine: str = option(
-        converter=Text("ENGINE"),
+        converter=TextKind("ENGINE"),
         default="local",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Engine that simulates points or episodes: local, warp (MuJoCo Warp, in single precision), dask, "
@@ -258,7 +260,7 @@ class ExecutionOptions(Options):
         "concurrent.futures.Executor.",
     )
     slurm: tuple[str, ...] = option(
-        converter=OneOrMore(SlurmSettingKind(), commas=True, expected="NAME=VALUE, as in partition=long"),
+        converter=OneOrMoreKind(SlurmSettingKind(), commas=True, expected="NAME=VALUE, as in partition=long"),
         default=(),
         usual="time=5min, and what the cluster sets",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -266,20 +268,20 @@ class ExecutionOptions(Options):
         "constraint, and array=N, the largest number of jobs that run at once. Requires --engine slurm.",
     )
     chunk: int | None = option(
-        converter=optional(Integer(1)),
+        converter=optional(IntegerKind(1)),
         default=None,
         usual="a few seconds' worth",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Number of points or episodes per task of the engine.",
     )
     time_limit: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="none",
         help="Maximum wall time per point or episode [s].",
     )
     time_budget: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="none",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -287,7 +289,7 @@ class ExecutionOptions(Options):
         "finish. Exits with code 8 if some are left; the same command continues.",
     )
     max_failures: int | None = option(
-        converter=optional(Integer(1)),
+        converter=optional(IntegerKind(1)),
         default=None,
         usual="none",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -295,7 +297,7 @@ class ExecutionOptions(Options):
         "Exits with code 8.",
     )
     retry_failed: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Simulate again the points or episodes that failed before.",
@@ -320,12 +322,12 @@ class StudyCommandOptions(Options):
     )
 
     dry_run: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Report the number of simulations and an estimate of their time, and exit; with --gc, what it removes.",
     )
     print_document: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print a study document equivalent to this command and exit.",
     )
@@ -340,29 +342,29 @@ class StudyCommandOptions(Options):
         help="Simulate the I-th of N equal parts of a plan and exit; for job arrays, xargs and make.",
     )
     collect: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Write the table from the existing results, without simulating.",
     )
     status: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Report the progress of a study, also while processes work on it, and exit with 1 unless it is finished. "
         "With --html, update a page until it is finished or no process works on it.",
     )
     gc: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Remove files of a study that its table does not use: parts of other versions, damaged parts, "
         "leases and temporary files of ended processes, and logs of Slurm jobs.",
     )
     csv: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help=f"Print the table of all points to stdout; write results.csv even of more than {MOST_IN_CSV:,} points.",
     )
     markdown: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Print the report as Markdown to stdout, for the summary of a pull request.",
     )

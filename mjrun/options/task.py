@@ -5,12 +5,27 @@ from fractions import Fraction
 from typing import ClassVar, cast
 
 from mjrun.options.disturbance import DisturbanceOptions
-from mjrun.options.kinds import Choice, Kind, NameOrIndex, OneOrMore, PathKind, ReadingContext, Text, optional
+from mjrun.options.kinds import (
+    ChoiceKind,
+    Kind,
+    NameOrIndexKind,
+    OneOrMoreKind,
+    PathKind,
+    ReadingContext,
+    TextKind,
+    optional,
+)
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
+from mjrun.options.number_kinds import NUMBERS, ExactNumberKind, IntegerKind, Numbers, NumberVectorKind, RealKind
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema
-from mjrun.options.setting_kinds import DISTRIBUTION, JointNumbers, NamedNumbers, VariedSettings, distribution_text
+from mjrun.options.setting_kinds import (
+    DISTRIBUTION,
+    JointNumbersKind,
+    NamedNumbersKind,
+    VariedSettingsKind,
+    distribution_text,
+)
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
 
 # The extras of policies and tasks, with the libraries that each installs and the feature that needs them.
@@ -59,7 +74,7 @@ class LimitsKind(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]
 
     def __call__(self, value: Sequence[float | Sequence[float]]) -> tuple[Numbers, Numbers]:
         try:
-            low, high = (NumberVector()(bound) for bound in value)
+            low, high = (NumberVectorKind()(bound) for bound in value)
         except (TypeError, ValueError):
             raise InvalidValueError(self.expected) from None
         fits = len(low) == len(high) or 1 in (len(low), len(high))
@@ -69,7 +84,7 @@ class LimitsKind(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]
         return low, high
 
     def plain(self, value: tuple[Numbers, Numbers]) -> object:
-        return [NumberVector().plain(bound) for bound in value]
+        return [NumberVectorKind().plain(bound) for bound in value]
 
 
 class VectorOrKeyframeKind(Kind["float | str | Sequence[float]", "Numbers | str"]):
@@ -86,12 +101,12 @@ class VectorOrKeyframeKind(Kind["float | str | Sequence[float]", "Numbers | str"
         if isinstance(value, str) and value:
             return value
         try:
-            return NumberVector()(cast("float | Sequence[float]", value))
+            return NumberVectorKind()(cast("float | Sequence[float]", value))
         except InvalidValueError:
             raise InvalidValueError("a number, a list of numbers, or the name of a keyframe") from None
 
     def plain(self, value: "Numbers | str") -> object:
-        return value if isinstance(value, str) else NumberVector().plain(value)
+        return value if isinstance(value, str) else NumberVectorKind().plain(value)
 
 
 class ScheduleKind(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers], ...]"]):
@@ -102,12 +117,17 @@ class ScheduleKind(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbe
 
     @property
     def form(self) -> Schema:
-        entry = {"type": "array", "prefixItems": [ExactNumber(zero=True).form, NUMBERS], "minItems": 2, "maxItems": 2}
+        entry = {
+            "type": "array",
+            "prefixItems": [ExactNumberKind(zero=True).form, NUMBERS],
+            "minItems": 2,
+            "maxItems": 2,
+        }
         return {"type": "array", "items": {**entry, "counted": "entries: a time and values"}}
 
     def __call__(self, value: Sequence[Sequence[object]]) -> "tuple[tuple[Fraction, Numbers], ...]":
         try:
-            entries = [(ExactNumber(zero=True)(cast("float", time)), _vector(values)) for time, values in value]
+            entries = [(ExactNumberKind(zero=True)(cast("float", time)), _vector(values)) for time, values in value]
         except (TypeError, ValueError):
             raise InvalidValueError(self.expected) from None
         times, sizes = [time for time, _ in entries], {len(values) for _, values in entries}
@@ -116,11 +136,11 @@ class ScheduleKind(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbe
         return tuple(entries)
 
     def plain(self, value: "tuple[tuple[Fraction, Numbers], ...]") -> object:
-        return [[float(time), NumberVector().plain(values)] for time, values in value]
+        return [[float(time), NumberVectorKind().plain(values)] for time, values in value]
 
 
 def _vector(value: object) -> Numbers:
-    return NumberVector()(cast("float | Sequence[float]", value))
+    return NumberVectorKind()(cast("float | Sequence[float]", value))
 
 
 def _spread(numbers: Numbers, count: int) -> Numbers:
@@ -134,15 +154,15 @@ class TaskOptions(DisturbanceOptions, ModelOptions):
     section: ClassVar[str] = "Task"
 
     control_dt: Fraction = required(
-        converter=ExactNumber("SECONDS"),
+        converter=ExactNumberKind("SECONDS"),
         help="Control period [s]: time between two actions of the policy; must be a whole number of timesteps.",
     )
     duration: Fraction = required(
-        converter=ExactNumber("SECONDS"),
+        converter=ExactNumberKind("SECONDS"),
         help="Maximum length of an episode [s]; an episode that reaches it ends with the termination timeout.",
     )
     derived: str = option(
-        converter=Choice(DERIVED),
+        converter=ChoiceKind(DERIVED),
         default=CURRENT,
         help="Values of quantities that MuJoCo derives from the state, such as xpos: current, computed from the "
         "observed state; or lagged, as left by the last step, one step behind the state, as in Gymnasium.",
@@ -156,30 +176,32 @@ class ResetOptions(Options):
     section: ClassVar[str] = "Reset"
 
     key: str | None = option(
-        converter=optional(NameOrIndex()), default=None, help="Keyframe to start from, by name or index."
+        converter=optional(NameOrIndexKind()), default=None, help="Keyframe to start from, by name or index."
     )
     qpos: Mapping[str, Numbers] = option(
-        converter=JointNumbers(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
+        converter=JointNumbersKind(),
+        default=NO_VALUES,
+        help="Initial joint positions by name [m, rad]: hip, root/z, root.",
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=JointNumbers(rate=True), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]."
+        converter=JointNumbersKind(rate=True), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]."
     )
     ctrl: Mapping[str, Numbers] = option(
-        converter=NamedNumbers(), default=NO_VALUES, help="Initial controls by actuator name or wildcard."
+        converter=NamedNumbersKind(), default=NO_VALUES, help="Initial controls by actuator name or wildcard."
     )
     noise: tuple[tuple[str, str], ...] = option(
-        converter=VariedSettings(),
+        converter=VariedSettingsKind(),
         default=(),
         help="Noise added to the initial state, by column: {'qpos/*': 'uniform(-0.1, 0.1)', 'qvel/*': 'normal(0, "
         "0.1)'}. Quaternions are normalized afterwards.",
     )
     set: tuple[tuple[str, str], ...] = option(
-        converter=VariedSettings(),
+        converter=VariedSettingsKind(),
         default=(),
         help="Random values that replace those of the initial state, by column: {qpos/slider: 'uniform(-1, 1)'}.",
     )
     vary: tuple[tuple[str, str], ...] = option(
-        converter=VariedSettings(),
+        converter=VariedSettingsKind(),
         default=(),
         help="Random values in the model for each episode: {'geom/floor.friction[0]': 'uniform(0.3, 1)'}.",
     )
@@ -191,36 +213,36 @@ class ObservationOptions(Options):
 
     section: ClassVar[str] = "Observation"
 
-    name: str = required(converter=Text("NAME"), help="Name of the term.")
+    name: str = required(converter=TextKind("NAME"), help="Name of the term.")
     probe: tuple[str, ...] | None = option(
-        converter=optional(OneOrMore(Text("COLUMN"), commas=True)),
+        converter=optional(OneOrMoreKind(TextKind("COLUMN"), commas=True)),
         default=None,
         help="Columns of a trace, by name, group or wildcard, in the model's order: xpos/car, qvel[left_*].",
     )
     joints: tuple[str, ...] | None = option(
-        converter=optional(OneOrMore(Text("JOINT"))),
+        converter=optional(OneOrMoreKind(TextKind("JOINT"))),
         default=None,
         help="Joints by name or wildcard, in this order.",
     )
-    of: str = option(converter=Choice(JOINT_FIELDS), default="qpos", help="Quantity of the joints to observe.")
+    of: str = option(converter=ChoiceKind(JOINT_FIELDS), default="qpos", help="Quantity of the joints to observe.")
     action: str | None = option(
-        converter=optional(Choice((PREVIOUS,))),
+        converter=optional(ChoiceKind((PREVIOUS,))),
         default=None,
         help="Previous action of the policy, before any processing; zeros at the start.",
     )
     command: str | None = option(
-        converter=optional(Text("COMMAND")), default=None, help="Command of the task to observe."
+        converter=optional(TextKind("COMMAND")), default=None, help="Command of the task to observe."
     )
     phase: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         help="Period [s]; the sine and the cosine of 2π t/period are observed.",
     )
     value: str | None = option(
-        converter=optional(Text("EXPR")), default=None, help="An expression over columns: qpos/root/z - 1.2."
+        converter=optional(TextKind("EXPR")), default=None, help="An expression over columns: qpos/root/z - 1.2."
     )
     frame: str = option(
-        converter=Text("world|BODY"),
+        converter=TextKind("world|BODY"),
         default=WORLD,
         help="Body into whose axes vectors of three components are rotated; world leaves them unchanged.",
     )
@@ -230,16 +252,16 @@ class ObservationOptions(Options):
         help="Noise added to each number, drawn at every observation: normal(0, 0.01).",
     )
     offset: Numbers = option(
-        converter=NumberVector(), default=(0.0,), help="Value to subtract: one number, or one per component."
+        converter=NumberVectorKind(), default=(0.0,), help="Value to subtract: one number, or one per component."
     )
     scale: Numbers = option(
-        converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
+        converter=NumberVectorKind(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     clip: tuple[Numbers, Numbers] | None = option(
         converter=optional(LimitsKind()), default=None, help="Lowest and highest value."
     )
-    delay: int = option(converter=Integer(), default=0, help="Delay of the observation, in control periods.")
-    history: int = option(converter=Integer(1), default=1, help="Number of latest values to observe, oldest first.")
+    delay: int = option(converter=IntegerKind(), default=0, help="Delay of the observation, in control periods.")
+    history: int = option(converter=IntegerKind(1), default=1, help="Number of latest values to observe, oldest first.")
 
 
 @options
@@ -250,17 +272,17 @@ class ActionOptions(Options):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("actuators", "joints"), "an action drives either"),)
 
     actuators: tuple[str, ...] | None = option(
-        converter=optional(OneOrMore(Text("ACTUATOR"))),
+        converter=optional(OneOrMoreKind(TextKind("ACTUATOR"))),
         default=None,
         help="Actuators by name or wildcard, in this order.",
     )
     joints: tuple[str, ...] | None = option(
-        converter=optional(OneOrMore(Text("JOINT"))),
+        converter=optional(OneOrMoreKind(TextKind("JOINT"))),
         default=None,
         help="Joints by name or wildcard, in this order, each with one actuator.",
     )
     target: str | None = option(
-        converter=optional(Choice(TARGETS)),
+        converter=optional(ChoiceKind(TARGETS)),
         default=None,
         usual="control with actuators",
         help="Quantity that the action sets: control, of the actuator; position or velocity, a target q* or q̇* of"
@@ -268,13 +290,13 @@ class ActionOptions(Options):
         " or torque, of the joint.",
     )
     kp: Numbers | None = option(
-        converter=optional(NumberVector()), default=None, help="Stiffness of a position target [N·m/rad, N/m]."
+        converter=optional(NumberVectorKind()), default=None, help="Stiffness of a position target [N·m/rad, N/m]."
     )
     kd: Numbers | None = option(
-        converter=optional(NumberVector()), default=None, help="Damping of a target [N·m·s/rad, N·s/m]."
+        converter=optional(NumberVectorKind()), default=None, help="Damping of a target [N·m·s/rad, N·s/m]."
     )
     squash: str = option(
-        converter=Choice(SQUASHES),
+        converter=ChoiceKind(SQUASHES),
         default="none",
         help="Function applied to the action first; tanh limits it to -1 … 1.",
     )
@@ -282,7 +304,7 @@ class ActionOptions(Options):
         converter=optional(LimitsKind()), default=None, help="Lowest and highest value, before scale and offset."
     )
     scale: Numbers = option(
-        converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
+        converter=NumberVectorKind(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     offset: "Numbers | str" = option(
         converter=VectorOrKeyframeKind(),
@@ -290,7 +312,7 @@ class ActionOptions(Options):
         help="Value added last: one number, one per component, or the keyframe that contains the targets.",
     )
     delay: int = option(
-        converter=Integer(),
+        converter=IntegerKind(),
         default=0,
         help="Delay of the action, in control periods; until the first one arrives, an action of zeros is in force.",
     )
@@ -302,12 +324,12 @@ class CommandTermOptions(Options):
 
     section: ClassVar[str] = "Command"
 
-    constant: Numbers | None = option(converter=optional(NumberVector()), default=None, help="Constant values.")
+    constant: Numbers | None = option(converter=optional(NumberVectorKind()), default=None, help="Constant values.")
     table: str | None = option(
         converter=optional(PathKind()), default=None, help="Table with a column time [s] and one column per value."
     )
     interpolation: str = option(
-        converter=Choice(INTERPOLATIONS), default="hold", help="Interpolation between the rows of the table."
+        converter=ChoiceKind(INTERPOLATIONS), default="hold", help="Interpolation between the rows of the table."
     )
     schedule: "tuple[tuple[Fraction, Numbers], ...] | None" = option(
         converter=optional(ScheduleKind()),
@@ -315,15 +337,15 @@ class CommandTermOptions(Options):
         help="Values that change at given times [s]: [[0, [1, 0]], [2, [0, 1]]].",
     )
     random: tuple[str, ...] | None = option(
-        converter=optional(OneOrMore(RandomValueKind())),
+        converter=optional(OneOrMoreKind(RandomValueKind())),
         default=None,
         help="Distribution of each value, or one for all: uniform(-1, 1).",
     )
     size: int | None = option(
-        converter=optional(Integer(1)), default=None, usual="one per distribution", help="Number of random values."
+        converter=optional(IntegerKind(1)), default=None, usual="one per distribution", help="Number of random values."
     )
     every: Fraction | None = option(
-        converter=optional(ExactNumber("SECONDS")),
+        converter=optional(ExactNumberKind("SECONDS")),
         default=None,
         usual="once per episode",
         help="Time after which new random values are drawn [s], a whole number of control periods.",
@@ -337,10 +359,10 @@ class RewardOptions(Options):
     section: ClassVar[str] = "Reward"
 
     value: str = required(
-        converter=Text("EXPR"),
+        converter=TextKind("EXPR"),
         help="Expression over columns at the end of the period: exp(-norm(xpos/car/x, xpos/car/y)).",
     )
-    weight: float = option(converter=Real(least=None), default=1.0, help="Weight of the term in the sum.")
+    weight: float = option(converter=RealKind(least=None), default=1.0, help="Weight of the term in the sum.")
 
 
 @options
@@ -350,10 +372,10 @@ class TerminationOptions(Options):
     section: ClassVar[str] = "Termination"
 
     when: str = required(
-        converter=Text("EXPR"),
+        converter=TextKind("EXPR"),
         help="Condition on columns, evaluated after each period but not at the start: qpos/root/z < 0.8.",
     )
-    as_: str = required(converter=Choice(ENDINGS), help="Outcome of an episode that ends this way.")
+    as_: str = required(converter=ChoiceKind(ENDINGS), help="Outcome of an episode that ends this way.")
 
 
 # The parts of a task by their keys in documents, with the path of an entry and its options.

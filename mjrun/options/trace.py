@@ -4,8 +4,8 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.diff import ToleranceOptions
-from mjrun.options.kinds import Choice, Flag, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Integer
+from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
 
@@ -19,14 +19,14 @@ class SamplingOptions(OutputOptions):
 
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("every", "rate"), "both set the sampling rate"),)
 
-    every: int = option(converter=Integer(1), default=1, help="Write a row every N steps.")
+    every: int = option(converter=IntegerKind(1), default=1, help="Write a row every N steps.")
     rate: Fraction | None = option(
-        converter=optional(ExactNumber("HZ")),
+        converter=optional(ExactNumberKind("HZ")),
         default=None,
         help="Rows per simulated second [Hz], at most one per step, instead of every N steps.",
     )
     format: str | None = option(
-        converter=optional(Text("NAME")), default=None, usual="the output's suffix", help="File format."
+        converter=optional(TextKind("NAME")), default=None, usual="the output's suffix", help="File format."
     )
 
 
@@ -46,7 +46,7 @@ class GoldenOptions(ToleranceOptions):
         help="Table of an earlier run with which to compare, within the tolerances; the exit code is 1 if they differ.",
     )
     update: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Create or replace the golden table, and report what changed.",
@@ -67,25 +67,25 @@ class TraceOptions(SamplingOptions, GoldenOptions):
         help=f"{TABLES}, or - for standard output.",
     )
     probe: tuple[str, ...] = option(
-        converter=OneOrMore(Text("NAME"), commas=True, expected="the name of something to measure"),
+        converter=OneOrMoreKind(TextKind("NAME"), commas=True, expected="the name of something to measure"),
         default=PROBES,
         usual=",".join(PROBES),
         help="Values to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed, momentum, … or "
         "any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a column, xpos/hand/z.",
     )
     assert_: tuple[str, ...] = option(
-        converter=OneOrMore(Text("EXPR")),
+        converter=OneOrMoreKind(TextKind("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.",
     )
     units: str | None = option(
-        converter=optional(Choice(UNIT_PLACES)),
+        converter=optional(ChoiceKind(UNIT_PLACES)),
         default=None,
         help="Where a CSV file states its units: in a comment below the header, # units: s,rad, or in a file beside "
         "it, run.csv-metadata.json (CSV on the Web). Other formats hold their units.",
     )
     keep_partial: bool = option(
-        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the rows from before."
+        converter=FlagKind(), default=False, help="If the simulation becomes unstable, keep the rows from before."
     )
     contacts: str | None = option(
         converter=optional(PathKind(written=True)),
@@ -102,19 +102,19 @@ class TraceCommandLineOptions(Options):
     section: ClassVar[str] = "Trace"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
 
-    csv: bool = option(converter=Flag(), default=False, help="Same as --format csv.")
+    csv: bool = option(converter=FlagKind(), default=False, help="Same as --format csv.")
     list_: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="List the groups of columns that the model offers, or the columns of --probe, and exit.",
     )
     all_: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="List every column with --list, not only their groups.",
     )
     verify: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         help="Simulate the recording of --replay again, compare every state bit for bit, and exit; the exit code "
         "is 1 if a state differs.",
@@ -129,5 +129,5 @@ class RecordingOptions(OutputOptions):
 
     output: str = required(converter=PathKind(written=True), kw_only=False, help="An .npz file.")
     keep_partial: bool = option(
-        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the states from before."
+        converter=FlagKind(), default=False, help="If the simulation becomes unstable, keep the states from before."
     )

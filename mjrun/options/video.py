@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, Choice, NameOrIndex, OneOrMore, PathKind, Text, optional
-from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, ProcessCount, Size
+from mjrun.options.kinds import CameraKind, ChoiceKind, NameOrIndexKind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.number_kinds import AUTO, ExactNumberKind, IntegerKind, ProcessCountKind, SizeKind
 from mjrun.options.option import Exclusion, Options, Requirement, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
@@ -30,45 +30,47 @@ class VideoOptions(ViewOptions, OutputOptions):
         help=f"{VIDEOS}, a folder or pattern of PNGs (frames/, frame_%04d.png), or - for standard output.",
     )
     fps: Fraction | None = option(
-        converter=optional(ExactNumber("FPS")),
+        converter=optional(ExactNumberKind("FPS")),
         default=None,
         usual="30; 25 in a GIF",
         help="Frames per second of the video [Hz], such as 60 or 30000/1001.",
     )
     speed: Fraction = option(
-        converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
+        converter=ExactNumberKind("FACTOR"),
+        default=1,
+        help="Simulated seconds per second of video; 0.25 is slow motion.",
     )
     format: str | None = option(
-        converter=optional(Text("NAME")),
+        converter=optional(TextKind("NAME")),
         default=None,
         usual="the output's suffix; mp4 in a pipe",
         help="File format.",
     )
     codec: str | None = option(
-        converter=optional(Text("NAME")),
+        converter=optional(TextKind("NAME")),
         default=None,
         help=f"Video codec: {CODECS}; each format supports some of them.",
     )
     crf: int | None = option(
-        converter=optional(Integer(least=None)),
+        converter=optional(IntegerKind(least=None)),
         default=None,
         help="Constant rate factor of the encoder: lower values give better quality and larger files.",
     )
     preset: str | None = option(
-        converter=optional(NameOrIndex("NAME", "the name of a preset")),
+        converter=optional(NameOrIndexKind("NAME", "the name of a preset")),
         default=None,
         help="Encoder preset, a trade-off between encoding speed and compression.",
     )
     plot: tuple[str, ...] = option(
-        converter=OneOrMore(Text("PROBE,…")),
+        converter=OneOrMoreKind(TextKind("PROBE,…")),
         default=(),
         help="Live plot of measured values under or beside the frame: energy, qpos[left_*]. Each use adds a plot.",
     )
     plot_side: str = option(
-        converter=Choice(PLOT_SIDES), default="under", help="Position of the plots relative to the frame."
+        converter=ChoiceKind(PLOT_SIDES), default="under", help="Position of the plots relative to the frame."
     )
     jobs: int | str = option(
-        converter=ProcessCount(),
+        converter=ProcessCountKind(),
         default=AUTO,
         help="Number of rendering processes; auto uses one per core for long videos that are rendered on the CPU.",
     )
@@ -81,11 +83,15 @@ class PointOrEpisodeVideoOptions(Options):
     section: ClassVar[str] = "Videos"
 
     camera: tuple[object, ...] = option(
-        converter=OneOrMore(CameraKind()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
+        converter=OneOrMoreKind(CameraKind()),
+        default="auto",
+        help="Camera of the videos: a camera of the model, or a rig.",
     )
     size: tuple[int, int] = option(
-        converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."
+        converter=SizeKind(), default=(640, 360), help="Width and height of the videos [pixels]."
     )
-    quality: str = option(converter=Choice(QUALITIES), default="model", help="Rendering quality of the videos.")
-    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of the videos [Hz].")
-    speed: Fraction = option(converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video.")
+    quality: str = option(converter=ChoiceKind(QUALITIES), default="model", help="Rendering quality of the videos.")
+    fps: Fraction = option(converter=ExactNumberKind("FPS"), default=30, help="Frames per second of the videos [Hz].")
+    speed: Fraction = option(
+        converter=ExactNumberKind("FACTOR"), default=1, help="Simulated seconds per second of video."
+    )

@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Flag, PathKind, optional
-from mjrun.options.number_kinds import ExactNumber, Integer
+from mjrun.options.kinds import FlagKind, PathKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
 from mjrun.options.option import FrontEnd, Options, option, options
 
 LIVE = FrontEnd.COMMAND | FrontEnd.PYTHON
@@ -18,19 +18,19 @@ class ViewerOptions(Options):
     places: ClassVar[FrontEnd] = LIVE
 
     speed: Fraction = option(
-        converter=ExactNumber("FACTOR"),
+        converter=ExactNumberKind("FACTOR"),
         default=1,
         help="Simulated seconds per second of wall time; 0.25 is slow motion.",
     )
-    paused: bool = option(converter=Flag(), default=False, help="Start paused at time 0.")
+    paused: bool = option(converter=FlagKind(), default=False, help="Start paused at time 0.")
     browser: bool | None = option(
-        converter=optional(Flag(negatable=True)),
+        converter=optional(FlagKind(negatable=True)),
         default=None,
         usual="a window if a display exists",
         help="Open the view in a browser on this machine instead of a window.",
     )
     port: int | None = option(
-        converter=optional(Integer(1, 65535, "PORT")),
+        converter=optional(IntegerKind(1, 65535, "PORT")),
         default=None,
         usual="the first free one from 8080",
         help="Port of the browser view, served on 127.0.0.1 only; implies --browser.",

@@ -15,7 +15,7 @@ from typing import TypeVar
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option, quoted
 from mjrun.model.table_column import split_unit
-from mjrun.options.number_kinds import Range
+from mjrun.options.number_kinds import RangeKind
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
@@ -152,7 +152,7 @@ def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
 
 def parse_ylim(texts: Sequence[str], panels: int) -> dict[int, tuple[float, float]]:
     """Returns the ranges of y axes by panel; raises BadValueError if a text is not a range."""
-    return _by_panel("ylim", texts, panels, Range().parse)
+    return _by_panel("ylim", texts, panels, RangeKind().parse)
 
 
 def parse_ylabel(texts: Sequence[str], panels: int) -> dict[int, str]:

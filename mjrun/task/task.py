@@ -18,7 +18,7 @@ from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
 from mjrun.options.disturbance import NO_DISTURBANCES, DisturbanceOptions, Disturbances, Push
-from mjrun.options.number_kinds import ExactNumber
+from mjrun.options.number_kinds import ExactNumberKind
 from mjrun.options.option import is_given, options
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
@@ -379,6 +379,6 @@ def _require_one(term: Observation | Action | Command, names: tuple[str, ...], w
 
 def _seconds(name: str, value: float | str | Fraction) -> Fraction:
     try:
-        return ExactNumber("SECONDS")(value)
+        return ExactNumberKind("SECONDS")(value)
     except InvalidValueError as error:
         raise BadValueError(option(name), value, error.expected) from None

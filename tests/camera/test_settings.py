@@ -24,7 +24,7 @@ from mjrun.camera.settings import (
     ShakeNoise,
     blend_weight,
 )
-from mjrun.options.kinds import Choice, ReadingContext
+from mjrun.options.kinds import ChoiceKind, ReadingContext
 from mjrun.options.option import option, options, options_of, required
 from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.options.schema_validation import MisfitError
@@ -138,7 +138,7 @@ class CraneRig(Rig):
     height: EasedNumber = option(
         converter=RampKind("metres"), default=2, key="up", kw_only=False, help="Its height [m]."
     )
-    arm: str = option(converter=Choice(("long", "short")), default="long", kw_only=False, help="Its arm.")
+    arm: str = option(converter=ChoiceKind(("long", "short")), default="long", kw_only=False, help="Its arm.")
 
     def bind(self, cameras: MujocoCameras, where: str) -> BoundRig:
         raise NotImplementedError

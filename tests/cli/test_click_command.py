@@ -8,11 +8,11 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.options.kinds import Choice, Flag, OneOrMore, Text, optional
+from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, TextKind, optional
 from mjrun.options.model import ServoGainsKind
-from mjrun.options.number_kinds import ExactNumber, Integer, Size
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, SizeKind
 from mjrun.options.option import FrontEnd, Options, option, options, required
-from mjrun.options.setting_kinds import NamedNumbers, Settings
+from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
 from tests.cases import cases
 
 
@@ -21,24 +21,26 @@ class Base(Options):
     section: ClassVar[str] = "Base"
 
     subject: object = field(kw_only=False)
-    verbosely: bool = option(converter=Flag(), default=False, help="Say more.")
+    verbosely: bool = option(converter=FlagKind(), default=False, help="Say more.")
 
 
 @options
 class Cake(Base):
     section: ClassVar[str] = "Cake"
 
-    name: str = required(converter=Text(), short="-n", usual="SUBJECT.cake", help="What it is called.")
-    heat: Fraction = option(converter=ExactNumber("KELVIN"), default=450, help="Of the oven [K].")
-    layers: int | None = option(converter=optional(Integer(1)), default=None, usual="as many as fit", help="How many.")
-    shape: str = option(converter=Choice(("round", "square")), default="round", help="Seen from above.")
-    icing: bool = option(converter=Flag(negatable=True), default=True, help="Whether there is icing.")
-    topping: tuple[str, ...] = option(converter=OneOrMore(Text()), default=(), help="On top.")
-    candles: tuple[str, ...] = option(converter=OneOrMore(Text(), commas=True), default=(), help="By colour.")
-    size: tuple[tuple[int, int], ...] = option(converter=OneOrMore(Size()), default=(), help="Of each [cm].")
-    weights: object = option(converter=NamedNumbers(), default={}, help="By ingredient [kg].")
-    set: object = option(converter=Settings(), default=(), help="Anything.")
-    secret: bool = option(converter=Flag(), default=False, places=FrontEnd.PYTHON, help="Not for the command line.")
+    name: str = required(converter=TextKind(), short="-n", usual="SUBJECT.cake", help="What it is called.")
+    heat: Fraction = option(converter=ExactNumberKind("KELVIN"), default=450, help="Of the oven [K].")
+    layers: int | None = option(
+        converter=optional(IntegerKind(1)), default=None, usual="as many as fit", help="How many."
+    )
+    shape: str = option(converter=ChoiceKind(("round", "square")), default="round", help="Seen from above.")
+    icing: bool = option(converter=FlagKind(negatable=True), default=True, help="Whether there is icing.")
+    topping: tuple[str, ...] = option(converter=OneOrMoreKind(TextKind()), default=(), help="On top.")
+    candles: tuple[str, ...] = option(converter=OneOrMoreKind(TextKind(), commas=True), default=(), help="By colour.")
+    size: tuple[tuple[int, int], ...] = option(converter=OneOrMoreKind(SizeKind()), default=(), help="Of each [cm].")
+    weights: object = option(converter=NamedNumbersKind(), default={}, help="By ingredient [kg].")
+    set: object = option(converter=SettingsKind(), default=(), help="Anything.")
+    secret: bool = option(converter=FlagKind(), default=False, places=FrontEnd.PYTHON, help="Not for the command line.")
 
 
 def baked(*arguments: str) -> tuple[Cake, Console]:
@@ -158,7 +160,7 @@ def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: st
 def test_a_second_argument_may_be_meant_as_the_output(arguments: list[str], message: str) -> None:
     @options
     class Written(Base):
-        output: str | None = option(converter=optional(Text()), default=None, short="-o", help="Where to.")
+        output: str | None = option(converter=optional(TextKind()), default=None, short="-o", help="Where to.")
 
     @command(Written, arguments=[click.Argument(["subject"])])
     def bake(console: Console, command_line: CommandLine) -> None:

@@ -8,11 +8,11 @@ import pytest
 
 from mjrun.document import reader
 from mjrun.errors import DocumentError, FileError
-from mjrun.options.kinds import Kind, ReadingContext, Text, optional
-from mjrun.options.number_kinds import Integer, Real
+from mjrun.options.kinds import Kind, ReadingContext, TextKind, optional
+from mjrun.options.number_kinds import IntegerKind, RealKind
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.setting_kinds import NamedNumbers
-from mjrun.options.structured_kinds import ListOf, OptionsMapping
+from mjrun.options.setting_kinds import NamedNumbersKind
+from mjrun.options.structured_kinds import ListKind, OptionsMappingKind
 
 ANCHOR = "anchors (&) and aliases (*) are not supported; put such text in quotes"
 
@@ -43,24 +43,26 @@ class Anything(Options):
 class Film(Options):
     """A part of a document."""
 
-    fps: float = option(converter=Real(above=0), default=60.0, help="Frames per second.")
-    title: str | None = option(converter=optional(Text()), default=None, help="A text.")
+    fps: float = option(converter=RealKind(above=0), default=60.0, help="Frames per second.")
+    title: str | None = option(converter=optional(TextKind()), default=None, help="A text.")
 
 
 @options
 class Run(Options):
     """A document as the ones to come will be."""
 
-    duration: float = option(converter=Real(above=0), default=1.0, help="How long [s].")
-    steps: int | None = option(converter=optional(Integer(None)), default=None, help="How many.")
-    model: str = option(converter=Text(), default="m.xml", help="A file.")
-    films: tuple[Film, ...] = option(converter=ListOf[Film](OptionsMapping(Film, Film)), default=(), help="Films.")
-    start: Any = option(converter=NamedNumbers(), default={}, help="Numbers by name.")
+    duration: float = option(converter=RealKind(above=0), default=1.0, help="How long [s].")
+    steps: int | None = option(converter=optional(IntegerKind(None)), default=None, help="How many.")
+    model: str = option(converter=TextKind(), default="m.xml", help="A file.")
+    films: tuple[Film, ...] = option(
+        converter=ListKind[Film](OptionsMappingKind(Film, Film)), default=(), help="Films."
+    )
+    start: Any = option(converter=NamedNumbersKind(), default={}, help="Numbers by name.")
 
 
 def read(path: Path | str, declared: type[Options], assignments: Sequence[str] = (), *, variables: bool = False) -> Any:
     """The document at `path` as the options that it holds."""
-    return reader.read(path, OptionsMapping(declared, declared), None, assignments, variables=variables)[0]
+    return reader.read(path, OptionsMappingKind(declared, declared), None, assignments, variables=variables)[0]
 
 
 def put(text: str | bytes, name: str = "d.yaml") -> Path:

@@ -22,7 +22,7 @@ from mjrun.options.model import ServoGainsKind
 from mjrun.options.option import document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.schema_validation import Schema
-from mjrun.options.setting_kinds import VariedSettings
+from mjrun.options.setting_kinds import VariedSettingsKind
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKeyframeKind
@@ -55,31 +55,31 @@ HERE = DocumentContext(Path(), OutputFolder(Path()))
 def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
     """Values of a kind, as Python gives them."""
     match kind:
-        case kinds.OneOrMore(each=each):
+        case kinds.OneOrMoreKind(each=each):
             return st.lists(values(each), min_size=1, max_size=3)
-        case kinds.MujocoName(of=of):
+        case kinds.MujocoNameKind(of=of):
             return st.sampled_from(NAMES[of])
-        case kinds.Choice(names=words):
+        case kinds.ChoiceKind(names=words):
             return st.sampled_from(words)
-        case kinds.Flag():
+        case kinds.FlagKind():
             return st.booleans()
-        case number_kinds.Integer(least=least, most=most):
+        case number_kinds.IntegerKind(least=least, most=most):
             return st.integers(least, most)
-        case number_kinds.Real(least=least, above=above, most=most):
+        case number_kinds.RealKind(least=least, above=above, most=most):
             low = least if above is None else above
             return st.floats(low, most, exclude_min=above is not None, allow_infinity=False)
-        case number_kinds.ExactNumber() | number_kinds.Instant():
+        case number_kinds.ExactNumberKind() | number_kinds.InstantKind():
             exact = positives | decimals | st.fractions(Fraction(1, 10**6), 10**6)
-            return exact | events if isinstance(kind, number_kinds.Instant) else exact
-        case number_kinds.Size():
+            return exact | events if isinstance(kind, number_kinds.InstantKind) else exact
+        case number_kinds.SizeKind():
             return st.tuples(st.integers(1, 9999), st.integers(1, 9999))
-        case number_kinds.Range():
+        case number_kinds.RangeKind():
             return st.tuples(st.floats(0, 1), st.floats(2, 3))
-        case number_kinds.ProcessCount():
+        case number_kinds.ProcessCountKind():
             return st.just("auto") | st.integers(1, 99)
-        case number_kinds.Groups():
+        case number_kinds.GroupsKind():
             return st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])
-        case kinds.NameOrIndex():
+        case kinds.NameOrIndexKind():
             return names | st.integers(0, 9)
         case kinds.PathKind():
             return FILES
@@ -88,13 +88,13 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.dictionaries(names, least | st.lists(least, min_size=1, max_size=2), max_size=3)
         case LowestValuesKind():
             return st.dictionaries(names, numbers, max_size=3)
-        case setting_kinds.NamedNumbers():
+        case setting_kinds.NamedNumbersKind():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
-        case setting_kinds.ColumnDefinitions():
+        case setting_kinds.ColumnDefinitionsKind():
             pairs = st.dictionaries(st.sampled_from(["time", "qpos/a", "é"]), st.sampled_from(["t", "b * pi/180", "1"]))
             files = st.lists(st.sampled_from(["@a.map", "@b/c.txt", "time=t", "qpos/a=2*b"]), min_size=1, max_size=4)
             return pairs | files
-        case VariedSettings():
+        case VariedSettingsKind():
             spans = st.fixed_dictionaries(
                 {"from": st.integers(0, 9), "to": st.integers(10, 99), "count": st.integers(2, 9)}
             )
@@ -111,9 +111,9 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
         case ScheduleKind():
             vector = st.lists(numbers, min_size=2, max_size=2)
             return st.tuples(vector, vector).map(lambda both: [[0, both[0]], [0.5, both[1]]])
-        case number_kinds.NumberVector():
+        case number_kinds.NumberVectorKind():
             return numbers | st.lists(numbers, min_size=1, max_size=4)
-        case setting_kinds.Settings():
+        case setting_kinds.SettingsKind():
             return st.dictionaries(names, texts | numbers | st.booleans(), max_size=3)
         case kinds.GhostKind():
             return st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", ""])
@@ -131,7 +131,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(["free", "top", "orbit:lookat=box", 2])
         case ServoGainsKind():
             return st.sampled_from(["auto", "kp=5", "kd=1e-3,kp=2"]) | st.just(True)
-        case kinds.Text():
+        case kinds.TextKind():
             return st.sampled_from(["energy", "qpos[left_*]", "12", "true", "a: b #c"])
     raise AssertionError(f"no values of {type(kind).__name__} are known")
 

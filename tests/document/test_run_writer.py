@@ -24,7 +24,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import CameraKind, ReadingContext
-from mjrun.options.number_kinds import Instant
+from mjrun.options.number_kinds import InstantKind
 from mjrun.options.option import Options, requirements_of
 from mjrun.options.video import VideoOptions
 from mjrun.outputs.image import Image
@@ -433,7 +433,7 @@ def test_a_script_is_read_back_as_it_was(script: CameraScript) -> None:
 
 @given(events)
 def test_an_event_says_what_is_not_the_default(event: ConditionEvent) -> None:
-    document = cast("dict[str, object]", plain_value(Instant(), event))
+    document = cast("dict[str, object]", plain_value(InstantKind(), event))
     assert document["when"] == event.when
     assert ("nth" in document, "offset" in document, "else" in document) == (
         event.nth != 1,

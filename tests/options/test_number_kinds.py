@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjrun.options.number_kinds import FigureSize
+from mjrun.options.number_kinds import FigureSizeKind
 from mjrun.options.schema_validation import InvalidValueError
 
 
@@ -11,10 +11,10 @@ from mjrun.options.schema_validation import InvalidValueError
     [("1280x720", (1280, 720)), ("85mmx60mm", (321, 227)), ("85x60mm", (321, 227)), ("25.4mmx50.8mm", (96, 192))],
 )
 def test_sizes_are_in_pixels_or_millimetres(text: str, expected: tuple[int, int]) -> None:
-    assert FigureSize().parse(text) == expected
+    assert FigureSizeKind().parse(text) == expected
 
 
 @pytest.mark.parametrize("text", ["85mmx60", "85mm", "x60mm", "0x0mm", "1.2.3x4mm", "85cmx60cm"])
 def test_other_texts_are_refused(text: str) -> None:
     with pytest.raises(InvalidValueError):
-        FigureSize().parse(text)
+        FigureSizeKind().parse(text)

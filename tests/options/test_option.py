@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.options.kinds import Flag, OneOrMore, Text, optional
-from mjrun.options.number_kinds import ExactNumber, Integer
+from mjrun.options.kinds import FlagKind, OneOrMoreKind, TextKind, optional
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
 from mjrun.options.option import (
     Exclusion,
     FrontEnd,
@@ -20,7 +20,7 @@ from mjrun.options.option import (
     options_of,
     required,
 )
-from mjrun.options.setting_kinds import NamedNumbers
+from mjrun.options.setting_kinds import NamedNumbersKind
 from mjrun.options.simulation import SimulationOptions
 
 
@@ -29,7 +29,7 @@ class Common(Options):
     section: ClassVar[str] = "Common"
 
     subject: object = field(kw_only=False)
-    quiet: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Say nothing.")
+    quiet: bool = option(converter=FlagKind(), default=False, places=FrontEnd.COMMAND, help="Say nothing.")
 
 
 @options
@@ -37,11 +37,11 @@ class Race(Common):
     section: ClassVar[str] = "Race"
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("laps", "length"), "both say how far"),)
 
-    track: str = required(converter=Text(), kw_only=False, help="Where.")
-    laps: int | None = option(converter=optional(Integer(1)), default=None, help="How often.")
-    length: object = option(converter=optional(ExactNumber()), default=None, help="How far [m].")
-    weights: object = option(converter=NamedNumbers(), default={}, help="How heavy [kg].")
-    assert_: tuple[str, ...] = option(converter=OneOrMore(Text()), default=(), help="What must hold.")
+    track: str = required(converter=TextKind(), kw_only=False, help="Where.")
+    laps: int | None = option(converter=optional(IntegerKind(1)), default=None, help="How often.")
+    length: object = option(converter=optional(ExactNumberKind()), default=None, help="How far [m].")
+    weights: object = option(converter=NamedNumbersKind(), default={}, help="How heavy [kg].")
+    assert_: tuple[str, ...] = option(converter=OneOrMoreKind(TextKind()), default=(), help="What must hold.")
 
 
 def test_values_are_converted_checked_and_frozen() -> None:
@@ -70,9 +70,9 @@ class Ride(Options):
         Exclusion(("laps", "length"), "a lap is long enough", when=("round", True)),
     )
 
-    laps: int | None = option(converter=optional(Integer(1)), default=None, help="How often.")
-    length: object = option(converter=optional(ExactNumber()), default=None, help="How far [m].")
-    round: bool = option(converter=Flag(), default=True, help="Back to the start.")
+    laps: int | None = option(converter=optional(IntegerKind(1)), default=None, help="How often.")
+    length: object = option(converter=optional(ExactNumberKind()), default=None, help="How far [m].")
+    round: bool = option(converter=FlagKind(), default=True, help="Back to the start.")
 
 
 def test_what_excludes_each_other_may_do_so_in_one_case_alone() -> None:

@@ -5,14 +5,14 @@ import math
 import pytest
 
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import DISTRIBUTIONS, JointNumbers, VariedSettings, with_paths
+from mjrun.options.setting_kinds import DISTRIBUTIONS, JointNumbersKind, VariedSettingsKind, with_paths
 from mjrun.physics.random_distribution import parse_distribution
 from tests.cases import cases
 
 
 @cases("value, text")
 def test_every_form_is_a_text(value: object, text: str) -> None:
-    assert VariedSettings()({"x": value}) == (("x", text),)
+    assert VariedSettingsKind()({"x": value}) == (("x", text),)
 
 
 @pytest.mark.parametrize(
@@ -20,13 +20,13 @@ def test_every_form_is_a_text(value: object, text: str) -> None:
 )
 def test_anything_else_is_refused(value: object) -> None:
     with pytest.raises(InvalidValueError):
-        VariedSettings()({"x": value})
+        VariedSettingsKind()({"x": value})
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 def test_every_distribution_can_be_written_as_a_mapping(name: str) -> None:
     numbers = [1, 2, 0, 3] if name == "truncnormal" else [1, 2]
-    text = VariedSettings().text({name: numbers})
+    text = VariedSettingsKind().text({name: numbers})
     distribution = parse_distribution(text, "vary x")
     assert distribution
     assert (distribution.name, [float(each) for each in distribution.arguments]) == (name, numbers)
@@ -53,7 +53,7 @@ def test_paths_are_converted_one_by_one(text: str, expected: str) -> None:
     ],
 )
 def test_joints_take_numbers_with_units(text: str, rate: bool, value: tuple[float, ...]) -> None:
-    kind = JointNumbers(rate=rate)
+    kind = JointNumbersKind(rate=rate)
     name, numbers = kind.parse(text)
     assert numbers == pytest.approx(value)
     made = kind({name: numbers})
@@ -69,4 +69,4 @@ def test_joints_take_numbers_with_units(text: str, rate: bool, value: tuple[floa
 )
 def test_numbers_with_other_units_are_refused(text: str) -> None:
     with pytest.raises(InvalidValueError, match=r"units: deg, rad, mm, cm, m|NAME=VALUE"):
-        JointNumbers().parse(text)
+        JointNumbersKind().parse(text)

@@ -9,7 +9,7 @@ from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, MisfitError, Path, Schema
-from mjrun.options.structured_kinds import ListOf, MappingOf, OneOf, OptionsMapping, plain_values
+from mjrun.options.structured_kinds import ListKind, MappingKind, OneOfKind, OptionsMappingKind, plain_values
 
 
 @options
@@ -18,10 +18,12 @@ class Toaster(Options):
 
     exclusions = (Exclusion(("slices", "bagel"), "there is one slot"),)
 
-    heat: float = required(converter=number_kinds.Real(above=0.0, most=9.0), help="How hot.")
-    slices: int = option(converter=number_kinds.Integer(1), default=2, help="How many.")
-    bagel: bool = option(converter=kinds.Flag(), default=False, help="Toast one side.")
-    assert_: str | None = option(converter=kinds.optional(kinds.Text()), default=None, usual="nothing", help="A claim.")
+    heat: float = required(converter=number_kinds.RealKind(above=0.0, most=9.0), help="How hot.")
+    slices: int = option(converter=number_kinds.IntegerKind(1), default=2, help="How many.")
+    bagel: bool = option(converter=kinds.FlagKind(), default=False, help="Toast one side.")
+    assert_: str | None = option(
+        converter=kinds.optional(kinds.TextKind()), default=None, usual="nothing", help="A claim."
+    )
 
 
 @options
@@ -29,7 +31,7 @@ class Bread(Options):
     """Bread."""
 
 
-TOASTER = OptionsMapping(Toaster, Toaster)
+TOASTER = OptionsMappingKind(Toaster, Toaster)
 EXCLUDED = "slices and bagel exclude each other: there is one slot"
 
 
@@ -89,7 +91,7 @@ def test_what_is_no_mapping_is_reported_the_keys() -> None:
 
 
 def test_a_key_alone_is_an_empty_mapping_where_nothing_is_needed() -> None:
-    blank = OptionsMapping[dict[str, object]](Bread, dict, blank=True)
+    blank = OptionsMappingKind[dict[str, object]](Bread, dict, blank=True)
     assert blank.read(None, ReadingContext()) == {}
     assert blank.schema(ReadingContext(), {}) == {"anyOf": [{"$ref": "#/$defs/Bread"}, {"type": "null"}]}
     with pytest.raises(InvalidValueError):
@@ -97,7 +99,7 @@ def test_a_key_alone_is_an_empty_mapping_where_nothing_is_needed() -> None:
 
 
 def test_lists_and_mappings_tell_of_every_part() -> None:
-    toasters = ListOf[Toaster](TOASTER, least=1)
+    toasters = ListKind[Toaster](TOASTER, least=1)
     assert toasters.read([{"heat": 1}], ReadingContext()) == (Toaster(heat=1),)
     assert toasters([Toaster(heat=1)]) == (Toaster(heat=1),)
     assert misfits([{"heat": 0}, 5], toasters)[0] == ((0, "heat"), "a positive number")
@@ -106,7 +108,7 @@ def test_lists_and_mappings_tell_of_every_part() -> None:
         toasters.read({}, ReadingContext())
     with pytest.raises(InvalidValueError, match=r"^at least 1$"):
         toasters([])
-    by_name = MappingOf[Toaster](TOASTER)
+    by_name = MappingKind[Toaster](TOASTER)
     assert by_name.read({"a": {"heat": 1}}, ReadingContext()) == {"a": Toaster(heat=1)}
     assert misfits({"a": {"heat": 0}, "": {"heat": 1}}, by_name) == [
         (("a", "heat"), "a positive number"),
@@ -115,7 +117,7 @@ def test_lists_and_mappings_tell_of_every_part() -> None:
 
 
 def test_one_of_several_forms_is_chosen_by_the_type() -> None:
-    forms = OneOf[Any, Any]("a number or a toaster", number=number_kinds.Real(), object=TOASTER)
+    forms = OneOfKind[Any, Any]("a number or a toaster", number=number_kinds.RealKind(), object=TOASTER)
     assert forms.read(2, ReadingContext()) == 2
     assert forms.read({"heat": 2}, ReadingContext()) == Toaster(heat=2)
     assert misfits(-1, forms) == [((), "a number of at least 0")]

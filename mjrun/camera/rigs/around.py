@@ -12,8 +12,8 @@ from mjrun.camera.settings import EASINGS, EasedNumber, ObjectNameKind, PlaceKin
 from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
-from mjrun.options.kinds import Choice, Flag, optional
-from mjrun.options.number_kinds import Point
+from mjrun.options.kinds import ChoiceKind, FlagKind, optional
+from mjrun.options.number_kinds import PointKind
 from mjrun.options.option import option, options, required
 from mjrun.options.schema_validation import Path
 
@@ -60,7 +60,7 @@ class OrbitRig(Rig):
     )
     elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     ease: str = option(
-        converter=Choice((*EASINGS,)),
+        converter=ChoiceKind((*EASINGS,)),
         default="linear",
         kw_only=False,
         help="Easing of the full circle; an azimuth has a separate ease.",
@@ -94,14 +94,14 @@ class TrackRig(Rig):
     azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
     elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     heading: bool = option(
-        converter=Flag(),
+        converter=FlagKind(),
         default=False,
         kw_only=False,
         help="Whether the azimuth turns with the object, as with a chase camera; 0 then looks along the object's "
         "x axis.",
     )
     offset: Vector = option(
-        converter=Point(),
+        converter=PointKind(),
         default=(0.0, 0.0, 0.0),
         kw_only=False,
         help="Offset of the focus from the target [m], in world axes; turned with the object if heading is true.",

@@ -11,7 +11,7 @@ from mjrun.camera.rigs.around import AZIMUTH, ELEVATION
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.camera.targets import MovingParts, moving_parts
 from mjrun.options.kinds import optional
-from mjrun.options.number_kinds import Real
+from mjrun.options.number_kinds import RealKind
 from mjrun.options.option import option, options
 
 MARGIN = 1.1  # size of the image relative to the motion
@@ -27,8 +27,10 @@ class AutoRig(Rig):
     kind: ClassVar[str] = "auto"
     help: ClassVar[str] = "MuJoCo's free camera, moved so that the whole motion is in view."
 
-    azimuth: float | None = option(converter=optional(Real(least=None)), default=None, kw_only=False, help=AZIMUTH)
-    elevation: float | None = option(converter=optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)
+    azimuth: float | None = option(converter=optional(RealKind(least=None)), default=None, kw_only=False, help=AZIMUTH)
+    elevation: float | None = option(
+        converter=optional(RealKind(least=None)), default=None, kw_only=False, help=ELEVATION
+    )
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundAutoRig":
         free, direction = cameras.free, (cameras.free.azimuth, cameras.free.elevation)

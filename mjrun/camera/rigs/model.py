@@ -7,11 +7,11 @@ import mujoco
 from mjrun.camera.pose import Pose
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.model.names import identify
-from mjrun.options.kinds import AnyKind, Kind, NameOrIndex, ReadingContext
+from mjrun.options.kinds import AnyKind, Kind, NameOrIndexKind, ReadingContext
 from mjrun.options.option import options, required
 from mjrun.options.schema_validation import Schema
 
-_KEY = NameOrIndex(expected="the name or index of a camera")
+_KEY = NameOrIndexKind(expected="the name or index of a camera")
 
 
 @options

@@ -13,11 +13,11 @@ from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
 from mjrun.camera.settings import EASINGS, PlaceKind
 from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
 from mjrun.errors import UsageError, concerning
-from mjrun.options.kinds import Choice, optional
-from mjrun.options.number_kinds import Point, Real
+from mjrun.options.kinds import ChoiceKind, optional
+from mjrun.options.number_kinds import PointKind, RealKind
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.schema_validation import Path
-from mjrun.options.structured_kinds import ListOf, OptionsMapping, mappings_in
+from mjrun.options.structured_kinds import ListKind, OptionsMappingKind, mappings_in
 
 SAMPLES = 512  # samples of a curve between two waypoints, for measuring its length
 SAME_POINT = 1e-9  # share of a curve's length below which two points count as the same
@@ -159,19 +159,19 @@ class Waypoint(Options):
     """A point on the camera's path: an eye, or distance, azimuth and elevation around the target."""
 
     eye: Vector | None = option(
-        converter=optional(Point()), default=None, kw_only=False, help="Position of the camera [m]."
+        converter=optional(PointKind()), default=None, kw_only=False, help="Position of the camera [m]."
     )
     distance: float | None = option(
-        converter=optional(Real(above=0)), default=None, kw_only=False, help="Distance from the target [m]."
+        converter=optional(RealKind(above=0)), default=None, kw_only=False, help="Distance from the target [m]."
     )
     azimuth: float | None = option(
-        converter=optional(Real(least=None)),
+        converter=optional(RealKind(least=None)),
         default=None,
         kw_only=False,
         help="Direction of view, counter-clockwise from above [deg].",
     )
     elevation: float | None = option(
-        converter=optional(Real(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
+        converter=optional(RealKind(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
     )
     lookat: Place | None = option(
         converter=optional(PlaceKind()),
@@ -180,7 +180,7 @@ class Waypoint(Options):
         help="Point to look at from here: an object, or a point [m]; the path's lookat if left out.",
     )
     at: float | None = option(
-        converter=optional(Real()),
+        converter=optional(RealKind()),
         default=None,
         kw_only=False,
         help="Time at this waypoint [s], from the beginning of the shot; only with pace: time.",
@@ -204,7 +204,7 @@ class PathRig(Rig):
     help: ClassVar[str] = "Through waypoints."
 
     waypoints: tuple[Waypoint, ...] = required(
-        converter=ListOf[Waypoint](OptionsMapping(Waypoint, Waypoint), least=2),
+        converter=ListKind[Waypoint](OptionsMappingKind(Waypoint, Waypoint), least=2),
         kw_only=False,
         help="The points, in order; all by eye, or all by distance, azimuth and elevation.",
     )
@@ -215,19 +215,19 @@ class PathRig(Rig):
         help="Point to look at on the way: an object, or a point [m]; the direction of the path if left out.",
     )
     curve: str = option(
-        converter=Choice(CURVES),
+        converter=ChoiceKind(CURVES),
         default="spline",
         kw_only=False,
         help="Path between waypoints: a smooth curve, or straight lines.",
     )
     pace: str = option(
-        converter=Choice(PACES),
+        converter=ChoiceKind(PACES),
         default="constant",
         kw_only=False,
         help="Constant speed along the path, or the times of the waypoints.",
     )
     ease: str = option(
-        converter=Choice((*EASINGS,)),
+        converter=ChoiceKind((*EASINGS,)),
         default="linear",
         kw_only=False,
         help="Easing of start and stop; with pace: constant only.",

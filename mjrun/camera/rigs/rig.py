@@ -11,7 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError
 from mjrun.options.kinds import AnyKind
 from mjrun.options.option import Options, options_of
-from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.options.structured_kinds import OptionsMappingKind
 
 SAME_POINT = 1e-9  # [m], distance from the camera below which it coincides with its target
 
@@ -112,7 +112,7 @@ class Rig(Options, ABC):
     def form(cls) -> AnyKind:
         """Returns the kind of the values that documents write for this rig."""
         blank = not any(each.is_required for each in options_of(cls))
-        return OptionsMapping(cls, cls, name=cls.__name__.removesuffix("Rig"), blank=blank)
+        return OptionsMappingKind(cls, cls, name=cls.__name__.removesuffix("Rig"), blank=blank)
 
 
 def looking_at(eye: np.ndarray, target: np.ndarray, frustum: Frustum, where: str, at: ShotTime) -> Pose:

@@ -26,7 +26,7 @@ from mjrun.errors import FailedPointsError, FileError, UsageError, clean, counte
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.option import options_of
 from mjrun.options.report import PageOptions
-from mjrun.options.setting_kinds import NamedNumbers, Settings
+from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
     MANIFEST,
@@ -289,7 +289,9 @@ def _require_said_there(command_line: CommandLine, file: str) -> None:
                 says = f"{option(each.name)}: {clean(file)} sets it already"
                 raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
             assignment = (
-                f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | NamedNumbers) else f"{each.key}=VALUE"
+                f"{each.key}.NAME=VALUE"
+                if isinstance(each.kind, SettingsKind | NamedNumbersKind)
+                else f"{each.key}=VALUE"
             )
             raise UsageError(f"{option(each.name)} cannot accompany {clean(file)}; write {assignment} instead")
 

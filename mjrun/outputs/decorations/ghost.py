@@ -13,7 +13,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
-from mjrun.options.number_kinds import Point
+from mjrun.options.number_kinds import PointKind
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.physics.initial_state import InitialState
@@ -134,7 +134,7 @@ def _keyframe(name: str, model: mujoco.MjModel) -> int:
 
 def _offset(text: str) -> Vector:
     try:
-        return Point().parse(text)
+        return PointKind().parse(text)
     except InvalidValueError:
         raise BadValueError(f"{option('ghost')} offset", text, "a displacement x/y/z [m]") from None
 
