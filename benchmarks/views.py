@@ -17,7 +17,7 @@ import mujoco
 
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.rendering.backend import Backend, BackendDetection
+from mjrun.rendering.backend import Backend, BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -69,7 +69,7 @@ def main() -> None:
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--frames", type=int, default=10)
     options = parser.parse_args()
-    backend = BackendDetection("auto").result()
+    backend = BackendDetector("auto").result()
     width, height = map(int, options.size.split("x"))
     print(f"{options.size}, {backend.renderer}")
     for path in options.models:

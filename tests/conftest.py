@@ -38,7 +38,7 @@ from mjrun.formats.ffmpeg import working_codecs
 from mjrun.physics import warp_device
 from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
-from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
+from mjrun.rendering.backend import Backend, BackendDetector, VulkanDetector
 from tests.backend_trials import RememberedTrial
 from tests.merged_cases import merged
 from tests.prepared_interpreters import PreparedPopen
@@ -231,14 +231,14 @@ def warp_compiles_without_optimization() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def backend() -> Backend:
     """A renderer that works here; a test that needs one fails where there is none."""
-    return BackendDetection("auto").result()
+    return BackendDetector("auto").result()
 
 
 @pytest.fixture(scope="session")
 def vulkan() -> Backend:
     """A Vulkan that Filament draws with; skipped only where the set-up could not install one."""
     try:
-        return VulkanDetection().result()
+        return VulkanDetector().result()
     except NoRendererError:
         if (ROOT / ".venv/mjrun-no-vulkan").exists():
             pytest.skip("Vulkan cannot be installed here")

@@ -18,7 +18,7 @@ from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workl
 from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
-from mjrun.bench.step_timing import LEFT_OUT, C, WarpOptions, check_engine
+from mjrun.bench.step_timing import LEFT_OUT, C, WarpSettings, check_engine
 from mjrun.errors import UsageError, file_errors, option
 from mjrun.experiment.design import SHORT_PATHS, value_list
 from mjrun.formats.destinations import StagedFile
@@ -150,7 +150,7 @@ class Bench(BenchOptions):
     def _measured(self, reporter: Reporter, clock: Clock) -> BenchResult:
         base = None if self.compare is None else read_base(self.compare)
         machine = machine_info()
-        warp = None if self.engine == C else WarpOptions(self.device, self.worlds, self.nconmax, self.njmax)
+        warp = None if self.engine == C else WarpSettings(self.device, self.worlds, self.nconmax, self.njmax)
         is_compiled = isinstance(self.model, mujoco.MjModel)
         model, load = (self.model, None) if is_compiled else output_timing.timed_load(self._source, clock)
         key = TEST if self.key is None and TEST in names(model, "keyframe") else self.key
@@ -212,7 +212,7 @@ class Bench(BenchOptions):
             grid.append(grid_timing.GridPoint(point, compiled, steps))
         return grid
 
-    def _measurement(self, warp: WarpOptions | None) -> grid_timing.MeasurementSettings:
+    def _measurement(self, warp: WarpSettings | None) -> grid_timing.MeasurementSettings:
         usual = (1,) if self.scan else (1, AUTO)
         threads = [available_cores() if count == AUTO else int(count) for count in self.threads or usual]
         horizon = self.horizon or HORIZON
@@ -241,7 +241,7 @@ class Bench(BenchOptions):
         model: mujoco.MjModel,
         load: output_timing.LoadTiming | None,
         machine: MachineInfo,
-        warp: WarpOptions | None,
+        warp: WarpSettings | None,
     ) -> BenchResult:
         """Returns the result without the measurements."""
         source = self._source

@@ -140,7 +140,7 @@ class BatchRolloutTimer:
         return np.ascontiguousarray(np.broadcast_to(part, (self.copies, *part.shape)))
 
 
-class WarnedRolloutTimer:
+class PythonLoopRolloutTimer:
     """A timer of a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
 
     copies = 1

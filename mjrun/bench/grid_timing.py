@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.bench.block_timing import Clock, RolloutInputs
 from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
-from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget, WarpOptions, WarpStepTimer
+from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget, WarpSettings, WarpStepTimer
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members
@@ -80,7 +80,7 @@ class MeasurementSettings:
     threads: Sequence[int]
     horizon: Fraction | None
     reference: Fraction | None
-    warp: WarpOptions | None = None
+    warp: WarpSettings | None = None
 
     def timer(self, point: GridPoint, setup: RolloutStart, share: float, clock: Clock) -> StepTimer:
         """Returns the timer of the steps of a point, with a `share` of the budget."""

@@ -31,7 +31,7 @@ from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.classic import ClassicRenderer, ExactFramebuffer
+from mjrun.rendering.classic import ClassicRenderer, SingleSampleFramebuffer
 from mjrun.rendering.compositor import FrameStream, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.reporter import WarningReporter
@@ -112,7 +112,7 @@ class TimedClassicRenderer(ClassicRenderer):
         return super()._exact(seen, pose, views)
 
 
-class _TimedBuffer(ExactFramebuffer):
+class _TimedBuffer(SingleSampleFramebuffer):
     def __init__(self, size: tuple[int, int], watch: Stopwatch) -> None:
         super().__init__(size)
         self._gl, self._watch = _TimedReading(self._gl, watch), watch

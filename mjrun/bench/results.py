@@ -17,7 +17,7 @@ from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
-from mjrun.bench.step_timing import WARP, C, ThreadTiming, WarpOptions
+from mjrun.bench.step_timing import WARP, C, ThreadTiming, WarpSettings
 from mjrun.dataclass import dataclass
 from mjrun.platform.cores import available_cores
 
@@ -155,7 +155,7 @@ class EngineInfo:
     njmax: int | None
 
     @classmethod
-    def of(cls, warp: WarpOptions | None, machine: MachineInfo) -> "EngineInfo":
+    def of(cls, warp: WarpSettings | None, machine: MachineInfo) -> "EngineInfo":
         """Returns facts about MuJoCo Warp if there are options for it, else about MuJoCo."""
         if warp is None:
             return cls(C, None, "cpu", machine.cpu, 1, None, None)

@@ -200,7 +200,7 @@ class StepTimer:
         return min(profiles, key=lambda one: one.phases.seconds if one.phases else 0.0)
 
     def _leave_batch(self) -> None:
-        self.in_batch, self._roller = False, block_timing.WarnedRolloutTimer(self.run)
+        self.in_batch, self._roller = False, block_timing.PythonLoopRolloutTimer(self.run)
 
     def _longest(self, most: int) -> float:
         """Rolls out more and more steps, and returns the wall time of a step in the last and longest rollout [s]."""
@@ -233,7 +233,7 @@ def rounded_down(value: float, most: int) -> int:
     return max([1, *(digit * scale for digit in ROUND if digit * scale <= value)])
 
 
-class WarpOptions:
+class WarpSettings:
     """Number of worlds to time, and their device.
 
     Args:
@@ -362,7 +362,7 @@ class WarpStepTimer(StepTimer):
     _worlds: WarpRolloutTimer
 
     def __init__(
-        self, make: Callable[[int], RolloutInputs], budget: TimingBudget, clock: Clock, warp: WarpOptions
+        self, make: Callable[[int], RolloutInputs], budget: TimingBudget, clock: Clock, warp: WarpSettings
     ) -> None:
         super().__init__(make, budget, clock)
         self._warp = warp

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mjrun.camera.targets import Place
+from mjrun.camera.targets import ObjectOrPoint
 from mjrun.dataclass import dataclass
 from mjrun.errors import suggestion
 from mjrun.options.kinds import ChoiceKind, Kind, TextKind
@@ -115,7 +115,7 @@ class ObjectNameKind(TextKind):
     metavar = "OBJECT"
 
 
-class PlaceKind(Kind[Place, Place]):
+class ObjectOrPointKind(Kind[ObjectOrPoint, ObjectOrPoint]):
     """An object or a point."""
 
     metavar = "PLACE"
@@ -124,17 +124,17 @@ class PlaceKind(Kind[Place, Place]):
     def form(self) -> Schema:
         return {"anyOf": [TEXT, POINT], "forms": "an object's name or a point [x, y, z]"}
 
-    def __call__(self, value: Place) -> Place:
+    def __call__(self, value: ObjectOrPoint) -> ObjectOrPoint:
         return value if isinstance(value, str) else PointKind()(value)
 
-    def parse(self, text: str) -> Place:
+    def parse(self, text: str) -> ObjectOrPoint:
         try:
             _, _, _ = map(float, text.split("/"))
         except ValueError:
             return text
         return PointKind().parse(text)
 
-    def plain(self, value: Place) -> object:
+    def plain(self, value: ObjectOrPoint) -> object:
         return value if isinstance(value, str) else [*value]
 
 

@@ -12,7 +12,7 @@ from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.state import restore
 
 Vector = tuple[float, float, float]
-Place = str | Vector  # an object, `box`, `geom:edge`, `site:tip`, `subtree:torso`, or a point [m]
+ObjectOrPoint = str | Vector  # an object, `box`, `geom:edge`, `site:tip`, `subtree:torso`, or a point [m]
 
 # In lookup order of a bare name, with the field of their position in MjData.
 TARGETS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
@@ -49,7 +49,7 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
 
 
 @dataclass(frozen=True)
-class BoundPlace:
+class BoundObjectOrPoint:
     """A place that a camera looks at or from: an object, or a point when its kind is empty.
 
     Attributes:
@@ -73,7 +73,7 @@ class BoundPlace:
         return math.degrees(math.atan2(matrix[3], matrix[0]))
 
 
-def find_target(place: Place, model: mujoco.MjModel) -> BoundPlace:
+def find_target(place: ObjectOrPoint, model: mujoco.MjModel) -> BoundObjectOrPoint:
     """Resolves a point, an object as in `identify_object`, or `subtree:BODY`, which is its centre of mass.
 
     Raises:
@@ -84,11 +84,11 @@ def find_target(place: Place, model: mujoco.MjModel) -> BoundPlace:
         x, y, z = map(float, place)
         if not all(map(math.isfinite, (x, y, z))):
             raise BadValueError("place", f"{x:g}, {y:g}, {z:g}", "a point with finite coordinates")
-        return BoundPlace(point=(x, y, z))
+        return BoundObjectOrPoint(point=(x, y, z))
     kind, colon, name = place.partition(":")
     if colon and kind == "subtree":
-        return BoundPlace("subtree", identify(model, "body", name))
-    return BoundPlace(*identify_object(place, model))
+        return BoundObjectOrPoint("subtree", identify(model, "body", name))
+    return BoundObjectOrPoint(*identify_object(place, model))
 
 
 @dataclass(frozen=True)

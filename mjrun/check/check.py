@@ -13,9 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from mjrun.check.catalogue import codes, matching_codes, threshold_values
-from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixOutcome, ModelResult
+from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelResult
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, CheckProcessPool, CheckQueue, CheckRequest, WorkerOutcome
+from mjrun.check.worker_pool import (
+    FIX_TIME,
+    MEMORY_REMEDY,
+    CheckProcessOutput,
+    CheckProcessPool,
+    CheckQueue,
+    CheckRequest,
+)
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
@@ -192,7 +199,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
 
-            def checked(each: FixOutcome) -> ModelResult:
+            def checked(each: FixResult) -> ModelResult:
                 reporter.progress("models", next(count), len(paths))
                 return each.result if fixing else reported(each.result)
 
@@ -234,7 +241,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             return None
         from mjrun.check.fixing import ModelFixer  # which imports MuJoCo
 
-        def check(copies: Sequence[FixedModelCopy]) -> Sequence[FixOutcome]:
+        def check(copies: Sequence[FixedModelCopy]) -> Sequence[FixResult]:
             tasks = [
                 replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
                 for copy in copies
@@ -249,7 +256,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         workers: CheckProcessPool,
         cache: "ResultCache | None",
         spelling: Spelling,
-        finished: Callable[[FixOutcome], T],
+        finished: Callable[[FixResult], T],
     ) -> list[T]:
         """Returns `finished` of each result, in the order of `tasks`; it is called as soon as the result is known.
 
@@ -263,7 +270,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
         queue = CheckQueue(tasks)
 
-        def check_next() -> tuple[int, FixOutcome]:
+        def check_next() -> tuple[int, FixResult]:
             place, task = queue.take()
             return place, self._check(task, workers, cache, spelling)
 
@@ -281,7 +288,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
     def _check(
         self, task: CheckRequest, workers: CheckProcessPool, cache: "ResultCache | None", spelling: Spelling
-    ) -> FixOutcome:
+    ) -> FixResult:
         output = self._output(task, workers, cache)
         is_done = any(message.get("done") for message in output.messages)
         if task.unsafe and not is_done:
@@ -308,17 +315,17 @@ class ModelCheck(PolicyOptions, CheckOptions):
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
         result = _in_spelling(ModelResult(task.model, loads, tuple(reported), suppressed), spelling)
         changes = next((message["changes"] for message in output.messages if "changes" in message), None)
-        return FixOutcome(result, changes)
+        return FixResult(result, changes)
 
     @staticmethod
-    def _output(task: CheckRequest, workers: CheckProcessPool, cache: "ResultCache | None") -> WorkerOutcome:
+    def _output(task: CheckRequest, workers: CheckProcessPool, cache: "ResultCache | None") -> CheckProcessOutput:
         """Returns the output of the check of one model, or an earlier one."""
         if cache is None:
             return workers.run(task)
         key, began = cache.key(task), time.time_ns()
         messages = cache.read(key)
         if messages is not None:
-            return WorkerOutcome(messages, ExitStatus(0), "")
+            return CheckProcessOutput(messages, ExitStatus(0), "")
         output = workers.run(task)
         cache.write(key, task, output.messages, began)
         return output
@@ -341,7 +348,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         policy = "" if self.policy is None else str(self.policy)
         return replace(limits, reader=self.task_reader, policy=policy, normalize=self.normalize, trust=self.trust)
 
-    def _failure(self, model: Path, output: WorkerOutcome) -> Finding:
+    def _failure(self, model: Path, output: CheckProcessOutput) -> Finding:
         """Returns a finding that explains why a process ended prematurely."""
         stages = [message["stage"] for message in output.messages if "stage" in message]
         stage = stages[-1] if stages else "starting"
@@ -388,7 +395,7 @@ def _is_known_not_to_load(result: ModelResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
-def _without_unsafe(checked: FixOutcome, failure: Finding, spelling: Spelling) -> FixOutcome:
+def _without_unsafe(checked: FixResult, failure: Finding, spelling: Spelling) -> FixResult:
     """Returns a model that was checked without unsafe fixes, with their failure as the reason if that succeeded."""
     message = f"{option('unsafe_fixes')} is left out: {failure.message}"
     reason = NOT_FIXED.in_model(Path(failure.file), message, failure.remedy)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from mjrun.check.rule import Finding, Fix, FixedFile, FixedModelCopy, FixOutcome, ModelResult, short_path
+from mjrun.check.rule import Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelResult, short_path
 from mjrun.check.rules.check_itself import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass
@@ -91,7 +91,7 @@ class ModelFixer:
         self,
         given: Sequence[str | Path],
         models: Sequence[str],
-        check: Callable[[Sequence[FixedModelCopy]], Sequence[FixOutcome]],
+        check: Callable[[Sequence[FixedModelCopy]], Sequence[FixResult]],
         before: BeforeFix | None = None,
     ) -> None:
         self._check, self._before = check, before
@@ -155,7 +155,7 @@ class ModelFixer:
 
     def _attempt(self, group: _Group, results: Sequence[ModelResult], codes: Collection[str] | None) -> _Attempt:
         """Fixes violations of some rules, or of all, in copies, until none is left."""
-        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [FixOutcome(result) for result in results]
+        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [FixResult(result) for result in results]
         with ExitStack() as stack:
             mirror, original = stack.enter_context(_Mirror(group)), None
             for _ in range(MAX_ROUNDS):
@@ -175,7 +175,7 @@ class ModelFixer:
         return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
 
     def _proposed(
-        self, checked: Sequence[FixOutcome], codes: Collection[str] | None
+        self, checked: Sequence[FixResult], codes: Collection[str] | None
     ) -> Iterator[tuple[tuple[TextEdit, ...], tuple[str, Fix]]]:
         """Yields the edits of each fix that may be made, with the code of its rule."""
         for finding in (finding for each in checked for finding in each.result.findings):
@@ -285,7 +285,7 @@ def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...
     return {file: edited(texts.get(file, b""), [edit for edit in edits if edit.file == file]) for file in files}
 
 
-def _problem(before: Sequence[ModelResult], after: Sequence[FixOutcome], fixes: Sequence[tuple[str, Fix]]) -> str:
+def _problem(before: Sequence[ModelResult], after: Sequence[FixResult], fixes: Sequence[tuple[str, Fix]]) -> str:
     """Returns the reason why fixes must not be made; empty without one."""
     allowed = [pattern for _, fix in fixes for pattern in fix.fields]
     if not fixes:

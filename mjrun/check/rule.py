@@ -261,7 +261,7 @@ class FixedFile:
     is_new: bool = False
 
 
-class FixOutcome(NamedTuple):
+class FixResult(NamedTuple):
     """The outcome of the fixes of a model.
 
     Attributes:

@@ -79,7 +79,7 @@ class CheckRequest:
 
 
 @dataclass(frozen=True)
-class WorkerOutcome:
+class CheckProcessOutput:
     """The output of a process, and its end.
 
     Attributes:
@@ -140,13 +140,13 @@ class CheckProcessPool:
         self._done = 0
         self._ended = False
 
-    def run(self, task: CheckRequest) -> WorkerOutcome:
+    def run(self, task: CheckRequest) -> CheckProcessOutput:
         """Checks one model in a process that is idle, or in a new one if that pays."""
         with self._changed:
             while not (self._ended or self._idle or self._another_pays()):
                 self._changed.wait(POLL_INTERVAL)
             if self._ended:
-                return WorkerOutcome((), ExitStatus(0, "ended"), "")
+                return CheckProcessOutput((), ExitStatus(0, "ended"), "")
             process = self._idle.pop() if self._idle else CheckProcess()
             self._busy.add(process)
         try:
@@ -211,7 +211,7 @@ class CheckProcess:
         self.is_reusable = True
         self._checking = self._process.pid
 
-    def run(self, task: CheckRequest, note: Callable[[str], object] = lambda text: None) -> WorkerOutcome:
+    def run(self, task: CheckRequest, note: Callable[[str], object] = lambda text: None) -> CheckProcessOutput:
         """Checks one model, and ends the process if that exceeds a limit; `note` is that of `CheckProcessPool`."""
         self.is_reusable = False
         start = time.monotonic()
@@ -236,7 +236,7 @@ class CheckProcess:
                 measured = now
                 if resident_memory(self._checking) > task.memory * MIB:
                     self._process.kill("memory")
-        return WorkerOutcome(messages, self._process.wait(), self._stderr())
+        return CheckProcessOutput(messages, self._process.wait(), self._stderr())
 
     def kill(self) -> None:
         """Kills the process, from any thread; `run` returns."""
@@ -248,12 +248,12 @@ class CheckProcess:
         self._process.wait(END_GRACE)
         self._process.end()
 
-    def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> WorkerOutcome:
+    def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> CheckProcessOutput:
         """Returns the output of a task whose process has ended with `code`; the server ends too unless that is 0."""
         self.is_reusable = code == 0
         if code:
             self._process.wait()
-        return WorkerOutcome(messages, ExitStatus(code), self._stderr() if code else "")
+        return CheckProcessOutput(messages, ExitStatus(code), self._stderr() if code else "")
 
     def _stderr(self) -> str:
         """Returns the output of libraries in the last task."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 C = TypeVar("C", bound=Options)
-Body = Callable[[Console, "CommandLine"], None]
+Body = Callable[[Console, "ParsedCommandLine"], None]
 
 
 ON_FILES = (OpenWhenDoneOptions, ConfinementOptions)  # of commands that may read untrusted files, and make others
@@ -40,7 +40,7 @@ TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before
 SHORT_DEFAULT = 24  # characters that are kept on one line
 
 
-class CommandLine:
+class ParsedCommandLine:
     """The options and arguments of one command line, by name, from which typed values are made."""
 
     def __init__(self, params: Mapping[str, object]) -> None:
@@ -64,19 +64,19 @@ class CommandLine:
         known = {each.name: each.attribute for cls in classes for each in options_of(cls)}
         return {known[name]: value for name, value in self._params.items() if name in known}
 
-    def with_defaults(self, **defaults: object) -> "CommandLine":
+    def with_defaults(self, **defaults: object) -> "ParsedCommandLine":
         """Returns a copy with `defaults` for options that are left out."""
-        return CommandLine({**defaults, **self._params})
+        return ParsedCommandLine({**defaults, **self._params})
 
-    def with_converted(self, name: str, convert: Callable[[str], object]) -> "CommandLine":
+    def with_converted(self, name: str, convert: Callable[[str], object]) -> "ParsedCommandLine":
         """Returns a copy with the text of an option converted, or each of its texts."""
         value = self._params.get(name)
         if value is None:
             return self
         if isinstance(value, tuple):
             texts = cast("tuple[object, ...]", value)
-            return CommandLine({**self._params, name: tuple(convert(str(text)) for text in texts)})
-        return CommandLine({**self._params, name: convert(str(value))})
+            return ParsedCommandLine({**self._params, name: tuple(convert(str(text)) for text in texts)})
+        return ParsedCommandLine({**self._params, name: convert(str(value))})
 
     @property
     def document_form(self) -> str:
@@ -157,7 +157,7 @@ class SectionedCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> None:
         """Calls the body of the command; standard output is reserved for what it prints."""
-        console, command_line = cast("Console", ctx.obj), CommandLine(ctx.params)
+        console, command_line = cast("Console", ctx.obj), ParsedCommandLine(ctx.params)
         gc.freeze()
         gc.enable()
         _set_verbosity(console, command_line)
@@ -322,7 +322,7 @@ def command(
 
 
 @contextmanager
-def _confined_if_asked(console: Console, command_line: CommandLine) -> Generator[None, None, None]:
+def _confined_if_asked(console: Console, command_line: ParsedCommandLine) -> Generator[None, None, None]:
     """Confines this process to the files on the command line if it has the option --untrusted."""
     options = command_line.make(ConfinementOptions)
     if options.untrusted and command_line.value("open"):
@@ -344,7 +344,7 @@ def _section_rank(declared: Option) -> int:
     return SHARED_SECTIONS.index(declared.section) + 1 if declared.section in SHARED_SECTIONS else 0
 
 
-def _set_verbosity(console: Console, command_line: CommandLine) -> None:
+def _set_verbosity(console: Console, command_line: ParsedCommandLine) -> None:
     messages = command_line.make(ConsoleOptions)
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
     console.debug, console.document_form = messages.debug, command_line.document_form

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mjrun.cli.console import CiVerdict, Report
 from mjrun.cli.simulation_command import golden_summary
 from mjrun.cli.table_cells import ReportColumn
-from mjrun.cli.terminal_layout import TerminalLayout
+from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.diff import sentences
 from mjrun.errors import clean, counted, flag, listing, spelled
 from mjrun.formats.input_file import is_file
@@ -44,7 +44,7 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
         return verdict(result)
     if result.model:
         return "\n".join([verdict(result), "", *sentences.model_lines(result.model, every=every)])
-    page = TerminalLayout()
+    page = TerminalReport()
     if result.table:
         _table(page, result, result.table, every)
     elif result.picture:
@@ -111,7 +111,7 @@ def _picture_agreement(picture: "PictureDifference") -> str:
     return f"{size}{joint} {sentences.frame_place(picture.worst, picture)}{sentences.frame_facts(picture.worst)}"
 
 
-def _table(page: TerminalLayout, result: "DiffResult", table: "TableDifference", every: bool) -> None:
+def _table(page: TerminalReport, result: "DiffResult", table: "TableDifference", every: bool) -> None:
     what, key = _row_word(result), "number" if table.aligned == "row" else clean(table.aligned)
     differing = [column for column in table.columns if column.first]
     facts = [
@@ -132,7 +132,7 @@ def _table(page: TerminalLayout, result: "DiffResult", table: "TableDifference",
         page.note(f"and {counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
 
 
-def _picture(page: TerminalLayout, picture: "PictureDifference", differences: Sequence[str]) -> None:
+def _picture(page: TerminalReport, picture: "PictureDifference", differences: Sequence[str]) -> None:
     page.lines("differences", [("", sentence) for sentence in differences])
     if picture.frames_a > 1 and picture.frames:
         facts = [

@@ -384,9 +384,9 @@ SECTIONS: "Mapping[str, TableSection | LineSection]" = {
 
 def demonstrations_page(listed: "DemonstrationList") -> str:
     """Formats the origin of the demonstrations in a file, and a table of them."""
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
 
-    page, origin, episodes = TerminalLayout(), listed.origin, listed.demonstrations
+    page, origin, episodes = TerminalReport(), listed.origin, listed.demonstrations
     rate = origin.control_rate
     page.lines(
         clean(listed.path),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from mjrun.cli.click_command import CommandLine
+from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.console import CiVerdict, Console, Report, flag
 from mjrun.cli.table_cells import byte_size
 from mjrun.errors import MjrunError, UsageError, clean, counted, option, quoted
@@ -77,7 +77,7 @@ def import_mujoco() -> None:
     require_computing()
 
 
-def try_backend_early(command_line: CommandLine) -> None:
+def try_backend_early(command_line: ParsedCommandLine) -> None:
     """Tries the first OpenGL backend while this process imports MuJoCo, if a copy of it can do so."""
     from mjrun.child_process import may_fork
     from mjrun.rendering.backend import start_early
@@ -88,7 +88,7 @@ def try_backend_early(command_line: CommandLine) -> None:
             start_early(cast("str | None", command_line.value("gl")))
 
 
-def source(command_line: CommandLine) -> "ModelSource":
+def source(command_line: ParsedCommandLine) -> "ModelSource":
     """Returns the source in the place of the model, which may be the task of a document, with its overrides."""
     from mjrun.model.override import overrides_of
 
@@ -96,13 +96,13 @@ def source(command_line: CommandLine) -> "ModelSource":
     return replace(whole, overrides=(*whole.overrides, *overrides_of(command_line.make(ServoOptions))))
 
 
-def stem(command_line: CommandLine) -> str:
+def stem(command_line: ParsedCommandLine) -> str:
     """Returns the name of the model, or of the document, for default names of outputs."""
     text = command_line.argument("model")
     return Path(text).stem if is_yaml(text) else source(command_line).stem
 
 
-def simulation(command_line: CommandLine) -> "Simulation":
+def simulation(command_line: ParsedCommandLine) -> "Simulation":
     """Returns the simulation that a command line describes."""
     from mjrun.model.sources import names_task
     from mjrun.simulation.simulation import Simulation
@@ -112,7 +112,7 @@ def simulation(command_line: CommandLine) -> "Simulation":
     return command_line.with_converted("controller", load_controller).make(Simulation, model=model)
 
 
-def _source(command_line: CommandLine) -> "ModelSource":
+def _source(command_line: ParsedCommandLine) -> "ModelSource":
     from mjrun.model.sources import names_task, parse_source
 
     text = command_line.argument("model")
@@ -140,7 +140,7 @@ def load_controller(code: str) -> Callable[..., object]:
     return RedirectedFunction(controller)
 
 
-def varied_controllers(command_line: CommandLine) -> dict[str, Callable[..., object]]:
+def varied_controllers(command_line: ParsedCommandLine) -> dict[str, Callable[..., object]]:
     """Loads the controllers among the values of parameters, by what names them."""
     from mjrun.experiment.design import value_list
     from mjrun.options.sweep import VariationOptions
@@ -149,7 +149,7 @@ def varied_controllers(command_line: CommandLine) -> dict[str, Callable[..., obj
     return {name: load_controller(name) for text in varied for name in value_list("controller", text, "vary")}
 
 
-def with_camera_scripts(command_line: CommandLine) -> CommandLine:
+def with_camera_scripts(command_line: ParsedCommandLine) -> ParsedCommandLine:
     """Reads the camera scripts on a command line."""
     return command_line.with_converted("camera", _camera)
 
@@ -164,7 +164,7 @@ def _camera(spec: str) -> object:
 
 def make_outputs(
     console: Console,
-    command_line: CommandLine,
+    command_line: ParsedCommandLine,
     request: "OutputRequest[R]",
     time: Fraction | None = None,
     step: int | None = None,
@@ -250,7 +250,7 @@ def _saved_key(text: str) -> tuple[str, str]:
     return (f"{path}.xml", name) if dot else (text, LAST_INSTANT)
 
 
-def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:
+def show(console: Console, command_line: ParsedCommandLine, result: "OutputResult", default_output: str = "") -> None:
     """Prints the result as JSON, or as a line, on standard output unless that carries the payload."""
     console.answer(_report(result), is_piped=payload_on_stdout(command_line, default_output))
 
@@ -260,7 +260,7 @@ def _report(result: "OutputResult") -> Report:
     return Report(kind, result, summary=lambda: summary(result))
 
 
-def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bool:
+def payload_on_stdout(command_line: ParsedCommandLine, default_output: str = "") -> bool:
     """Returns whether standard output carries the output.
 
     Raises:
@@ -337,11 +337,11 @@ def show_columns(
 
 def _show_groups(console: Console, columns: "Sequence[Column]") -> None:
     from mjrun.cli.table_cells import numbers, texts
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
     from mjrun.probe.select import column_groups
 
     groups = column_groups(columns)
-    page = TerminalLayout()
+    page = TerminalReport()
     shown = [
         texts("probe", [group.name for group in groups]),
         numbers("columns", [len(group.columns) for group in groups]),

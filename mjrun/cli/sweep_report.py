@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from mjrun.cli.console import flag
 from mjrun.cli.report_formats import escaped, markdown_table
 from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number
-from mjrun.cli.terminal_layout import TerminalLayout
+from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
 from mjrun.options.option import is_given, options_of
@@ -28,7 +28,7 @@ MAPPINGS = ("qpos", "qvel", "ctrl")
 
 def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     """Formats the metrics, the failures by reason, and the requirements."""
-    page = TerminalLayout()
+    page = TerminalReport()
     if result.metrics:
         page.table("metrics", _metrics(result), len(result.metrics))
         extremes = _extremes(result)
@@ -72,7 +72,7 @@ def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
 
 def status_report(status: "StudyStatus") -> str:
     """Formats the progress of a study, and the ranges that processes work on."""
-    page, ranges = TerminalLayout(), status.running
+    page, ranges = TerminalReport(), status.running
     if ranges:
         columns = [
             ReportColumn("first", [f"{each.first:,}" for each in ranges], right=True),
@@ -117,7 +117,7 @@ def _last_line(result: "StudyResult") -> str:
 
 def preview_report(preview: "StudyPreview") -> str:
     """Formats the size and the expected duration of a study."""
-    page = TerminalLayout()
+    page = TerminalReport()
     time = "unknown" if preview.wall is None else span_of_time(preview.wall)
     if preview.processes and preview.missing:
         time += f" on {preview.processes} process{'es' if preview.processes > 1 else ''}"

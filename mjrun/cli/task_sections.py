@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from mjrun.cli.table_cells import ReportColumn, number, numbers, ranges, texts
-from mjrun.cli.terminal_layout import TerminalLayout
+from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ ROWS = 24  # of a section, unless it is requested
 
 def task_page(task: "TaskDescription", sections: Sequence[str], command_line: str) -> str:
     """Formats the sections as text; without names, all sections, with long ones cut."""
-    page = TerminalLayout()
+    page = TerminalReport()
     for name in sections or ("task", *TABLES):
         if name == "task":
             page.lines("task", _summary(task.task))

@@ -22,7 +22,7 @@ NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
 
 
-class TerminalLayout:
+class TerminalReport:
     """A layout of titled tables and lines, which are collected first."""
 
     def __init__(self) -> None:

@@ -162,7 +162,7 @@ def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
 
 def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
     """Returns the differences of two videos or images, and the worst pair of frames; None if sizes or kinds differ."""
-    summary = FrameDifferences(a, b)
+    summary = _FrameDifferenceAccumulator(a, b)
     for one, other in zip_longest(a, b):
         if one is not None and other is not None and summary.are_comparable(one, other):
             summary.add(one, other, compare_frames(one, other, tolerance))
@@ -170,7 +170,7 @@ def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifferen
     return summary.result(), summary.worst_frames
 
 
-class FrameDifferences:
+class _FrameDifferenceAccumulator:
     """The accumulated differences of pairs of frames.
 
     Attributes:

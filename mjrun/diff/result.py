@@ -182,7 +182,7 @@ class PictureDifference:
 
 
 @dataclass(frozen=True)
-class GoldenFacts:
+class GoldenVersions:
     """The two sides of a comparison with a golden table.
 
     Attributes:
@@ -373,5 +373,5 @@ class DiffResult:
     table: TableDifference | None = None
     model: ModelComparison | None = None
     picture: PictureDifference | None = None
-    golden: GoldenFacts | None = None
+    golden: GoldenVersions | None = None
     schema: str = SCHEMA

@@ -15,7 +15,7 @@ from mjrun.diff.result import (
     DerivedFieldDifference,
     FieldDifference,
     FrameDifference,
-    GoldenFacts,
+    GoldenVersions,
     ModelComparison,
     PictureDifference,
     TableDifference,
@@ -72,7 +72,7 @@ def place(cell: CellDifference, aligned: str) -> str:
     return row if cell.at is None else f"{row}, time {cell.at!r} s"
 
 
-def golden_versions(golden: GoldenFacts) -> str:
+def golden_versions(golden: GoldenVersions) -> str:
     """Returns a sentence about the versions that made a golden table, and the current ones."""
     made = ", ".join(f"{name} {v}" for name, v in (("mjrun", golden.mjrun), ("MuJoCo", golden.mujoco)) if v)
     now = f"mjrun {golden.mjrun_now}, MuJoCo {golden.mujoco_now}"

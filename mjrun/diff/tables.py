@@ -334,7 +334,7 @@ def _text(cell: float | int | str) -> str:
     return str(int(cell)) if whole else cell_text(cell)
 
 
-class ColumnDifferences:
+class _ColumnDifferenceAccumulator:
     """The differences of columns, b − a, accumulated block by block.
 
     Args:
@@ -459,7 +459,7 @@ def compare_rows(
         stream_a, stream_b = KeyedRows(a, columns, key), KeyedRows(b, columns, key)
         all_pairs = pairs_by_columns(stream_a, stream_b)
         key = ", ".join(key)
-    comparison = ColumnDifferences(columns, [tolerances.of(name) for name in columns])
+    comparison = _ColumnDifferenceAccumulator(columns, [tolerances.of(name) for name in columns])
     rows = 0
     for pairs in all_pairs:
         if isinstance(pairs, IdenticalRows):

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar, cast
 
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
-from mjrun.document.tree import DeclaredAt, Fault, MappingNode, Place, document_error, option_fault
+from mjrun.document.tree import DeclaredAt, DocumentPath, Fault, MappingNode, document_error, option_fault
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.kinds import TextKind
 from mjrun.options.option import Options, document_key, document_options
@@ -69,7 +69,7 @@ class DocumentValueBuilder:
         assert made is not None
         return made
 
-    def attempt(self, place: Place, make: Callable[[], T]) -> T | None:
+    def attempt(self, place: DocumentPath, make: Callable[[], T]) -> T | None:
         """Calls `make`; collects its error and returns None if it fails."""
         try:
             return make()
@@ -106,7 +106,7 @@ def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None
 Made = TypeVar("Made")
 
 
-class LocatedRequest(Generic[Made]):
+class LoadedDocument(Generic[Made]):
     """The contents of a document, with a context that locates its errors.
 
     Attributes:
@@ -134,7 +134,7 @@ class SimulationDocumentReader(Generic[Made]):
         self._declared, self._every, self._make = declared, every, make
         self.record = OptionsMappingKind[Values](every, dict, name=name, more=[MODEL], optional=["output"])
 
-    def declared_at(self, place: Place) -> type[Options]:
+    def declared_at(self, place: DocumentPath) -> type[Options]:
         """Returns the options at a place of such a document."""
         return self._every
 
@@ -145,7 +145,7 @@ class SimulationDocumentReader(Generic[Made]):
         values: Mapping[str, object],
         defaults: Mapping[str, object],
         code: CodeOptions,
-    ) -> LocatedRequest[Made]:
+    ) -> LoadedDocument[Made]:
         """Reads the document at `path`.
 
         Input files are relative to the folder of the document, output files to the current one.
@@ -163,7 +163,7 @@ class SimulationDocumentReader(Generic[Made]):
         folders = DocumentContext(Path(path).parent)
         document, tree = read(path, self.record, folders, assignments, variables=True)
         made = self.made(tree, folders, document, defaults, values, code)
-        return LocatedRequest(made, lambda: located_errors(tree, self.declared_at))
+        return LoadedDocument(made, lambda: located_errors(tree, self.declared_at))
 
     def made(
         self,

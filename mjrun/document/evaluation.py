@@ -18,12 +18,12 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import DocumentValueBuilder, LocatedRequest, Values, located_errors, values_of
+from mjrun.document.builder import DocumentValueBuilder, LoadedDocument, Values, located_errors, values_of
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.task import read_task
-from mjrun.document.tree import Mapped, Place
+from mjrun.document.tree import DocumentPath, Mapped
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten
@@ -59,7 +59,7 @@ EVALUATION = OptionsMappingKind[Values](
 )
 
 
-class EvaluationRequest(LocatedRequest[Evaluation]):
+class LoadedEvaluationDocument(LoadedDocument[Evaluation]):
     """The evaluation in a document, with a context that locates its errors.
 
     Attributes:
@@ -79,7 +79,7 @@ def read_evaluation(
     *,
     values: Mapping[str, object] | None = None,
     command: str = "",
-) -> EvaluationRequest:
+) -> LoadedEvaluationDocument:
     """Reads the evaluation document at `path`; by default, its folder has the name of the document.
 
     Input files are relative to the folder of the document, the output folder is relative to the current one.
@@ -108,7 +108,7 @@ def read_evaluation(
         return Evaluation(task=task, rewritten=rewritten, **chosen)  # type: ignore[arg-type]
 
     made = builder.made(make)
-    return EvaluationRequest(made, lambda: located_errors(tree, _declared_at), changes)
+    return LoadedEvaluationDocument(made, lambda: located_errors(tree, _declared_at), changes)
 
 
 def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[ModelSource, Rewritten | None]:
@@ -130,7 +130,7 @@ def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO
     return read_task(path, [*assignments, *(f"{name}={text}" for name, text in changes.items())])
 
 
-def _declared_at(place: Place) -> type[Options]:
+def _declared_at(place: DocumentPath) -> type[Options]:
     """Returns the options of an evaluation document, which are all at its top level."""
     return EvaluationOptions
 

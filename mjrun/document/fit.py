@@ -14,7 +14,7 @@ output: fitted.xml
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mjrun.document.builder import LocatedRequest, SimulationDocumentReader
+from mjrun.document.builder import LoadedDocument, SimulationDocumentReader
 from mjrun.fitting.fit import Fit
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options
@@ -31,7 +31,7 @@ FIT = SimulationDocumentReader("Fit", FitOptions, _FitOptions, Fit)
 
 def read_fit(
     path: Path | str, assignments: Sequence[str] = (), *, values: Mapping[str, object] | None = None
-) -> LocatedRequest[Fit]:
+) -> LoadedDocument[Fit]:
     """Reads the fit document at `path`.
 
     Args:

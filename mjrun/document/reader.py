@@ -13,7 +13,7 @@ from mjrun.document import tree
 from mjrun.errors import FileError, listing, quoted, suggestion
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import ReadingContext
-from mjrun.options.schema_validation import Misfits
+from mjrun.options.schema_validation import SchemaViolationCollector
 from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.suffixes import YAML, is_yaml
 
@@ -72,7 +72,7 @@ class _Resolver:
                 )
             self.variables[name] = self._variable(value, (VARS, name))
 
-    def _variable(self, value: tree.Node, path: tree.Place) -> tree.Node:
+    def _variable(self, value: tree.Node, path: tree.DocumentPath) -> tree.Node:
         if not isinstance(value, tree.ScalarNode | tree.ReportedFaultNode):
             self._fault(value.mark, path, f"expected a single value, got {tree.described(value)}")
             return tree.ReportedFaultNode(value.mark)
@@ -81,7 +81,7 @@ class _Resolver:
             return tree.ReportedFaultNode(value.mark)
         return self.resolved(value, path)
 
-    def resolved(self, node: tree.Node, path: tree.Place) -> tree.Node:
+    def resolved(self, node: tree.Node, path: tree.DocumentPath) -> tree.Node:
         """Replaces the variables in `node`, which is at `path`."""
         match node:
             case tree.ListNode():
@@ -94,7 +94,7 @@ class _Resolver:
             case _:
                 return node
 
-    def _scalar(self, node: tree.ScalarNode, text: str, path: tree.Place) -> tree.Node:
+    def _scalar(self, node: tree.ScalarNode, text: str, path: tree.DocumentPath) -> tree.Node:
         whole = _REFERENCE.fullmatch(text)
         if whole and whole[1] is not None:
             value = self._value(whole, node.mark, path)
@@ -116,7 +116,7 @@ class _Resolver:
         text = "".join([*parts, text[end:]])
         return tree.ScalarNode(node.mark, text, text)
 
-    def _value(self, match: re.Match[str], mark: tree.DocumentPlace, path: tree.Place) -> tree.ScalarNode | None:
+    def _value(self, match: re.Match[str], mark: tree.DocumentPlace, path: tree.DocumentPath) -> tree.ScalarNode | None:
         """Returns the variable that `match` refers to; None if it does not exist."""
         name = match[1]
         if name is None:
@@ -127,7 +127,7 @@ class _Resolver:
         value = self.variables.get(name)
         return value if isinstance(value, tree.ScalarNode) else None
 
-    def _fault(self, mark: tree.DocumentPlace, path: tree.Place, message: str) -> None:
+    def _fault(self, mark: tree.DocumentPlace, path: tree.DocumentPath, message: str) -> None:
         self.faults.append(tree.Fault(mark, tree.path_text(path), message))
 
 
@@ -246,7 +246,7 @@ def assign(
     return root, faults
 
 
-def _path(text: str, named: Sequence[str]) -> tree.Place:
+def _path(text: str, named: Sequence[str]) -> tree.DocumentPath:
     owner = next((f"{place}." for place in named if text.startswith(f"{place}.")), "")
     if owner and text != owner:
         return (*owner.split(".")[:-1], text.removeprefix(owner))
@@ -262,13 +262,13 @@ def _path(text: str, named: Sequence[str]) -> tree.Place:
     return tuple(steps)
 
 
-def _with(root: tree.MappingNode, path: tree.Place, value: tree.Node) -> tree.MappingNode:
+def _with(root: tree.MappingNode, path: tree.DocumentPath, value: tree.Node) -> tree.MappingNode:
     changed = _set(root, path, value, ())
     assert isinstance(changed, tree.MappingNode)  # a path begins with a key
     return changed
 
 
-def _set(node: tree.Node | None, path: tree.Place, value: tree.Node, above: tree.Place) -> tree.Node:
+def _set(node: tree.Node | None, path: tree.DocumentPath, value: tree.Node, above: tree.DocumentPath) -> tree.Node:
     """Returns `node`, at the path `above`, with `value` set at `path` below it."""
     if not path:
         return value
@@ -287,7 +287,7 @@ def _set(node: tree.Node | None, path: tree.Place, value: tree.Node, above: tree
 
 
 def _set_item(
-    node: tree.Node | None, index: int, below: tree.Place, value: tree.Node, above: tree.Place
+    node: tree.Node | None, index: int, below: tree.DocumentPath, value: tree.Node, above: tree.DocumentPath
 ) -> tree.ListNode:
     if not isinstance(node, tree.ListNode):
         raise _InvalidPathError(f"{tree.path_text(above)} is {tree.described(node) if node else 'nothing'}, not a list")
@@ -405,10 +405,10 @@ class _Reader:
         context = context or ReadingContext()
         context.documents.extend(self.files)
         if root:
-            top = Misfits()
+            top = SchemaViolationCollector()
             with top.at():
                 values.append(cast("T", record.read(tree.plain(root), context)))
-            self.faults += tree.misfit_faults(top.all, root, (VARS, DEFAULTS) if self.variables else ())
+            self.faults += tree.violation_faults(top.all, root, (VARS, DEFAULTS) if self.variables else ())
         if root is None or not values or self.faults:
             raise tree.document_error(self.faults, context.problems)
         return values[0], root

@@ -30,9 +30,9 @@ from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_o
 from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
+    DocumentPath,
     Fault,
     MappingNode,
-    Place,
     document_error,
     find,
     option_fault,
@@ -89,7 +89,7 @@ class _Run(OptionsMappingKind[Values]):
         ]
         super().__init__(_TopLevel, dict, name="Run", more=[MODEL, *outputs])
 
-    def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Place, str]]:
+    def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[DocumentPath, str]]:
         yield from super().conflicts(values)
         if not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"the document has no outputs; add one of {', '.join(OUTPUTS)}"
@@ -108,7 +108,7 @@ def _output_class(key: str) -> Callable[..., OutputRequest[OutputResult]]:
     return cast("Callable[..., OutputRequest[OutputResult]]", resolve_name(f"mjrun.outputs.{name.lower()}:{name}"))
 
 
-class RunRequest:
+class LoadedRunDocument:
     """The requests of a document, with a context that locates their errors.
 
     Attributes:
@@ -120,7 +120,7 @@ class RunRequest:
     def __init__(
         self,
         tree: MappingNode,
-        requests: Mapping[Place, OutputRequest[OutputResult]],
+        requests: Mapping[DocumentPath, OutputRequest[OutputResult]],
         page: PageOptions,
         documents: Sequence[str] = (),
     ) -> None:
@@ -147,13 +147,13 @@ class RunRequest:
 
     def _fault(self, index: int | None, error: UsageError) -> Fault:
         """Returns the fault for `error` at its option, or else at its request."""
-        place: Place = () if index is None else self._places[index]
+        place: DocumentPath = () if index is None else self._places[index]
         return option_fault(self._tree, place, error, _declared_at)
 
 
 def read_run(
     path: Path | str, assignments: Sequence[str] = (), options: RunCommandOptions | None = None, command: str = ""
-) -> RunRequest:
+) -> LoadedRunDocument:
     """Reads the run document at `path`.
 
     Input files are relative to the folder of the document; outputs are inside the folder in `options`.
@@ -173,7 +173,7 @@ def read_run(
     document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
     page = builder.page(document)
-    return RunRequest(tree, builder.requests(document), page, folders.documents)
+    return LoadedRunDocument(tree, builder.requests(document), page, folders.documents)
 
 
 class _Builder(DocumentValueBuilder):
@@ -184,10 +184,10 @@ class _Builder(DocumentValueBuilder):
         self._options, self._command = options, command
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")
 
-    def requests(self, document: Values) -> dict[Place, OutputRequest[OutputResult]]:
+    def requests(self, document: Values) -> dict[DocumentPath, OutputRequest[OutputResult]]:
         """Returns all requests by their places in the document."""
         simulation = self.simulation(document, self._options)
-        requests: dict[Place, OutputRequest[OutputResult]] = {}
+        requests: dict[DocumentPath, OutputRequest[OutputResult]] = {}
         for key in OUTPUTS:
             for index, entry in enumerate(cast("Sequence[Values | str]", document.get(key, ()))):
                 request = self._request(entry, (key, index), simulation)
@@ -210,7 +210,9 @@ class _Builder(DocumentValueBuilder):
         limit = self._options.embed_up_to
         return page if limit is None else replace(page, embed_up_to=limit)
 
-    def _request(self, entry: Values | str, place: Place, simulation: Simulation) -> OutputRequest[OutputResult] | None:
+    def _request(
+        self, entry: Values | str, place: DocumentPath, simulation: Simulation
+    ) -> OutputRequest[OutputResult] | None:
         key = str(place[0])
         values = {"output": entry} if isinstance(entry, str) else entry
         values = {**values, **self._machine_values(key), "command": self._command}
@@ -231,7 +233,7 @@ class _Builder(DocumentValueBuilder):
         values |= {"jobs": options.jobs} if key == "videos" else {}
         return {name: value for name, value in values.items() if value is not None}
 
-    def _updated(self, request: OutputRequest[OutputResult], place: Place) -> OutputRequest[OutputResult]:
+    def _updated(self, request: OutputRequest[OutputResult], place: DocumentPath) -> OutputRequest[OutputResult]:
         """Returns the trace with its golden table to be updated, if the document may write to that file."""
         from mjrun.outputs.trace import Trace, golden_files
 
@@ -245,12 +247,12 @@ class _Builder(DocumentValueBuilder):
             self.attempt((*place, "golden"), partial(self._goldens.reserve, file, owner))
         return updated
 
-    def _reserve_file(self, name: str, file: str, place: Place) -> None:
+    def _reserve_file(self, name: str, file: str, place: DocumentPath) -> None:
         where = written_path(self.tree, (*place, name))
         owner = f"{path_text(where)} at {find(self.tree, where).mark}"
         self.attempt(where, partial(self.folders.outputs.reserve, file, owner))
 
 
-def _declared_at(place: Place) -> type[Options]:
+def _declared_at(place: DocumentPath) -> type[Options]:
     """Returns the options at a place of the document."""
     return OUTPUTS[str(place[0])] if place else _TopLevel

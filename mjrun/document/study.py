@@ -20,17 +20,26 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar, cast
 
-from mjrun.document.builder import LocatedRequest, SimulationDocumentReader, Values
+from mjrun.document.builder import LoadedDocument, SimulationDocumentReader, Values
 from mjrun.document.paths import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
-from mjrun.document.tree import DocumentPlace, Fault, Mapped, MappingNode, Node, document_error, misfit_faults, node_of
+from mjrun.document.tree import (
+    DocumentPlace,
+    Fault,
+    Mapped,
+    MappingNode,
+    Node,
+    document_error,
+    node_of,
+    violation_faults,
+)
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.formats.local_and_remote_folders import folder_at, opened_at
 from mjrun.formats.output_writer import publish_together, written_file
 from mjrun.options.kinds import ChoiceKind, Kind, ReadingContext, TextKind
 from mjrun.options.option import Options, document_options, options, required
-from mjrun.options.schema_validation import InvalidValueError, MisfitError, Misfits, Schema
+from mjrun.options.schema_validation import InvalidValueError, Schema, SchemaViolationCollector, SchemaViolationError
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.options.sweep import MANIFEST, PLANS
@@ -58,7 +67,7 @@ def read_study(
     values: Mapping[str, object] | None = None,
     code: CodeOptions | None = None,
     command: str = "",
-) -> LocatedRequest[Study]:
+) -> LoadedDocument[Study]:
     """Reads the study document at `path`; by default, its folder has the name of the document.
 
     Args:
@@ -265,8 +274,8 @@ def _read(record: OptionsMappingKind[V], value: object, tree: Node, reader: Read
     """
     try:
         return cast("V", record.read(value, reader))
-    except (MisfitError, InvalidValueError) as error:
-        top = Misfits()
+    except (SchemaViolationError, InvalidValueError) as error:
+        top = SchemaViolationCollector()
         with top.at():
             raise error
-        raise document_error(misfit_faults(top.all, tree)) from None
+        raise document_error(violation_faults(top.all, tree)) from None

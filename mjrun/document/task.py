@@ -29,7 +29,7 @@ from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_of
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read, unchecked_document
-from mjrun.document.tree import MappingNode, Place, document_error, number, option_fault
+from mjrun.document.tree import DocumentPath, MappingNode, document_error, number, option_fault
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import ModelSource
@@ -187,7 +187,7 @@ class _Builder(DocumentValueBuilder):
         entries = cast("Mapping[str, object]", document.get(key, {}))
         return {name: self._part(kind, entry, (key, name)) for name, entry in entries.items()}
 
-    def _part(self, kind: Callable[..., Made], entry: object, place: Place) -> Made | None:
+    def _part(self, kind: Callable[..., Made], entry: object, place: DocumentPath) -> Made | None:
         """Returns a part of the task, or None after collecting its fault. A reward may be an expression alone."""
         match entry:
             case dict():
@@ -199,6 +199,6 @@ class _Builder(DocumentValueBuilder):
         return self.attempt(place, partial(kind, **values))
 
 
-def declared_at(place: Place) -> type[Options]:
+def declared_at(place: DocumentPath) -> type[Options]:
     """Returns the options at a place of a task document."""
     return PARTS[str(place[0])][1] if place else TaskOptions

@@ -11,7 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, DocumentProblem, UsageError, clean, listing, quoted, spelled, suggestion
 from mjrun.options.kinds import OneOrMoreKind
 from mjrun.options.option import OTHER_NAMES, Options, document_options
-from mjrun.options.schema_validation import TYPES, Misfit
+from mjrun.options.schema_validation import TYPES, SchemaViolation
 from mjrun.timeline import rational
 
 DEPTH = 50  # levels of nested values
@@ -20,7 +20,7 @@ INVALID = object()  # represents a value whose fault is already reported; fits n
 
 Plain = None | bool | int | float | str | list["Plain"] | dict[str, "Plain"]  # what a document can hold
 Mapped = dict[str, Plain]
-Place = tuple[str | int, ...]  # keys of mappings and indices of lists, from the top
+DocumentPath = tuple[str | int, ...]  # keys of mappings and indices of lists, from the top
 NOTHING = {"", "~", "null", "Null", "NULL"}
 TRUTH = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
 LONGEST = 309  # digits of the largest float
@@ -129,7 +129,7 @@ def node_of(value: object, mark: DocumentPlace) -> Node:
             return ReportedFaultNode(mark)
 
 
-def find(node: Node, path: Place) -> Node:
+def find(node: Node, path: DocumentPath) -> Node:
     """Returns the node at `path`, or the last existing node on the way to it."""
     for step in path:
         if isinstance(node, MappingNode) and step in node.entries:
@@ -141,18 +141,18 @@ def find(node: Node, path: Place) -> Node:
     return node
 
 
-def key_mark(node: Node, path: Place) -> DocumentPlace:
+def key_mark(node: Node, path: DocumentPath) -> DocumentPlace:
     """Returns the place of the last key in `path`."""
     parent = find(node, path[:-1])
     return parent.keys.get(str(path[-1]), parent.mark) if isinstance(parent, MappingNode) else parent.mark
 
 
-def written_path(node: Node, path: Place) -> Place:
+def written_path(node: Node, path: DocumentPath) -> DocumentPath:
     """Returns the part of `path` that exists in the document, up to and including the first missing key.
 
     The index 0 is skipped if a single value replaces its list.
     """
-    written: Place = ()
+    written: DocumentPath = ()
     for step in path:
         if isinstance(node, MappingNode) and isinstance(step, str):
             written = (*written, step)
@@ -166,7 +166,7 @@ def written_path(node: Node, path: Place) -> Place:
     return written
 
 
-def path_text(path: Place) -> str:
+def path_text(path: DocumentPath) -> str:
     """Formats `path` as in `shots[1].orbit.distance`."""
     parts = (f"[{step}]" if isinstance(step, int) else f".{clean(shortened(step))}" for step in path)
     return "".join(parts).removeprefix(".")
@@ -195,7 +195,7 @@ def described(node: Node) -> str:
     return text + (f" from {clean(node.origin)}" if node.origin else "")
 
 
-DeclaredAt = Callable[[Place], type[Options]]  # returns the options at a place of a document
+DeclaredAt = Callable[[DocumentPath], type[Options]]  # returns the options at a place of a document
 
 # Places whose keys are names that may contain dots.
 NAMED = (
@@ -215,25 +215,27 @@ def _problem(fault: Fault) -> DocumentProblem:
     return DocumentProblem(str(fault.mark), "" if named else fault.path, fault.message)
 
 
-def misfit_faults(misfits: Iterable[Misfit], tree: Node, more_keys: Sequence[str] = ()) -> list[Fault]:
-    """Returns the faults of misfits in `tree` that are not reported yet; `more_keys` are additional top-level keys."""
-    nodes = ((misfit, find(tree, misfit.path)) for misfit in misfits)
-    return [_fault(misfit, node, tree, more_keys) for misfit, node in nodes if not isinstance(node, ReportedFaultNode)]
+def violation_faults(violations: Iterable[SchemaViolation], tree: Node, more_keys: Sequence[str] = ()) -> list[Fault]:
+    """Returns the faults in `tree` that are not reported yet; `more_keys` are additional top-level keys."""
+    nodes = ((violation, find(tree, violation.path)) for violation in violations)
+    return [
+        _fault(violation, node, tree, more_keys) for violation, node in nodes if not isinstance(node, ReportedFaultNode)
+    ]
 
 
-def _fault(misfit: Misfit, node: Node, tree: Node, more_keys: Sequence[str]) -> Fault:
-    path = misfit.path
-    if misfit.keys is not None:
-        keys = [*misfit.keys, *(more_keys if len(path) == 1 and misfit.keys else ())]
+def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequence[str]) -> Fault:
+    path = violation.path
+    if violation.keys is not None:
+        keys = [*violation.keys, *(more_keys if len(path) == 1 and violation.keys else ())]
         return Fault(key_mark(tree, path), path_text(path[:-1]), _unknown(str(path[-1]), keys))
-    if misfit.error:
-        return fault_at(tree, (*path, *misfit.error.path), misfit.error)
-    if misfit.message:
-        return Fault(node.mark, path_text(path), spelled(misfit.message))
-    hint = misfit.hint
-    if misfit.expected == TYPES["string"] and isinstance(node, ScalarNode) and node.text:
+    if violation.error:
+        return fault_at(tree, (*path, *violation.error.path), violation.error)
+    if violation.message:
+        return Fault(node.mark, path_text(path), spelled(violation.message))
+    hint = violation.hint
+    if violation.expected == TYPES["string"] and isinstance(node, ScalarNode) and node.text:
         hint = f"; to write text, use quotes: {quoted(shortened(node.text))}"
-    return Fault(node.mark, path_text(path), f"expected {misfit.expected}, got {described(node)}{hint}")
+    return Fault(node.mark, path_text(path), f"expected {violation.expected}, got {described(node)}{hint}")
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:
@@ -242,7 +244,7 @@ def _unknown(key: str, keys: Sequence[str]) -> str:
     return f"unknown key {quoted(shortened(key))}{suggestion(key, keys, *meant)}{choices}"
 
 
-def fault_at(tree: Node, path: Place, error: UsageError) -> Fault:
+def fault_at(tree: Node, path: DocumentPath, error: UsageError) -> Fault:
     """Returns the fault for `error` at the place that `path` leads to."""
     path = written_path(tree, path)
     owners = [tuple(owner.split(".")) for owner in NAMED]
@@ -251,12 +253,12 @@ def fault_at(tree: Node, path: Place, error: UsageError) -> Fault:
     return Fault(mark, path_text(path), error.one_line(error.path))
 
 
-def option_fault(tree: MappingNode, place: Place, error: UsageError, declared_at: DeclaredAt) -> Fault:
+def option_fault(tree: MappingNode, place: DocumentPath, error: UsageError, declared_at: DeclaredAt) -> Fault:
     """Returns the fault for `error` at its option below `place`."""
     return fault_at(tree, (*place, *_entry_path(tree, place, error.path, declared_at(place))), error)
 
 
-def _entry_path(tree: MappingNode, place: Place, path: Place, declared: type[Options]) -> Place:
+def _entry_path(tree: MappingNode, place: DocumentPath, path: DocumentPath, declared: type[Options]) -> DocumentPath:
     """Converts `path` to the document's keys and indices; a text such as 'ctrl,energy' in a list is one item."""
     each = next((each for each in document_options(declared) if path and each.name == path[0]), None)
     if each is None:

@@ -141,14 +141,14 @@ class _Composer:
         self.faults.append(tree.Fault(self.place(index), "", message))
         raise _UnreadableError
 
-    def _fault(self, mark: tree.DocumentPlace, path: tree.Place, message: str) -> None:
+    def _fault(self, mark: tree.DocumentPlace, path: tree.DocumentPath, message: str) -> None:
         self.faults.append(tree.Fault(mark, tree.path_text(path), message))
 
     def _check_directives(self, start: events.DocumentStartEvent) -> None:
         if start.tags or start.version not in (None, (1, 2)):
             self._fault(self.place(start.start_mark.index), (), NO_DIRECTIVES)
 
-    def _node(self, event: events.Event, path: tree.Place) -> tree.Node:
+    def _node(self, event: events.Event, path: tree.DocumentPath) -> tree.Node:
         assert isinstance(event, events.NodeEvent), "YAML's grammar has a value here"
         index = event.start_mark.index
         mark = self.place(index)
@@ -169,26 +169,26 @@ class _Composer:
         self.depth -= 1
         return node
 
-    def _check_properties(self, event: events.NodeEvent, mark: tree.DocumentPlace, path: tree.Place) -> None:
+    def _check_properties(self, event: events.NodeEvent, mark: tree.DocumentPlace, path: tree.DocumentPath) -> None:
         """Reports YAML's node properties, anchors and tags, as faults."""
         if event.anchor is not None:
             self._fault(mark, path, NO_ANCHORS)
         if getattr(event, "tag", None) is not None:
             self._fault(mark, path, NO_TAGS)
 
-    def _scalar(self, event: events.ScalarEvent, mark: tree.DocumentPlace, path: tree.Place) -> tree.Node:
+    def _scalar(self, event: events.ScalarEvent, mark: tree.DocumentPlace, path: tree.DocumentPath) -> tree.Node:
         if found := _SURROGATE.search(event.value):
             self._fault(mark, path, f"the escape {quoted(found[0])} is half a character")
             return tree.ReportedFaultNode(mark)
         return tree.ScalarNode(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
 
-    def _list(self, mark: tree.DocumentPlace, path: tree.Place) -> tree.ListNode:
+    def _list(self, mark: tree.DocumentPlace, path: tree.DocumentPath) -> tree.ListNode:
         items: list[tree.Node] = []
         while not isinstance(event := self._event(), events.SequenceEndEvent):
             items.append(self._node(event, (*path, len(items))))
         return tree.ListNode(mark, items)
 
-    def _mapping(self, mark: tree.DocumentPlace, path: tree.Place) -> tree.MappingNode:
+    def _mapping(self, mark: tree.DocumentPlace, path: tree.DocumentPath) -> tree.MappingNode:
         entries: dict[str, tree.Node] = {}
         keys: dict[str, tree.DocumentPlace] = {}
         while not isinstance(event := self._event(), events.MappingEndEvent):
@@ -200,7 +200,7 @@ class _Composer:
                 entries[key], keys[key] = value, key_mark
         return tree.MappingNode(mark, entries, keys)
 
-    def _key(self, event: events.Event, path: tree.Place) -> str | None:
+    def _key(self, event: events.Event, path: tree.DocumentPath) -> str | None:
         """Returns the key that `event` begins; None if it is invalid."""
         plain = isinstance(event, events.ScalarEvent) and event.implicit[0]
         node = self._node(event, path)

@@ -83,7 +83,7 @@ class PolicyChoice:
 
 
 @dataclass(frozen=True)
-class GroupSpec:
+class EpisodeGroupSpec:
     """Everything that the episodes of a group share: all but their seeds.
 
     Attributes:
@@ -117,7 +117,7 @@ class GroupSpec:
             snapshot=chosen.snapshot,
         )
 
-    def stored_at(self, root: Path) -> "GroupSpec":
+    def stored_at(self, root: Path) -> "EpisodeGroupSpec":
         """Returns the same specification, whose files are in the folder `root`."""
         chosen = self.chosen
         snapshot = chosen.snapshot and replace(chosen.snapshot, root=root)
@@ -245,7 +245,7 @@ class EpisodePlayer(ABC):
         """
 
 
-def player_of(spec: GroupSpec) -> EpisodePlayer:
+def player_of(spec: EpisodeGroupSpec) -> EpisodePlayer:
     """Creates the player of the episodes of `spec`: loads the policy, and checks that it fits the task.
 
     Raises:
@@ -461,7 +461,7 @@ class _MeasuringPlayer(EpisodePlayer):
       UsageError: a metric is malformed, or contains an unknown name.
     """
 
-    def __init__(self, player: EpisodePlayer, spec: GroupSpec, policy: Policy) -> None:
+    def __init__(self, player: EpisodePlayer, spec: EpisodeGroupSpec, policy: Policy) -> None:
         self._player, self._policy = player, policy
         self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
         self._task, self._disturbances = spec.source, spec.disturbances

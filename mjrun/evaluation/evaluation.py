@@ -25,7 +25,7 @@ from mjrun.errors import (
     listing,
     option,
 )
-from mjrun.evaluation.episode import FAILURE, GroupSpec, PlayedEpisodes
+from mjrun.evaluation.episode import FAILURE, EpisodeGroupSpec, PlayedEpisodes
 from mjrun.evaluation.execution import forget_code, play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
 from mjrun.evaluation.summaries import (
@@ -160,7 +160,7 @@ class _VideoMaker:
             reporter.progress("videos", done, len(choices))
         return videos, failures
 
-    def _video(self, spec: GroupSpec, seed: int, path: str) -> Video:
+    def _video(self, spec: EpisodeGroupSpec, seed: int, path: str) -> Video:
         return Video(spec.simulation(seed), path, **values_of(self._options, PointOrEpisodeVideoOptions))
 
 

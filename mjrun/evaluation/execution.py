@@ -18,7 +18,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, counted, option
-from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, EpisodeRecord, GroupSpec, PlayedEpisodes, player_of
+from mjrun.evaluation.episode import OUTCOMES, EpisodeGroupSpec, EpisodePlayer, EpisodeRecord, PlayedEpisodes, player_of
 from mjrun.evaluation.prepared import PolicyEpisodes, PreparedEvaluation
 from mjrun.evaluation.summaries import LENGTH, RETURN, REWARD
 from mjrun.experiment.design import Design
@@ -47,7 +47,7 @@ class EvaluationSpec:
       rewards: names of the terms of the reward.
     """
 
-    groups: tuple[GroupSpec, ...]
+    groups: tuple[EpisodeGroupSpec, ...]
     count: int
     rewards: tuple[str, ...]
 
@@ -238,7 +238,7 @@ def play_all(
     return played, simulated
 
 
-def _played_here(spec: GroupSpec, seeds: Sequence[int], reporter: Reporter) -> list[EpisodeRecord]:
+def _played_here(spec: EpisodeGroupSpec, seeds: Sequence[int], reporter: Reporter) -> list[EpisodeRecord]:
     player, episodes = player_of(spec), list[EpisodeRecord]()
     for start in range(0, len(seeds), MOST):
         episodes += player.play(seeds[start : start + MOST])

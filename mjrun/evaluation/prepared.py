@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, GroupSpec, PolicyChoice, player_of
+from mjrun.evaluation.episode import OUTCOMES, EpisodeGroupSpec, EpisodePlayer, PolicyChoice, player_of
 from mjrun.evaluation.summaries import IQM, OWN, RETURN, REWARD, PassCriteria, seed_column
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
@@ -47,7 +47,7 @@ class PolicyEpisodes:
     policy: int
     name: str
     point: int
-    spec: GroupSpec
+    spec: EpisodeGroupSpec
 
 
 class PreparedEvaluation:
@@ -121,7 +121,7 @@ class PreparedEvaluation:
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
                 disturbances = disturbances_at(options.disturbances, values[point])
-                spec = GroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, disturbances)
+                spec = EpisodeGroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, disturbances)
                 groups.append(PolicyEpisodes(place, name if own == policy else own.name, point, spec))
         return groups
 

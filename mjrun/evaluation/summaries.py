@@ -385,7 +385,7 @@ def point_table(
 
 
 @dataclass(frozen=True)
-class Measure:
+class Estimate:
     """A number of several episodes, with its meaning and its interval."""
 
     value: float | None
@@ -393,21 +393,21 @@ class Measure:
     interval: Interval
 
 
-def measures(summary: EpisodeSummary, comparison: PolicyComparison | None) -> dict[str, Measure]:
+def measures(summary: EpisodeSummary, comparison: PolicyComparison | None) -> dict[str, Estimate]:
     """Returns the numbers of a policy's episodes, by name."""
-    made = dict[str, Measure]()
+    made = dict[str, Estimate]()
     if summary.success:
-        made[SUCCESS] = Measure(summary.success.share, "share of episodes", summary.success.interval)
+        made[SUCCESS] = Estimate(summary.success.share, "share of episodes", summary.success.interval)
     for name, each in {RETURN: summary.returns, LENGTH: summary.lengths, **summary.metrics}.items():
-        made[name] = Measure(each.mean, "mean over the episodes", each.mean_interval)
+        made[name] = Estimate(each.mean, "mean over the episodes", each.mean_interval)
         if name == RETURN:
-            made[name + IQM] = Measure(each.iqm, "interquartile mean over the episodes", each.iqm_interval)
+            made[name + IQM] = Estimate(each.iqm, "interquartile mean over the episodes", each.iqm_interval)
     if comparison:
         for name, each in ((RETURN, comparison.returns), (SUCCESS, comparison.success)):
             if each:
-                made[name + DIFFERENCE] = Measure(each.difference, "to the other policy, paired", each.interval)
+                made[name + DIFFERENCE] = Estimate(each.difference, "to the other policy, paired", each.interval)
         meaning, returns = "of interquartile means to the other policy", comparison.returns
-        made[RETURN + IQM + DIFFERENCE] = Measure(returns.iqm, meaning, returns.iqm_interval)
+        made[RETURN + IQM + DIFFERENCE] = Estimate(returns.iqm, meaning, returns.iqm_interval)
     return made
 
 

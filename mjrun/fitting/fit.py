@@ -25,7 +25,7 @@ from mjrun.fitting.measurements import CONTROLS, first_noise, read_measurements,
 from mjrun.fitting.outputs import HORIZON, FitOutputs, Solutions
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
-from mjrun.fitting.shooting_fit import SHORTEST, OwnAndBestSolutions, ShootingFit
+from mjrun.fitting.shooting_fit import SHORTEST, OriginalAndBestSolutions, ShootingFit
 from mjrun.fitting.shooting_problem import LOSSES, Floats, Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
@@ -308,7 +308,7 @@ class _Run:
         result = self._result(last, sensitivity([last], self._parameters), left, {}, [], [], partial=True)
         return self._outputs.publish(result, {}, self._logs, self._reporter, model_alone=True)
 
-    def _searched(self, starts: Sequence[np.ndarray]) -> OwnAndBestSolutions:
+    def _searched(self, starts: Sequence[np.ndarray]) -> OriginalAndBestSolutions:
         """Searches for parameters that explain whole segments better than the original model."""
 
         def advanced(solution: Solution) -> None:

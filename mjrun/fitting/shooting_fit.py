@@ -50,7 +50,7 @@ WHOLE = 10**9  # rows
 
 
 @dataclass
-class OwnAndBestSolutions:
+class OriginalAndBestSolutions:
     """The result of a search.
 
     Attributes:
@@ -151,7 +151,7 @@ class ShootingFit:
 
     def search(
         self, segments: Sequence[LogSegment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
-    ) -> OwnAndBestSolutions:
+    ) -> OriginalAndBestSolutions:
         """Searches for the best parameters for whole segments.
 
         Args:
@@ -161,7 +161,7 @@ class ShootingFit:
         whole = self.cut(segments)
         own = self._run(self._grown(whole, None, noise, fixed=True))
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
-        search = OwnAndBestSolutions(own, first, ["whole segments"])
+        search = OriginalAndBestSolutions(own, first, ["whole segments"])
         if self._is_stopped(first):
             search.ways.append("whole segments, smoothed by ensembles across contacts")
             search.best = self._smoothed(first, first.coordinates, noise, advanced=advanced)
@@ -221,7 +221,7 @@ class ShootingFit:
 
     def _continue(
         self,
-        search: OwnAndBestSolutions,
+        search: OriginalAndBestSolutions,
         segments: Sequence[LogSegment],
         starts: Sequence[Floats],
         noise: Floats,

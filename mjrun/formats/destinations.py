@@ -29,7 +29,7 @@ NAME_MAX = 255  # bytes in the name of a file
 NEW, OLD, MOVING = "new", "old", "moving"
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # constants of Linux: paths relative to the working folder; swap both names
 
-Place = Callable[[int], Path]  # returns the path of a frame, given its number
+FramePath = Callable[[int], Path]  # returns the path of a frame, given its number
 
 
 def replace_file(new: Path, target: Path) -> Path | None:
@@ -110,7 +110,7 @@ def take_back_folder(temporary: Path, target: Path) -> None:
         restore_folder(temporary, target)
 
 
-def move_frames(temporary: Path, place: Place) -> None:
+def move_frames(temporary: Path, place: FramePath) -> None:
     """Moves every frame to its place.
 
     Raises:
@@ -128,7 +128,7 @@ def move_frames(temporary: Path, place: Place) -> None:
         raise
 
 
-def finish_frames(temporary: Path, place: Place) -> None:
+def finish_frames(temporary: Path, place: FramePath) -> None:
     """Moves the frames that are not yet in their places.
 
     Raises:
@@ -148,7 +148,7 @@ def finish_frames(temporary: Path, place: Place) -> None:
     moving.rmdir()
 
 
-def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> None:
+def take_back_frames(temporary: Path, names: Sequence[str], place: FramePath) -> None:
     """Undoes `move_frames` of frames with these `names`; after every step, it could still be finished instead.
 
     Raises:

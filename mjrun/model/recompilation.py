@@ -174,7 +174,7 @@ def _sizes() -> Callable[[mujoco.MjModel], tuple[int, ...]]:
     return attrgetter(*(name for name in names if name not in IMAGE_SIZES))
 
 
-class BodyCompiler:
+class ChangedBodyCompiler:
     """The specification of a model, of which parts are compiled.
 
     Args:

@@ -30,7 +30,7 @@ from mjrun.model.compiler_copied_fields import (
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
 from mjrun.model.override import Override
-from mjrun.model.recompilation import BodyCompiler, DerivedNumbersComputer, Recompiler, may_be_recompiled
+from mjrun.model.recompilation import ChangedBodyCompiler, DerivedNumbersComputer, Recompiler, may_be_recompiled
 from mjrun.model.source import ModelSource
 
 PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source
@@ -262,7 +262,7 @@ class SharedCompilation:
         self.unused: list[ModelVariant] = []
         self._copied = CompilerCopiedFields(spec, model) if spec else None
         self._recompiler: Recompiler | None = None
-        self._partial: BodyCompiler | None = None
+        self._partial: ChangedBodyCompiler | None = None
         self._elements: CopiedElementNumbers | None = None
         self._derived: DerivedNumbersComputer | None = None
         self.proofs = dict[object, _Proof]()
@@ -331,10 +331,10 @@ class SharedCompilation:
         return self._recompiler
 
     @property
-    def _part_compiler(self) -> BodyCompiler:
+    def _part_compiler(self) -> ChangedBodyCompiler:
         if self._partial is None:
             whole = self._whole_compiler
-            self._partial = BodyCompiler(whole.spec, self.model, whole.is_number)
+            self._partial = ChangedBodyCompiler(whole.spec, self.model, whole.is_number)
         return self._partial
 
     def _copy(self, overwritten: Container[str], *, of_arrays: bool = True) -> mujoco.MjModel:

@@ -14,7 +14,7 @@ from os import PathLike, fspath
 from typing import Any, Generic, TypeVar, cast
 
 from mjrun.errors import DocumentProblem, suggestion
-from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfits, Schema, check
+from mjrun.options.schema_validation import TEXT, InvalidValueError, Schema, SchemaViolationCollector, check
 from mjrun.suffixes import is_url
 
 V = TypeVar("V", contravariant=True)
@@ -105,7 +105,7 @@ class Kind(Generic[V, T]):
         """Converts a plain value from a document to a value that `__call__` accepts.
 
         Raises:
-          MisfitError, InvalidValueError: the value is invalid.
+          SchemaViolationError, InvalidValueError: the value is invalid.
           UsageError: a path in it is invalid.
         """
         check(value, self.form)
@@ -333,12 +333,12 @@ def read_list(each: AnyKind, items: Sequence[object], reader: ReadingContext) ->
     """Reads the items of a list in a document.
 
     Raises:
-      MisfitError: there are misfits; the error has all of them.
+      SchemaViolationError: there are violations; the error has all of them.
     """
     parts: list[object] = []
-    misfits = Misfits()
+    violations = SchemaViolationCollector()
     for index, item in enumerate(items):
-        with misfits.at(index):
+        with violations.at(index):
             parts.append(each.read(item, reader))
-    misfits.raise_if_any()
+    violations.raise_if_any()
     return tuple(parts)

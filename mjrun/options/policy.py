@@ -6,7 +6,14 @@ from typing import ClassVar, cast
 
 from mjrun.options.kinds import FlagKind, Kind, ReadingContext, optional
 from mjrun.options.option import FrontEnd, Options, option, options
-from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfit, MisfitError, Schema, check
+from mjrun.options.schema_validation import (
+    TEXT,
+    InvalidValueError,
+    Schema,
+    SchemaViolation,
+    SchemaViolationError,
+    check,
+)
 
 RANDOM, ZERO = BUILT_IN = ("random", "zero")
 NONE = "none"
@@ -27,7 +34,9 @@ class PolicyKind(Kind[object, object]):
         check(value, self.form)
         text = str(value)
         if is_code(text):
-            raise MisfitError([Misfit(message="a document cannot contain code; give it on the command line")])
+            raise SchemaViolationError(
+                [SchemaViolation(message="a document cannot contain code; give it on the command line")]
+            )
         return reader.input(text) if is_policy_file(text) else text
 
     def __call__(self, value: object) -> object:

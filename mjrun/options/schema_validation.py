@@ -52,7 +52,7 @@ class InvalidValueError(ValueError):
 
 
 @dataclass(frozen=True)
-class Misfit:
+class SchemaViolation:
     """A value in a document that does not fit its rule.
 
     Attributes:
@@ -72,47 +72,49 @@ class Misfit:
     keys: Sequence[str] | None = None
 
 
-class MisfitError(ValueError):
+class SchemaViolationError(ValueError):
     """Values of a document that do not fit their rules."""
 
-    def __init__(self, misfits: Sequence[Misfit]) -> None:
-        self.misfits = misfits
-        super().__init__("; ".join(f"{misfit.path}: {misfit.expected or misfit.message}" for misfit in misfits))
+    def __init__(self, violations: Sequence[SchemaViolation]) -> None:
+        self.violations = violations
+        super().__init__(
+            "; ".join(f"{violation.path}: {violation.expected or violation.message}" for violation in violations)
+        )
 
 
 @dataclass
-class Misfits:
-    """A collection of the misfits in the parts of a value."""
+class SchemaViolationCollector:
+    """A collection of the violations in the parts of a value."""
 
-    all: list[Misfit] = field(default_factory=list[Misfit])
+    all: list[SchemaViolation] = field(default_factory=list[SchemaViolation])
 
     @contextmanager
     def at(self, *path: str | int) -> Generator[None]:
         """Collects the errors about the part at `path`."""
         try:
             yield
-        except MisfitError as error:
-            self.all += [replace(misfit, path=(*path, *misfit.path)) for misfit in error.misfits]
+        except SchemaViolationError as error:
+            self.all += [replace(violation, path=(*path, *violation.path)) for violation in error.violations]
         except InvalidValueError as error:
             sentence = "" if error.part is None else f"{quoted(error.part)} is not {error.expected}"
-            self.all.append(Misfit(path, error.expected * (not sentence), sentence))
+            self.all.append(SchemaViolation(path, error.expected * (not sentence), sentence))
         except UsageError as error:
-            self.all.append(Misfit(path, error=error))
+            self.all.append(SchemaViolation(path, error=error))
 
     def raise_if_any(self) -> None:
-        """Raises MisfitError with all collected misfits."""
+        """Raises SchemaViolationError with all collected violations."""
         if self.all:
-            raise MisfitError(self.all)
+            raise SchemaViolationError(self.all)
 
 
 def check(value: object, schema: Schema) -> None:
     """Checks a plain value by a rule without references.
 
     Raises:
-      MisfitError: there are misfits; the error has all of them.
+      SchemaViolationError: there are violations; the error has all of them.
     """
-    if misfits := [*_misfits(value, schema)]:
-        raise MisfitError(misfits)
+    if violations := [*_violations(value, schema)]:
+        raise SchemaViolationError(violations)
 
 
 def type_name(value: object) -> str:
@@ -120,21 +122,21 @@ def type_name(value: object) -> str:
     return _TYPE_NAMES.get(type(value), "null")
 
 
-def _misfits(value: object, schema: Schema, path: Path = ()) -> Iterator[Misfit]:
+def _violations(value: object, schema: Schema, path: Path = ()) -> Iterator[SchemaViolation]:
     if "expected" in schema:
         rest = {key: rule for key, rule in schema.items() if key != "expected"}
-        if any(_misfits(value, rest)):
-            yield Misfit(path, str(schema["expected"]))
+        if any(_violations(value, rest)):
+            yield SchemaViolation(path, str(schema["expected"]))
     elif "anyOf" in schema:
         members = [rule for rule in cast("Sequence[Schema]", schema["anyOf"]) if _has_type(value, rule, loosely=True)]
         if members:
-            yield from _misfits(value, members[0], path)
+            yield from _violations(value, members[0], path)
         else:
-            yield Misfit(path, str(schema.get("forms", "")))
+            yield SchemaViolation(path, str(schema.get("forms", "")))
     elif schema and not _has_type(value, schema):
-        yield Misfit(path, _words(schema) or TYPES[str(schema["type"])])
+        yield SchemaViolation(path, _words(schema) or TYPES[str(schema["type"])])
     elif schema:
-        yield from _misfits_of_type(value, schema, path)
+        yield from _violations_of_type(value, schema, path)
 
 
 def _has_type(value: object, schema: Schema, loosely: bool = False) -> bool:
@@ -143,25 +145,25 @@ def _has_type(value: object, schema: Schema, loosely: bool = False) -> bool:
     return name == wanted or (wanted in (numbers if loosely else numbers[1:]) and name in numbers)
 
 
-def _misfits_of_type(value: object, schema: Schema, path: Path) -> Iterator[Misfit]:
+def _violations_of_type(value: object, schema: Schema, path: Path) -> Iterator[SchemaViolation]:
     match value:
         case str():
-            yield from _text_misfits(value, schema, path)
+            yield from _text_violations(value, schema, path)
         case list():
             items = cast("list[object]", value)
             if message := wrong_length(len(items), schema):
-                yield Misfit(path, message=message)
+                yield SchemaViolation(path, message=message)
                 return
             rules = cast("Sequence[Schema]", schema.get("prefixItems") or [schema["items"]] * len(items))
             for index, (item, rule) in enumerate(zip(items, rules, strict=True)):
-                yield from _misfits(item, rule, (*path, index))
+                yield from _violations(item, rule, (*path, index))
         case dict():
             rule = cast("Schema", schema["additionalProperties"])
             for key, item in cast("dict[str, object]", value).items():
-                yield from _misfits(item, rule, (*path, key))
+                yield from _violations(item, rule, (*path, key))
         case int() | float():
             if expected := _wrong_number(value, schema):
-                yield Misfit(path, expected)
+                yield SchemaViolation(path, expected)
         case _:
             pass
 
@@ -172,16 +174,16 @@ def _words(schema: Schema) -> str:
     return "" if "enum" not in schema else f"{', '.join(most)} or {last}" if most else last
 
 
-def _text_misfits(text: str, schema: Schema, path: Path) -> Iterator[Misfit]:
+def _text_violations(text: str, schema: Schema, path: Path) -> Iterator[SchemaViolation]:
     words = cast("Sequence[str]", schema.get("enum", [text]))
     if text not in words:
-        yield Misfit(path, _words(schema), hint=suggestion(text, words))
+        yield SchemaViolation(path, _words(schema), hint=suggestion(text, words))
     elif len(text) < cast("int", schema.get("minLength", 0)):
-        yield Misfit(path, "text that is not empty")
+        yield SchemaViolation(path, "text that is not empty")
     elif not re.search(str(schema.get("pattern", "")), text):
-        yield Misfit(path, f"text as in {schema['pattern']}")
+        yield SchemaViolation(path, f"text as in {schema['pattern']}")
     elif "\0" in text:
-        yield Misfit(path, message=f"{quoted(text)} contains a null character")
+        yield SchemaViolation(path, message=f"{quoted(text)} contains a null character")
 
 
 def _wrong_number(number: float, schema: Schema) -> str:

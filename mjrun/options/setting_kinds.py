@@ -8,7 +8,7 @@ from typing import cast
 
 from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.number_kinds import NUMBERS, Numbers, to_float
-from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Misfits, Schema, check
+from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema, SchemaViolationCollector, check
 
 SETTING: Schema = {
     "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
@@ -325,12 +325,12 @@ class VariedSettingsKind(ScanValuesKind):
             raise InvalidValueError("a mapping")
         ways = {"model": reader.model, "ctrl_from": reader.input}
         texts: dict[str, str] = {}
-        misfits = Misfits()
+        violations = SchemaViolationCollector()
         for path, setting in cast("dict[str, object]", value).items():
-            with misfits.at(path):
+            with violations.at(path):
                 text = self.text(setting)
                 texts[path] = with_paths(text, ways[path]) if path in ways else text
-        misfits.raise_if_any()
+        violations.raise_if_any()
         return texts
 
     def text(self, setting: object) -> str:

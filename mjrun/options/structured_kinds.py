@@ -11,11 +11,11 @@ from mjrun.options.option import Option, Options, document_options, is_always_wr
 from mjrun.options.schema_validation import (
     TEXT,
     InvalidValueError,
-    Misfit,
-    MisfitError,
-    Misfits,
     Path,
     Schema,
+    SchemaViolation,
+    SchemaViolationCollector,
+    SchemaViolationError,
     check,
     type_name,
     wrong_length,
@@ -85,20 +85,22 @@ class OptionsMappingKind(Kind[T, T]):
             raise InvalidValueError(f"a mapping{few}")
 
         written = cast("dict[str, object]", value)
-        misfits = Misfits([Misfit(path, message=message) for path, message in self.conflicts(written)])
+        violations = SchemaViolationCollector(
+            [SchemaViolation(path, message=message) for path, message in self.conflicts(written)]
+        )
         values: dict[str, object] = {}
         for key, part in written.items():
             each = options.get(key)
             if each is None:
                 # Comparing thousands of keys to suggest similar ones would be slow, and few are shown.
-                keys = [*options] if len(misfits.all) < FAULTS else []
-                misfits.all.append(Misfit((key,), keys=keys))
+                keys = [*options] if len(violations.all) < FAULTS else []
+                violations.all.append(SchemaViolation((key,), keys=keys))
                 continue
-            with misfits.at(key):
+            with violations.at(key):
                 values[each.attribute] = reader.form(each.kind).read(part, reader)
         missing = (key for key, each in options.items() if self._is_needed(each) and key not in written)
-        misfits.all += [Misfit((), message=f"'{key}' is missing") for key in missing]
-        misfits.raise_if_any()
+        violations.all += [SchemaViolation((), message=f"'{key}' is missing") for key in missing]
+        violations.raise_if_any()
         return self.make(**values)
 
     def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
@@ -154,7 +156,7 @@ class ListKind(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
             raise InvalidValueError(self.accepted)
         items = cast("list[object]", value)
         if message := wrong_length(len(items), {"minItems": self.least}):
-            raise MisfitError([Misfit(message=message)])
+            raise SchemaViolationError([SchemaViolation(message=message)])
         return read_list(reader.form(self.each), items, reader)
 
     def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
@@ -181,12 +183,12 @@ class MappingKind(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
         if not isinstance(value, dict):
             raise InvalidValueError("a mapping")
         values: dict[str, object] = {}
-        misfits = Misfits()
+        violations = SchemaViolationCollector()
         for name, item in cast("dict[str, object]", value).items():
-            with misfits.at(name):
+            with violations.at(name):
                 check(name, TEXT)
                 values[name] = reader.form(self.each).read(item, reader)
-        misfits.raise_if_any()
+        violations.raise_if_any()
         return values
 
     def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:

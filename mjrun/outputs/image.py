@@ -59,7 +59,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         return [*output_files(self, self.output, self.manifest), *named_files(pointcloud=self.pointcloud)]
 
     @cached_property
-    def formatted_files(self) -> "Sequence[ImageFileContents]":
+    def formatted_files(self) -> "Sequence[ImageFile]":
         """The files with their formats.
 
         Raises:
@@ -130,7 +130,7 @@ class ImageResult(output.OutputResult):
 
 
 @dataclass(frozen=True)
-class ImageFileContents(VideoOrImageFile):
+class ImageFile(VideoOrImageFile):
     """A file of an image.
 
     Attributes:
@@ -248,7 +248,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             writer.write(np.ascontiguousarray(compositor.frame(compositor.streams[index], pictures, 0)))
 
 
-def _image_file(request: Image, file: VideoOrImageFile) -> ImageFileContents:
+def _image_file(request: Image, file: VideoOrImageFile) -> ImageFile:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
@@ -261,9 +261,7 @@ def _image_file(request: Image, file: VideoOrImageFile) -> ImageFileContents:
     )
     view = file.panels[0].view if exact else "rgb"
     hint = f"{option('style')} color renders colours instead" if exact else ""
-    return ImageFileContents(
-        file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint)
-    )
+    return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint))
 
 
 def _step(request: Image, timeline: Timeline, event_steps: output.EventSteps) -> int:

@@ -22,7 +22,7 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.object_boxes import CORNERS, ObjectBox, ObjectBoxes
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
-from mjrun.rendering.backend import BackendDetection
+from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.drawn_model import HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
 from mjrun.rendering.segmentation import NOTHING, Segmentation
@@ -198,7 +198,7 @@ class LabelledImageRenderer:
 
     def __init__(self, options: LabelledImageOptions, *, outlines: bool = False) -> None:
         self._options, self._outlines = options, outlines
-        detection = BackendDetection(options.gl)
+        detection = BackendDetector(options.gl)
         self._backend = detection.result(require_gpu=options.require_gpu)
         self._visual = visual_of(ViewOptions(quality=options.quality, gl=options.gl, camera="free"))
         self._renderer: ClassicRenderer | None = None

@@ -42,7 +42,7 @@ from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
     from mjrun.options.rendering import RendererOptions
-    from mjrun.rendering.backend import Backend, BackendDetection
+    from mjrun.rendering.backend import Backend, BackendDetector
     from mjrun.rendering.compositor_pool import CompositorProcesses
 
 # The steps at which each condition becomes true.
@@ -120,7 +120,7 @@ class RenderingResources:
     """The backends and rendering processes of a pass: each is detected or started only once. To be closed."""
 
     def __init__(self) -> None:
-        self._detections: dict[tuple[str, str | None], BackendDetection] = {}
+        self._detections: dict[tuple[str, str | None], BackendDetector] = {}
         self._workers: CompositorProcesses | None = None
 
     def detect(self, options: "RendererOptions") -> None:
@@ -143,13 +143,13 @@ class RenderingResources:
             self._workers.prepare(backend.load)
         return backend
 
-    def _detection(self, options: "RendererOptions") -> "BackendDetection":
-        from mjrun.rendering.backend import BackendDetection, VulkanDetection
+    def _detection(self, options: "RendererOptions") -> "BackendDetector":
+        from mjrun.rendering.backend import BackendDetector, VulkanDetector
 
         is_filament = options.renderer == "filament"  # which draws with Vulkan
         choice = options.renderer, None if is_filament else options.gl
         if choice not in self._detections:
-            self._detections[choice] = VulkanDetection() if is_filament else BackendDetection(options.gl)
+            self._detections[choice] = VulkanDetector() if is_filament else BackendDetector(options.gl)
         return self._detections[choice]
 
     def workers(self, count: int) -> "CompositorProcesses":

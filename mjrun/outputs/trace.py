@@ -370,7 +370,7 @@ class OpenGoldenTable:
           source: the name of the simulation.
           replace: whether the rows may become the golden table if an update is requested.
         """
-        from mjrun.diff.result import DiffResult, GoldenFacts
+        from mjrun.diff.result import DiffResult, GoldenVersions
         from mjrun.diff.sentences import provenance_notes, table_sentences
 
         table = self._comparison.finish() if self._comparison else None
@@ -381,7 +381,7 @@ class OpenGoldenTable:
         for writer in writers:
             writer.finish()
         versions = [str((each or {}).get(key) or "") for each in (manifest, self._facts) for key in STATED]
-        facts = GoldenFacts(*versions, updated=bool(writers))
+        facts = GoldenVersions(*versions, updated=bool(writers))
         notes = provenance_notes(_rest(manifest or {}), _rest(self._facts))
         equal = not differences
         return DiffResult("golden", self._path, source, equal, differences, notes, table, golden=facts), writers

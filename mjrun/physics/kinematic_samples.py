@@ -62,7 +62,7 @@ class Interpolation:
     unwrap: bool = False
 
 
-class CompleteSamples:
+class GaplessSamples:
     """Samples without gaps: missing samples are interpolated, and columns that the table lacks are as at the start.
 
     Quaternions have unit length, and keep their sign from one sample to the next.
@@ -308,7 +308,7 @@ class KinematicMotion:
       position_remarks: those about positions.
 
     Raises:
-      UsageError: as `CompleteSamples`.
+      UsageError: as `GaplessSamples`.
     """
 
     def __init__(
@@ -319,7 +319,7 @@ class KinematicMotion:
         interpolation: Interpolation | None = None,
     ) -> None:
         self._interpolation = interpolation or Interpolation()
-        complete = CompleteSamples(model, start, samples, self._interpolation)
+        complete = GaplessSamples(model, start, samples, self._interpolation)
         self._model, self._start = model, state.save(model, start)
         self._places = state.fields(state.sizes(model))
         self._time, self._fields = complete.time, complete.fields

@@ -24,7 +24,7 @@ STATUS = Path("/proc/self/statm")
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
-class ProcessOptions(TypedDict):
+class PopenArguments(TypedDict):
     """Arguments of `Popen`."""
 
     pass_fds: Sequence[int]
@@ -73,7 +73,7 @@ def set_limits(
             resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
 
 
-def process_options(descriptors: Sequence[int]) -> ProcessOptions:
+def process_options(descriptors: Sequence[int]) -> PopenArguments:
     """Returns the arguments of `Popen` for a process in a separate session that inherits `descriptors`."""
     return {"pass_fds": descriptors, "start_new_session": True}
 

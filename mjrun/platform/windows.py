@@ -25,7 +25,7 @@ CP_UTF8 = 65001
 READ_FLAGS = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
-class ProcessOptions(TypedDict):
+class PopenArguments(TypedDict):
     """Arguments of `Popen`."""
 
     creationflags: int
@@ -58,7 +58,7 @@ def set_limits(
     """Does nothing: a process cannot limit itself."""
 
 
-def process_options(descriptors: Sequence[int]) -> ProcessOptions:
+def process_options(descriptors: Sequence[int]) -> PopenArguments:
     """Returns the arguments of `Popen` for a process that Ctrl-C in this console does not reach.
 
     Raises:

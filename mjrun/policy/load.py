@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.errors import ControllerError, UsageError, clean, option, quoted, suggestion
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
-from mjrun.policy.loaders import formats, loader_of
+from mjrun.policy.loaders import format_of, formats
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made, own_copy
@@ -178,7 +178,7 @@ def files_of(path: Path) -> list[Path]:
 
 @lru_cache
 def _files_of(path: Path, version: int) -> list[Path]:
-    loader = loader_of(path)
+    loader = format_of(path)
     return list(dict.fromkeys(loader.files(path))) if loader else [path]
 
 
@@ -194,7 +194,7 @@ def _load(text: object, trust: bool, normalize: str | None, place: Callable[[str
     if is_code(text):
         return PythonPolicy(load_code(text, "policy", FORM), text)
     path = place(text)
-    if loader := loader_of(path):
+    if loader := format_of(path):
         return loader.load(path, text, trust, normalize)
     if named := code_of_file(path):
         raise UsageError(f"{option('policy')} {clean(text)}: select one of its policies\n{named}")

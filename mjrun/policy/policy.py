@@ -144,7 +144,7 @@ class Policy(ABC):
 
 
 @dataclass(frozen=True)
-class PolicyLoader:
+class PolicyFormat:
     """A format of policy files.
 
     Attributes:

@@ -300,7 +300,7 @@ class ChunkBuffer:
         yield RowChunk(columns, np.arange(first, self._first + self._count))
 
 
-class Aggregates:
+class AggregateEvaluator:
     """The values of aggregates, from chunks of rows in their order.
 
     Args:

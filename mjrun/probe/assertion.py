@@ -60,14 +60,14 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, concerning, option
 from mjrun.probe import expression as tree
-from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_rows, shown
+from mjrun.probe.aggregate import AggregateEvaluator, ChunkBuffer, RowChunk, evaluate_rows, shown
 from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
-from mjrun.probe.verdict import DecisiveRowCount, Verdict
+from mjrun.probe.verdict import PartRowCount, Verdict
 
 
-class AlternativeCounter:
+class _DecidedRowCounter:
     """The number of rows on which each part of an `or` decides, since all other parts fail there."""
 
     def __init__(self, operation: tree.BooleanOperation) -> None:
@@ -88,7 +88,7 @@ class AlternativeCounter:
             self._decided[index] += count
 
 
-class FailingRows:
+class _FailingRowCounter:
     """The first row on which a truth fails, the values compared there, and the number of failures."""
 
     def __init__(self, truth: tree.BooleanExpression) -> None:
@@ -97,7 +97,7 @@ class FailingRows:
         self.place = ""
         self.time: float | None = None
         self.compared: dict[tree.NumericExpression, float] = {}
-        self.alternatives = [AlternativeCounter(operation) for operation in _alternatives(truth)]
+        self.alternatives = [_DecidedRowCounter(operation) for operation in _alternatives(truth)]
 
     def add(self, chunk: RowChunk, known: KnownValues) -> None:
         """Adds one chunk."""
@@ -165,8 +165,10 @@ class AssertionChecker:
         self._assertion, self._truth = assertion, assertion._truth
         self._rows = ChunkBuffer(assertion.table, assertion.columns)
         nodes = list(tree.walk(self._truth))
-        self._aggregates = Aggregates([node for node in nodes if isinstance(node, tree.AggregateCall)])
-        self._row_checks = {node: FailingRows(node.truth) for node in nodes if isinstance(node, tree.HoldsOnEveryRow)}
+        self._aggregates = AggregateEvaluator([node for node in nodes if isinstance(node, tree.AggregateCall)])
+        self._row_checks = {
+            node: _FailingRowCounter(node.truth) for node in nodes if isinstance(node, tree.HoldsOnEveryRow)
+        }
         self._values: KnownValues = {}  # known after the last row
         self._is_one_subject = len({self._text(side) for side in tree.sides(self._truth)}) == 1
 
@@ -201,11 +203,11 @@ class AssertionChecker:
         return min(self._failures(self._truth), default=None)
 
     @property
-    def _decided(self) -> list[DecisiveRowCount]:
+    def _decided(self) -> list[PartRowCount]:
         """The number of rows that each alternative decides, and that each aggregate with a condition uses."""
         parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
         calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in tree.OF_CONDITIONS]
-        return [DecisiveRowCount(self._text(node), rows) for node, rows in (*parts, *calls)]
+        return [PartRowCount(self._text(node), rows) for node, rows in (*parts, *calls)]
 
     def _digest(self, chunk: RowChunk) -> None:
         with np.errstate(all="ignore"):
@@ -254,7 +256,7 @@ class AssertionChecker:
             case _:
                 yield from map(self._side, tree.sides(truth))
 
-    def _failure(self, check: FailingRows) -> str:
+    def _failure(self, check: _FailingRowCounter) -> str:
         """Returns the first row on which a truth fails, and the values compared there."""
         sides = dict.fromkeys(self._value_text(side, value) for side, value in check.compared.items())
         more = f", the first of {check.failures} such rows" if check.failures > 1 else ""

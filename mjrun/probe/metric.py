@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
+from mjrun.probe.aggregate import AggregateEvaluator, ChunkBuffer, RowChunk
 from mjrun.probe.expression import OF_CONDITIONS, AggregateCall, ParsedExpression, walk
 from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
@@ -33,7 +33,7 @@ class MetricEvaluator:
     def __init__(self, metrics: Sequence[Metric], table: Sequence[str]) -> None:
         self._metrics = metrics
         self._rows = ChunkBuffer(table, {name for metric in metrics for name in metric.columns})
-        self._aggregates = [Aggregates(metric.aggregates) for metric in metrics]
+        self._aggregates = [AggregateEvaluator(metric.aggregates) for metric in metrics]
 
     def feed(self, block: np.ndarray) -> None:
         """Adds the next rows `(n, columns)`, one column for each of the table's."""

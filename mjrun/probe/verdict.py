@@ -6,7 +6,7 @@ from mjrun.dataclass import dataclass
 
 
 @dataclass(frozen=True)
-class DecisiveRowCount:
+class PartRowCount:
     """A part of an assertion, and its number of rows.
 
     Attributes:
@@ -35,4 +35,4 @@ class Verdict:
     passed: bool
     message: str
     rows: int = 0
-    decided: Sequence[DecisiveRowCount] = ()
+    decided: Sequence[PartRowCount] = ()

@@ -237,12 +237,12 @@ def _report(name: str) -> NoReturn:
 
 # The backends that worked in this process, by name and environment variables: Python code renders again and again.
 _working: dict[tuple[str, frozenset[tuple[str, str]]], Backend] = {}
-# Trials that wait for the first `BackendDetection` in the same environment, which takes them over.
+# Trials that wait for the first `BackendDetector` in the same environment, which takes them over.
 _started_early: dict[tuple[str, frozenset[tuple[str, str]]], BackendTrialProcess] = {}
 
 
 def start_early(requested: str | None = None) -> None:
-    """Starts to try the first backend of a later `BackendDetection` in a copy of this process.
+    """Starts to try the first backend of a later `BackendDetector` in a copy of this process.
 
     Raises:
       UnknownNameError: the backend is unknown.
@@ -252,7 +252,7 @@ def start_early(requested: str | None = None) -> None:
     _started_early[name, frozenset(os.environ.items())] = BackendTrialProcess(name, is_fork=True)
 
 
-class BackendDetection:
+class BackendDetector:
     """The search for a working backend, started at once so that it runs while the model loads.
 
     A backend that has worked in this process is not tried again until an environment variable changes.
@@ -316,7 +316,7 @@ class BackendDetection:
         return alternative(reasons, self._requested) or f"to draw in software: {install_advice()}"
 
 
-class VulkanDetection(BackendDetection):
+class VulkanDetector(BackendDetector):
     """The search for the Vulkan device of Filament, started at once."""
 
     def __init__(self) -> None:

@@ -35,7 +35,7 @@ class ClassicRenderer:
     Args:
       model: read only; its framebuffer size is ignored, any `size` can be rendered.
       size: width and height of a frame [pixels].
-      backend: a working backend, from `BackendDetection`.
+      backend: a working backend, from `BackendDetector`.
       visual: flags, groups, frames, labels and quality.
       segmentation: the grouping of ids.
       decorations: additions to colour images, of which geoms are used.
@@ -69,7 +69,7 @@ class ClassicRenderer:
         visual.set_flags(self._scene)
         self._gl: OpenGLContext | None = None
         self._context: mujoco.MjrContext | None = None
-        self._buffer: ExactFramebuffer | None = None  # made when it is needed
+        self._buffer: SingleSampleFramebuffer | None = None  # made when it is needed
         try:
             self._gl = backend.context(width, height)
             has_shadows = bool(self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW])
@@ -160,7 +160,7 @@ class ClassicRenderer:
     def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Renders depth and ids in one pass without shading."""
         if self._buffer is None:
-            self._buffer = ExactFramebuffer(self.size)
+            self._buffer = SingleSampleFramebuffer(self.size)
         with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
             colors, depth = self._buffer.draw(self._scene, self._context)
         if "depth" in views:
@@ -232,7 +232,7 @@ def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str, has
     return context
 
 
-class ExactFramebuffer:
+class SingleSampleFramebuffer:
     """A framebuffer for one image in the current OpenGL context. To be used in that context's thread, and freed.
 
     Args:

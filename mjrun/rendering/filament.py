@@ -50,7 +50,7 @@ class FilamentRenderer:
     Args:
       model: read only.
       size: width and height of a frame [pixels].
-      backend: the backend that `VulkanDetection` has found.
+      backend: the backend that `VulkanDetector` has found.
       visual: flags, groups, frames and quality.
       segmentation: the grouping of ids, which applies to objects of the model and never to decorations.
       decorations: geoms added to colour images.

@@ -15,7 +15,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save
 from mjrun.options.rendering import VIEWS
-from mjrun.rendering.backend import BackendDetection
+from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -72,7 +72,7 @@ class _CachedRenderer:
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> None:
         self.model, self.size = model, size
-        self.renderer = ClassicRenderer(model, size, BackendDetection().result(), visual, Segmentation(model))
+        self.renderer = ClassicRenderer(model, size, BackendDetector().result(), visual, Segmentation(model))
         self._data = mujoco.MjData(model)
         self._cameras = MujocoCameras(model)
         self._motions: dict[str, BoundCameraScript] = {}

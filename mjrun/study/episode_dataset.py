@@ -42,7 +42,7 @@ from mjrun.outputs.frame_drawing import check_drawing
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require
 from mjrun.platform.cores import available_cores
-from mjrun.rendering.backend import AUTO, GL, BackendDetection
+from mjrun.rendering.backend import AUTO, GL, BackendDetector
 from mjrun.rendering.drawn_model import drawn_model
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
@@ -207,7 +207,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         )
         import_module(f"mjrun.formats.episodes.{self.format}").check(layout)
         if names:
-            backend = BackendDetection(spec.view.gl).result(require_gpu=self.require_gpu)
+            backend = BackendDetector(spec.view.gl).result(require_gpu=self.require_gpu)
             for text in check_drawing(spec.view, model, backend):
                 reporter.warn(text)
             drawn, remark, is_framed = drawn_model(spec.view, model, source)

@@ -32,7 +32,7 @@ from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
-from mjrun.rendering.backend import BackendDetection
+from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.drawn_model import drawn_model, place_stage
@@ -373,7 +373,7 @@ class EpisodeImageRenderer:
 
     def __init__(self, options: ViewOptions, processes: int) -> None:
         self._options, self._jobs = options, processes
-        self._backend = BackendDetection(options.gl).result(require_gpu=options.require_gpu)
+        self._backend = BackendDetector(options.gl).result(require_gpu=options.require_gpu)
         self._processes = CompositorProcesses(processes) if processes > 1 else None
         self._model: mujoco.MjModel | None = None  # the last one
         self._staged: _StagedModel | None = None  # the one drawn for it

@@ -47,7 +47,7 @@ class JobPlan:
 
 
 @dataclass(frozen=True)
-class TaskResult:
+class JobTaskResult:
     """The result of a task.
 
     Attributes:
@@ -84,7 +84,7 @@ def plan(study: Study) -> JobPlan:
     return JobPlan(study, _hashes(prepared), ranges)
 
 
-def run_task(plan: JobPlan, task: int, tasks: int, reporter: Reporter) -> TaskResult:
+def run_task(plan: JobPlan, task: int, tasks: int, reporter: Reporter) -> JobTaskResult:
     """Simulates the points of one of `tasks` equal parts of a plan, and publishes them in chunks.
 
     Raises:
@@ -108,7 +108,7 @@ def run_task(plan: JobPlan, task: int, tasks: int, reporter: Reporter) -> TaskRe
         statuses = prepared.simulate(prepared.missing(study.retry_failed), study, reporter)
         missing = int(prepared.known.is_missing.sum())
     wall, count = time.perf_counter() - start, sum(statuses.values())
-    return TaskResult(study.output, task, tasks, len(points), count, dict(statuses), missing, wall)
+    return JobTaskResult(study.output, task, tasks, len(points), count, dict(statuses), missing, wall)
 
 
 def ranges_of(points: np.ndarray) -> list[Range]:

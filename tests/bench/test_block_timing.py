@@ -8,10 +8,10 @@ import pytest
 
 from mjrun.bench.block_timing import (
     BatchRolloutTimer,
+    PythonLoopRolloutTimer,
     RolloutInputs,
     RolloutTimer,
     WarnedRolloutError,
-    WarnedRolloutTimer,
     phases,
     profile,
 )
@@ -56,7 +56,7 @@ def bare(run: RolloutInputs, steps: int) -> mujoco.MjData:
     return data
 
 
-@pytest.mark.parametrize("kind", [BatchRolloutTimer, WarnedRolloutTimer])
+@pytest.mark.parametrize("kind", [BatchRolloutTimer, PythonLoopRolloutTimer])
 def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(kind: type[RolloutTimer]) -> None:
     clock = BlockClock(1.0, 2.0, 4.0)
     assert kind(run_of()).seconds(250, 100, clock).tolist() == [1.0, 2.0, 4.0]  # type: ignore[call-arg]
@@ -81,7 +81,7 @@ def test_every_rollout_of_every_copy_is_bit_for_bit_the_motion_of_a_bare_loop(
 @pytest.mark.parametrize("noise", [True, False])
 def test_the_loop_in_python_makes_the_same_motion_each_time(noise: bool) -> None:
     run = run_of(noise)
-    roller, expected = WarnedRolloutTimer(run), bare(run, 250)
+    roller, expected = PythonLoopRolloutTimer(run), bare(run, 250)
     for _ in range(2):
         roller.seconds(250, 100, lambda: 0.0)
         assert roller._data.qpos.tolist() == expected.qpos.tolist()
@@ -131,7 +131,7 @@ def test_a_batch_says_that_mujocos_warnings_stopped_it_and_a_loop_continues() ->
     assert profile(run, 20).warned
     with pytest.raises(WarnedRolloutError):
         BatchRolloutTimer(run).seconds(20, 5, lambda: 0.0)
-    roller = WarnedRolloutTimer(run)
+    roller = PythonLoopRolloutTimer(run)
     roller.seconds(20, 5, lambda: 0.0)
     assert roller._data.time == pytest.approx(20 * model.opt.timestep)
 

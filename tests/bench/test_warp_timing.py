@@ -13,7 +13,7 @@ import pytest
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.grid_timing import noisy_controls
-from mjrun.bench.step_timing import WarpOptions, WarpRolloutTimer
+from mjrun.bench.step_timing import WarpRolloutTimer, WarpSettings
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from tests.bench.bench_clocks import BlockClock, FakeClock
@@ -68,7 +68,7 @@ class FakeEngine:
 
 @pytest.fixture
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("mjrun.bench.bench.WarpOptions", FakeEngine)
+    monkeypatch.setattr("mjrun.bench.bench.WarpSettings", FakeEngine)
     monkeypatch.setattr(FakeEngine, "opened", [], raising=False)
     path = tmp_path / "model.xml"
     path.write_text(MODEL)
@@ -208,13 +208,13 @@ def bare(run: RolloutInputs, steps: int, ahead: int = 0) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def warp() -> WarpOptions:
+def warp() -> WarpSettings:
     pytest.importorskip("mujoco_warp")
-    return WarpOptions("cpu", WORLDS)
+    return WarpSettings("cpu", WORLDS)
 
 
 @pytest.fixture(scope="module")
-def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRolloutTimer]:
+def pushed(warp: WarpSettings) -> tuple[RolloutInputs, WarpRolloutTimer]:
     """Returns worlds that have taken their first step, since compiling takes most of the time."""
     run = run_of()
     roller = warp.open(run)
@@ -258,17 +258,17 @@ def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, W
     assert list(worlds.overflows()) == []
 
 
-def test_what_does_not_fit_is_reported_with_what_was_needed(warp: WarpOptions) -> None:
-    narrow = WarpOptions("cpu", WORLDS, njmax=2).open(run_of())
+def test_what_does_not_fit_is_reported_with_what_was_needed(warp: WarpSettings) -> None:
+    narrow = WarpSettings("cpu", WORLDS, njmax=2).open(run_of())
     narrow.profile(FALLEN)
     (message,) = narrow.overflows()
     assert spelled(message).endswith(": raise njmax to 4")  # a pyramid of 4 sides
 
 
-def test_worlds_that_leave_all_bounds_are_unstable(warp: WarpOptions) -> None:
+def test_worlds_that_leave_all_bounds_are_unstable(warp: WarpSettings) -> None:
     with pytest.raises(SimulationError, match=r"unstable in 2 of 2 worlds within 2 steps, 0\.02 s"):
         warp.open(run_of(speed=1e12)).profile(2)
 
 
-def test_on_a_cpu_there_are_eight_worlds_if_nobody_says_how_many(warp: WarpOptions) -> None:
-    assert (warp.device, warp.worlds, WarpOptions("cpu").worlds) == ("cpu", WORLDS, 8)
+def test_on_a_cpu_there_are_eight_worlds_if_nobody_says_how_many(warp: WarpSettings) -> None:
+    assert (warp.device, warp.worlds, WarpSettings("cpu").worlds) == ("cpu", WORLDS, 8)

@@ -27,7 +27,7 @@ from mjrun.camera.settings import (
 from mjrun.options.kinds import ChoiceKind, ReadingContext
 from mjrun.options.option import option, options, options_of, required
 from mjrun.options.rendering import RIG_EXAMPLES
-from mjrun.options.schema_validation import MisfitError
+from mjrun.options.schema_validation import SchemaViolationError
 
 ROUNDING = 1e-15
 shares = st.floats(0, 1)
@@ -167,7 +167,7 @@ def test_a_new_rig_has_its_form_from_its_declaration() -> None:
 
 @pytest.mark.parametrize("value", [{"up": 0}, {"up": {"from": 1, "to": -1}}, {"arm": "none"}, {"height": 1}])
 def test_what_is_not_as_declared_is_refused(value: dict[str, object]) -> None:
-    with pytest.raises(MisfitError):
+    with pytest.raises(SchemaViolationError):
         CraneRig.form().read({"base": "box", **value}, ReadingContext())
 
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.targets import BoundPlace, find_target, identify_objects, moving_parts, object_bounds
+from mjrun.camera.targets import BoundObjectOrPoint, find_target, identify_objects, moving_parts, object_bounds
 from mjrun.errors import MjrunError
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -60,7 +60,7 @@ def test_the_yaw_is_that_of_the_x_axis_seen_from_above(name: str, data: mujoco.M
 
 
 def test_a_point_faces_nowhere_in_particular(data: mujoco.MjData) -> None:
-    assert BoundPlace(point=(1, 2, 3)).yaw(data) == 0
+    assert BoundObjectOrPoint(point=(1, 2, 3)).yaw(data) == 0
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from mjrun.check.catalogue import matching_codes
 from mjrun.check.check import CheckResult, ModelCheck, ModelResult, find_models, root_tag
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
-from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
+from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.errors import UsageError
 from tests.check.models import PASSIVE, checked, codes, write
 from tests.processes import PATIENCE
@@ -158,7 +158,7 @@ def test_a_result_is_reported_before_those_of_slower_models_and_returned_in_orde
     fast_is_reported = threading.Event()
 
     class Processes(CheckProcessPool):
-        def run(self, task: CheckRequest) -> WorkerOutcome:
+        def run(self, task: CheckRequest) -> CheckProcessOutput:
             assert task.path == "fast.xml" or fast_is_reported.wait(PATIENCE)
             return super().run(task)
 

@@ -9,8 +9,8 @@ import mujoco
 import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
-from mjrun.check.rule import NOT_CERTAIN, FixedModelCopy, FixOutcome
-from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
+from mjrun.check.rule import NOT_CERTAIN, FixedModelCopy, FixResult
+from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option
 from tests.check import fixes
@@ -143,7 +143,7 @@ def test_a_file_that_changes_meanwhile_is_left_alone(monkeypatch: pytest.MonkeyP
     model = write("model.xml", text := hinged(SWAPPED))
     check = fixes.lint
 
-    def changing(name: str, copy: FixedModelCopy | None = None, **options: bool) -> FixOutcome:
+    def changing(name: str, copy: FixedModelCopy | None = None, **options: bool) -> FixResult:
         write(model, f"{text}<!-- new -->")
         return check(name, copy, **options)
 
@@ -222,9 +222,9 @@ def test_reasons_name_options_as_the_caller_does() -> None:
 def test_safe_fixes_go_on_if_unsafe_ones_take_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
     run = CheckProcessPool.run
 
-    def late(self: CheckProcessPool, task: CheckRequest) -> WorkerOutcome:
+    def late(self: CheckProcessPool, task: CheckRequest) -> CheckProcessOutput:
         if task.unsafe:
-            return WorkerOutcome([{"stage": "applying MJ506"}], ExitStatus(-9, "time"), "")
+            return CheckProcessOutput([{"stage": "applying MJ506"}], ExitStatus(-9, "time"), "")
         return run(self, task)
 
     monkeypatch.setattr(CheckProcessPool, "run", late)

@@ -12,7 +12,7 @@ from mjrun import file_version
 from mjrun.check import check
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.check_itself import TIMEOUT
-from mjrun.check.worker_pool import CheckProcessPool, CheckRequest, WorkerOutcome
+from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.child_process import ExitStatus
 from mjrun.formats.file_digests import FileDigestCache
 from mjrun.formats.user_cache import VARIABLE
@@ -102,7 +102,9 @@ def test_a_finding_about_a_missing_file_is_stored_until_a_file_comes_or_goes_whe
     runs = []
     with monkeypatch.context() as patch:
         patch.setattr(
-            CheckProcessPool, "run", lambda self, task: runs.append(task) or WorkerOutcome(DONE[:1], ExitStatus(0), "")
+            CheckProcessPool,
+            "run",
+            lambda self, task: runs.append(task) or CheckProcessOutput(DONE[:1], ExitStatus(0), ""),
         )
         checked("model/a.xml")
         assert bool(runs) is not is_settled
@@ -197,9 +199,9 @@ def test_an_unchanged_model_is_not_checked_again(monkeypatch: pytest.MonkeyPatch
     write("a.xml", PASSIVE.format('range="2 1"'))
     first = checked("a.xml")
 
-    def refuse(_: CheckProcessPool, task: CheckRequest) -> WorkerOutcome:
+    def refuse(_: CheckProcessPool, task: CheckRequest) -> CheckProcessOutput:
         started.append(task.path)
-        return WorkerOutcome(DONE, ExitStatus(0), "")
+        return CheckProcessOutput(DONE, ExitStatus(0), "")
 
     started: list[str] = []
     monkeypatch.setattr(check.CheckProcessPool, "run", refuse)

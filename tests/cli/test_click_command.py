@@ -6,7 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, TextKind, optional
 from mjrun.options.model import ServoGainsKind
@@ -48,7 +48,7 @@ def baked(*arguments: str) -> tuple[Cake, Console]:
     cakes: list[Cake] = []
 
     @command(Cake, arguments=[click.Argument(["subject"])])
-    def bake(console: Console, command_line: CommandLine) -> None:
+    def bake(console: Console, command_line: ParsedCommandLine) -> None:
         """Bake SUBJECT."""
         console.release_stdout()
         subject = command_line.argument("subject")
@@ -98,7 +98,7 @@ def test_a_bad_value_is_reported_as_click_does(arguments: tuple[str, ...], messa
 
 def test_help_shows_sections_defaults_and_what_stands_for_values() -> None:
     @command(Cake)
-    def bake(console: Console, command_line: CommandLine) -> None:
+    def bake(console: Console, command_line: ParsedCommandLine) -> None:
         """Bake."""
 
     text = CliRunner(env={"COLUMNS": "200"}).invoke(bake, ["--help"], obj=Console("bake")).output
@@ -125,14 +125,14 @@ def test_the_console_is_reported_how_much_to_say(flags: list[str], verbosity: in
 
 def test_a_command_can_do_without_an_option() -> None:
     @command(Cake, without=("heat",))
-    def bake(console: Console, command_line: CommandLine) -> None:
+    def bake(console: Console, command_line: ParsedCommandLine) -> None:
         """Bake."""
 
     assert "--heat" not in CliRunner().invoke(bake, ["--help"], obj=Console("bake")).output
 
 
 def test_what_is_given_can_be_converted_before_it_is_made() -> None:
-    command_line = CommandLine({"name": "a", "topping": ("x",)})
+    command_line = ParsedCommandLine({"name": "a", "topping": ("x",)})
     doubled = command_line.with_converted("topping", lambda text: text * 2)
     converted = doubled.with_converted("heat", float)
     assert converted.make(Cake, subject="s").topping == ("xx",)
@@ -163,7 +163,7 @@ def test_a_second_argument_may_be_meant_as_the_output(arguments: list[str], mess
         output: str | None = option(converter=optional(TextKind()), default=None, short="-o", help="Where to.")
 
     @command(Written, arguments=[click.Argument(["subject"])])
-    def bake(console: Console, command_line: CommandLine) -> None:
+    def bake(console: Console, command_line: ParsedCommandLine) -> None:
         """Bake SUBJECT."""
 
     with pytest.raises(click.UsageError) as error:
@@ -192,7 +192,7 @@ def test_an_option_that_may_do_without_a_value_takes_no_argument(
     made: list[tuple[object, str]] = []
 
     @command(_Optional, arguments=[click.Argument(["model"])])
-    def measure(console: Console, command_line: CommandLine) -> None:
+    def measure(console: Console, command_line: ParsedCommandLine) -> None:
         """Measure."""
         console.release_stdout()
         made.append((command_line.make(_Optional).gains, command_line.argument("model")))

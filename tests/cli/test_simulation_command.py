@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mjrun.cli.click_command import CommandLine
+from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, reported_failures, with_camera_scripts
 from mjrun.errors import FailureReport, FileError, PartlyDoneError, UsageError
@@ -22,11 +22,11 @@ from mjrun.platform import system
 
 
 def test_standard_output_has_one_use() -> None:
-    assert payload_on_stdout(CommandLine({"output": "-"}))
-    assert payload_on_stdout(CommandLine({}), "-")
-    assert not payload_on_stdout(CommandLine({"output": "a.csv", "json": True}), "-")
+    assert payload_on_stdout(ParsedCommandLine({"output": "-"}))
+    assert payload_on_stdout(ParsedCommandLine({}), "-")
+    assert not payload_on_stdout(ParsedCommandLine({"output": "a.csv", "json": True}), "-")
     with pytest.raises(UsageError) as error:
-        payload_on_stdout(CommandLine({"output": "-", "json": True}))
+        payload_on_stdout(ParsedCommandLine({"output": "-", "json": True}))
     assert error.value.spelled(flag).startswith("--json and the output both print to standard output")
 
 
@@ -54,7 +54,7 @@ assert {**os.environ} == before
 
 
 def test_cameras_that_are_no_scripts_stay() -> None:
-    command_line = with_camera_scripts(CommandLine({"camera": ("top", "orbit:azimuth=3")}))
+    command_line = with_camera_scripts(ParsedCommandLine({"camera": ("top", "orbit:azimuth=3")}))
     assert command_line.value("camera") == ("top", "orbit:azimuth=3")
 
 
@@ -70,7 +70,7 @@ def test_cameras_that_are_no_scripts_stay() -> None:
 def test_exclusions_are_reported_with_flags(cls: type[Options], params: dict[str, Any]) -> None:
     values = {} if cls is SimulationOptions else {"simulation": None}
     with pytest.raises(UsageError) as error:
-        CommandLine(params).make(cls, **values)
+        ParsedCommandLine(params).make(cls, **values)
     names = {flag(name) for name in params if name != "output"}
     first, _, second, *_ = error.value.spelled(flag).split()
     assert {first, second} == names
@@ -85,7 +85,7 @@ def test_exclusions_are_reported_with_flags(cls: type[Options], params: dict[str
 )
 def test_requirements_are_reported_with_flags(params: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError) as error:
-        CommandLine({**params, "output": "a.mp4"}).make(VideoOptions, simulation=None)
+        ParsedCommandLine({**params, "output": "a.mp4"}).make(VideoOptions, simulation=None)
     assert error.value.spelled(flag) == message
 
 

@@ -5,7 +5,7 @@ import shlex
 import mujoco
 import pytest
 
-from mjrun.cli.click_command import CommandLine
+from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.commands.trace import trace
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
@@ -27,7 +27,7 @@ def test_the_command_of_a_point_describes_its_simulation(values: dict[str, str])
     words = shlex.split(point_command(base, values))
     assert words[:2] == ["mjrun", "trace"]
     with trace.make_context("trace", words[2:], obj=Console("mjrun")) as context:
-        described = simulation(CommandLine(context.params))
+        described = simulation(ParsedCommandLine(context.params))
     assert described == simulation_at(base, tuple(values), tuple(values.values()))
 
 

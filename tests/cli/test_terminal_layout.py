@@ -8,18 +8,18 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from mjrun.cli.table_cells import ReportColumn
-from mjrun.cli.terminal_layout import TerminalLayout
+from mjrun.cli.terminal_layout import TerminalReport
 
 WORDS = st.text("ab字_", min_size=1, max_size=60)
 
 
-def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> TerminalLayout:
+def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> TerminalReport:
     """A page for a terminal of this width; for a pipe if None."""
     if width is None:
         monkeypatch.delenv("COLUMNS", raising=False)
     else:
         monkeypatch.setenv("COLUMNS", str(width))
-    return TerminalLayout()
+    return TerminalReport()
 
 
 @given(

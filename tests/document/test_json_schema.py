@@ -18,7 +18,7 @@ from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema, re
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
 from mjrun.options.kinds import ReadingContext
-from mjrun.options.schema_validation import InvalidValueError, MisfitError
+from mjrun.options.schema_validation import InvalidValueError, SchemaViolationError
 from tests.cases import cases
 from tests.document.schema_oracle import fits, rules
 
@@ -61,7 +61,7 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 )  # fmt: skip
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    with pytest.raises((MisfitError, InvalidValueError)):
+    with pytest.raises((SchemaViolationError, InvalidValueError)):
         camera_and_ghost_forms.CAMERA.read(value, ReadingContext())
     assert not is_valid(value, "camera")
 

@@ -4,11 +4,11 @@ import pytest
 
 from mjrun.document.tree import (
     INVALID,
+    DocumentPath,
     DocumentPlace,
     ListNode,
     MappingNode,
     Node,
-    Place,
     ReportedFaultNode,
     ScalarNode,
     described,
@@ -43,7 +43,7 @@ def tree(text: str = TEXT) -> MappingNode:
         (("nothing",), "camera"),
     ],
 )
-def test_a_value_is_found_where_it_is_written_or_the_last_on_the_way_to_it(path: Place, text: str) -> None:
+def test_a_value_is_found_where_it_is_written_or_the_last_on_the_way_to_it(path: DocumentPath, text: str) -> None:
     assert TEXT[find(tree(), path).mark.column :].startswith(text)
 
 
@@ -60,7 +60,7 @@ def test_a_value_is_found_where_it_is_written_or_the_last_on_the_way_to_it(path:
         (("camera", 7, "shots"), ("camera",)),
     ],
 )
-def test_a_path_goes_as_far_as_the_document_goes_into_detail(path: Place, written: Place) -> None:
+def test_a_path_goes_as_far_as_the_document_goes_into_detail(path: DocumentPath, written: DocumentPath) -> None:
     assert written_path(tree(), path) == written
 
 

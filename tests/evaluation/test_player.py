@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.evaluation.episode import GroupSpec, PolicyChoice, player_of
+from mjrun.evaluation.episode import EpisodeGroupSpec, PolicyChoice, player_of
 from mjrun.formats.table_reader import read_table
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
@@ -46,8 +46,8 @@ def bare_episode(task: Task, seed: int) -> tuple[float, int, str]:
     return total, 75, "timeout"
 
 
-def spec(folder: Path, name: str = "act", **options: object) -> GroupSpec:
-    return GroupSpec(cart_task(folder), PolicyChoice(f"{write_policies(folder)}:{name}"), **options)  # type: ignore[arg-type]
+def spec(folder: Path, name: str = "act", **options: object) -> EpisodeGroupSpec:
+    return EpisodeGroupSpec(cart_task(folder), PolicyChoice(f"{write_policies(folder)}:{name}"), **options)  # type: ignore[arg-type]
 
 
 def test_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_what_holds_at_the_start_ends_an_episode_after_its_first_period_if_it_st
         worlds = TaskWorlds(task, 1, threads=1)
         worlds.reset([0])
         assert [each and each.name for each in worlds.ended_at_start] == [name]
-        (episode,) = player_of(GroupSpec(task, PolicyChoice("zero"))).play([0])
+        (episode,) = player_of(EpisodeGroupSpec(task, PolicyChoice("zero"))).play([0])
         assert (episode.steps, episode.ending) == (steps, ending)
 
 
@@ -117,8 +117,10 @@ def test_an_episode_that_fails_costs_no_other(tmp_path: Path, monkeypatch: pytes
     """Each policy of a seed acts as if it were alone, also in a world whose last episode failed."""
     monkeypatch.setattr("mjrun.evaluation.episode.SIDE_BY_SIDE", worlds)
     endless = replace(cart_task(tmp_path), terminations={})
-    late = player_of(GroupSpec(endless, PolicyChoice(f"{write_policies(tmp_path)}:NotNumber"))).play(range(4, 12))
-    zero = player_of(GroupSpec(endless, PolicyChoice("zero"))).play(range(4, 12))
+    late = player_of(EpisodeGroupSpec(endless, PolicyChoice(f"{write_policies(tmp_path)}:NotNumber"))).play(
+        range(4, 12)
+    )
+    zero = player_of(EpisodeGroupSpec(endless, PolicyChoice("zero"))).play(range(4, 12))
     assert late[:3] == zero[:3]  # only the episodes from seed 7 on fail, the later ones at earlier steps
     assert [episode.steps for episode in late[3:]] == [40 - 3 * (seed - 5) for seed in range(7, 12)]
     assert {episode.status for episode in late[3:]} == {"failed"}
@@ -131,7 +133,7 @@ def test_a_policy_of_another_size_is_reported(tmp_path: Path) -> None:
 
 
 def test_a_task_without_rewards_has_lengths_and_endings(tmp_path: Path) -> None:
-    plain = GroupSpec(cart_task(tmp_path, rewards=False), PolicyChoice(f"{write_policies(tmp_path)}:act"))
+    plain = EpisodeGroupSpec(cart_task(tmp_path, rewards=False), PolicyChoice(f"{write_policies(tmp_path)}:act"))
     rewarded = player_of(spec(tmp_path)).play(SEEDS[:5])
     for episode, other in zip(player_of(plain).play(SEEDS[:5]), rewarded, strict=True):
         assert (episode.total, episode.rewards) == (0.0, {})
@@ -140,13 +142,13 @@ def test_a_task_without_rewards_has_lengths_and_endings(tmp_path: Path) -> None:
 
 def test_a_model_alone_is_no_task() -> None:
     with pytest.raises(UsageError, match="write a task document"):
-        player_of(GroupSpec(parse_source("scene:car"), PolicyChoice("zero")))
+        player_of(EpisodeGroupSpec(parse_source("scene:car"), PolicyChoice("zero")))
 
 
 def test_an_environment_is_played_as_gymnasium_plays_it() -> None:
     import gymnasium
 
-    episodes = player_of(GroupSpec(parse_source("gym:InvertedPendulum-v5"), PolicyChoice("zero"))).play([4, 9])
+    episodes = player_of(EpisodeGroupSpec(parse_source("gym:InvertedPendulum-v5"), PolicyChoice("zero"))).play([4, 9])
     environment = gymnasium.make("InvertedPendulum-v5")
     for each in episodes:
         environment.reset(seed=each.seed)
@@ -187,8 +189,8 @@ METRICS = {
 
 def test_metrics_are_those_of_the_trace_at_control_instants(tmp_path: Path) -> None:
     task, policy = cart_task(tmp_path), f"{write_policies(tmp_path)}:act"
-    plain = player_of(GroupSpec(task, PolicyChoice(policy))).play([3, 8])
-    result = player_of(GroupSpec(task, PolicyChoice(policy), tuple(METRICS.items()))).play([3, 8])
+    plain = player_of(EpisodeGroupSpec(task, PolicyChoice(policy))).play([3, 8])
+    result = player_of(EpisodeGroupSpec(task, PolicyChoice(policy), tuple(METRICS.items()))).play([3, 8])
     for episode, other in zip(result, plain, strict=True):
         path = tmp_path / f"{episode.seed}.csv"
         simulation = Simulation(task, policy=policy, seed=episode.seed)
@@ -209,21 +211,21 @@ def test_metrics_are_those_of_the_trace_at_control_instants(tmp_path: Path) -> N
 
 
 def test_an_environment_is_measured_too() -> None:
-    spec = GroupSpec(parse_source("gym:InvertedPendulum-v5"), PolicyChoice("zero"), (("last", "last(return)"),))
+    spec = EpisodeGroupSpec(parse_source("gym:InvertedPendulum-v5"), PolicyChoice("zero"), (("last", "last(return)"),))
     (episode,) = player_of(spec).play([2])
     assert episode.metrics == (episode.total,)
 
 
 def test_a_metric_of_nothing_is_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="qpos/knee") as caught:
-        player_of(GroupSpec(cart_task(tmp_path), PolicyChoice("zero"), (("m", "max(qpos/knee)"),)))
+        player_of(EpisodeGroupSpec(cart_task(tmp_path), PolicyChoice("zero"), (("m", "max(qpos/knee)"),)))
     assert caught.value.path == ("metric", "m")
 
 
 def test_an_episode_that_becomes_unstable_is_measured_as_far_as_it_goes(tmp_path: Path) -> None:
     task = replace(cart_task(tmp_path), overrides=(Override("opt.gravity", "1e11,0,0"),))
-    plain = player_of(GroupSpec(task, PolicyChoice("zero"))).play([1])
-    (episode,) = player_of(GroupSpec(task, PolicyChoice("zero"), (("rows", "count(time)"),))).play([1])
+    plain = player_of(EpisodeGroupSpec(task, PolicyChoice("zero"))).play([1])
+    (episode,) = player_of(EpisodeGroupSpec(task, PolicyChoice("zero"), (("rows", "count(time)"),))).play([1])
     assert episode.ending == "unstable"
     assert [replace(episode, metrics=())] == plain
     assert episode.metrics == (float(episode.steps),)  # the start, and all instants but the last
@@ -243,7 +245,7 @@ def test_what_fails_fails_in_the_same_way_when_it_is_measured(tmp_path: Path, na
 PUSHES = ("cart=30/0/0@0.1+0.05", "cart=-20/0/0@0.4+0.1")
 
 
-def pushed(folder: Path, pushes: tuple[str, ...], name: str = "act", **options: object) -> GroupSpec:
+def pushed(folder: Path, pushes: tuple[str, ...], name: str = "act", **options: object) -> EpisodeGroupSpec:
     return replace(spec(folder, name, **options), disturbances=Disturbances(tuple(map(PushKind().parse, pushes))))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.document.task import read_task
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.evaluation.episode import GroupSpec, PolicyChoice
+from mjrun.evaluation.episode import EpisodeGroupSpec, PolicyChoice
 from mjrun.evaluation.prepared import PreparedEvaluation, points_of, policy_at, task_at
 from mjrun.experiment.design import Design
 from mjrun.model.override import Override
@@ -184,7 +184,7 @@ def test_a_missing_library_is_reported_with_its_extra(tmp_path: Path, monkeypatc
 
 
 def test_a_specification_goes_to_another_process_as_it_is(tmp_path: Path) -> None:
-    spec = GroupSpec(cart_task(tmp_path), PolicyChoice("random", "none", True), (("m", "max(time)"),))
+    spec = EpisodeGroupSpec(cart_task(tmp_path), PolicyChoice("random", "none", True), (("m", "max(time)"),))
     assert pickle.loads(pickle.dumps(spec)) == spec
 
 

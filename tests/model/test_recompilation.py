@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.model.compiler_copied_fields import CompilerCopiedFields, CopiedElementNumbers
 from mjrun.model.override import Override, apply
-from mjrun.model.recompilation import BodyCompiler, DerivedNumbersComputer, Recompiler
+from mjrun.model.recompilation import ChangedBodyCompiler, DerivedNumbersComputer, Recompiler
 from mjrun.model.sources import parse_source
 from tests.model.model_files import content
 from tests.model.test_variants import ARM
@@ -76,7 +76,7 @@ def test_a_part_has_the_numbers_of_its_bodies() -> None:
     spec, model = compiled()
     recompiler = Recompiler(spec, model)
     override = Override("geom/palm.size[0]", "0.07")
-    changed = BodyCompiler(recompiler.spec, model, recompiler.is_number).changed([override])
+    changed = ChangedBodyCompiler(recompiler.spec, model, recompiler.is_number).changed([override])
     expected = compiled(override)[1]
     assert changed
     assert {"geom_size", "body_mass", "body_inertia"} <= changed.keys()
@@ -88,7 +88,7 @@ def test_a_part_has_the_numbers_of_its_bodies() -> None:
 def test_a_part_is_not_compiled_for_what_is_not_in_it(path: str) -> None:
     spec, model = compiled()
     recompiler = Recompiler(spec, model)
-    compiler = BodyCompiler(recompiler.spec, model, recompiler.is_number)
+    compiler = ChangedBodyCompiler(recompiler.spec, model, recompiler.is_number)
     assert compiler.changed([Override(path, "0.5")]) is None
 
 

@@ -266,7 +266,7 @@ def test_invalid_values_are_refused(make: Any, name: str, value: object, message
     [
         (KeyframeOptions, {"output", "name", "time", "step", "manifest"}),
         (RecordingOptions, {"output", "keep_partial", "manifest"}),
-        (EngineOptions, {"engine", *signature(step_timing.WarpOptions).parameters}),
+        (EngineOptions, {"engine", *signature(step_timing.WarpSettings).parameters}),
         (InfoOptions, {"columns", "xml"}),
     ],
 )

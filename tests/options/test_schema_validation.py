@@ -4,7 +4,14 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.options.number_kinds import NUMBERS
-from mjrun.options.schema_validation import InvalidValueError, Misfit, MisfitError, Misfits, Schema, check
+from mjrun.options.schema_validation import (
+    InvalidValueError,
+    Schema,
+    SchemaViolation,
+    SchemaViolationCollector,
+    SchemaViolationError,
+    check,
+)
 from mjrun.options.setting_kinds import SETTING
 from tests.document.schema_oracle import fits
 
@@ -53,8 +60,8 @@ def test_what_does_not_fit_is_reported_with_its_place(schema: Schema, value: obj
     found: list[object] = []
     try:
         check(value, schema)
-    except MisfitError as error:
-        found = [(misfit.path, misfit.expected or misfit.message) for misfit in error.misfits]
+    except SchemaViolationError as error:
+        found = [(violation.path, violation.expected or violation.message) for violation in error.violations]
     assert found == expected
 
 
@@ -64,28 +71,28 @@ def test_a_rule_means_what_it_means_to_an_independent_checker(schema: Schema, va
     rule = {key: part for key, part in schema.items() if key not in ("expected", "forms", "counted")}
     try:
         check(value, schema)
-    except MisfitError:
+    except SchemaViolationError:
         assert not fits(value, rule, rule)
     else:
         assert fits(value, rule, rule)
 
 
 def test_errors_of_parts_are_collected_with_their_places() -> None:
-    misfits = Misfits()
-    with misfits.at("a", 1):
+    violations = SchemaViolationCollector()
+    with violations.at("a", 1):
         raise InvalidValueError("a tree")
-    with misfits.at("b"):
+    with violations.at("b"):
         raise InvalidValueError("a tree", "bush")
-    with misfits.at("c"):
-        raise MisfitError([Misfit(("d",), "a tree")])
+    with violations.at("c"):
+        raise SchemaViolationError([SchemaViolation(("d",), "a tree")])
     error = UsageError("no tree", ("trees",))
-    with misfits.at("e"):
+    with violations.at("e"):
         raise error
-    with pytest.raises(MisfitError) as caught:
-        misfits.raise_if_any()
-    assert caught.value.misfits == [
-        Misfit(("a", 1), "a tree"),
-        Misfit(("b",), message="'bush' is not a tree"),
-        Misfit(("c", "d"), "a tree"),
-        Misfit(("e",), error=error),
+    with pytest.raises(SchemaViolationError) as caught:
+        violations.raise_if_any()
+    assert caught.value.violations == [
+        SchemaViolation(("a", 1), "a tree"),
+        SchemaViolation(("b",), message="'bush' is not a tree"),
+        SchemaViolation(("c", "d"), "a tree"),
+        SchemaViolation(("e",), error=error),
     ]

@@ -8,7 +8,7 @@ from mjrun.errors import spelled
 from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.option import Exclusion, Options, option, options, required
-from mjrun.options.schema_validation import InvalidValueError, MisfitError, Path, Schema
+from mjrun.options.schema_validation import InvalidValueError, Path, Schema, SchemaViolationError
 from mjrun.options.structured_kinds import ListKind, MappingKind, OneOfKind, OptionsMappingKind, plain_values
 
 
@@ -35,13 +35,13 @@ TOASTER = OptionsMappingKind(Toaster, Toaster)
 EXCLUDED = "slices and bagel exclude each other: there is one slot"
 
 
-def misfits(value: object, record: kinds.AnyKind = TOASTER) -> list[tuple[Path, str]]:
+def violations(value: object, record: kinds.AnyKind = TOASTER) -> list[tuple[Path, str]]:
     """Where something is wrong, and what is expected, or else wrong, there."""
-    with pytest.raises(MisfitError) as caught:
+    with pytest.raises(SchemaViolationError) as caught:
         record.read(value, ReadingContext())
     return [
-        (misfit.path, misfit.expected or misfit.message or f"keys: {', '.join(misfit.keys or ())}")
-        for misfit in caught.value.misfits
+        (violation.path, violation.expected or violation.message or f"keys: {', '.join(violation.keys or ())}")
+        for violation in caught.value.violations
     ]
 
 
@@ -77,7 +77,7 @@ def test_a_declaration_alone_reads_documents_and_describes_them() -> None:
     ],
 )
 def test_everything_that_is_wrong_is_reported_with_its_place(value: object, expected: list[tuple[Path, str]]) -> None:
-    found = [(path, spelled(text)) for path, text in misfits(value)]
+    found = [(path, spelled(text)) for path, text in violations(value)]
     assert found == expected
 
 
@@ -102,15 +102,15 @@ def test_lists_and_mappings_tell_of_every_part() -> None:
     toasters = ListKind[Toaster](TOASTER, least=1)
     assert toasters.read([{"heat": 1}], ReadingContext()) == (Toaster(heat=1),)
     assert toasters([Toaster(heat=1)]) == (Toaster(heat=1),)
-    assert misfits([{"heat": 0}, 5], toasters)[0] == ((0, "heat"), "a positive number")
-    assert misfits([], toasters) == [((), "expected at least 1 item, got none")]
+    assert violations([{"heat": 0}, 5], toasters)[0] == ((0, "heat"), "a positive number")
+    assert violations([], toasters) == [((), "expected at least 1 item, got none")]
     with pytest.raises(InvalidValueError, match=r"^a list$"):
         toasters.read({}, ReadingContext())
     with pytest.raises(InvalidValueError, match=r"^at least 1$"):
         toasters([])
     by_name = MappingKind[Toaster](TOASTER)
     assert by_name.read({"a": {"heat": 1}}, ReadingContext()) == {"a": Toaster(heat=1)}
-    assert misfits({"a": {"heat": 0}, "": {"heat": 1}}, by_name) == [
+    assert violations({"a": {"heat": 0}, "": {"heat": 1}}, by_name) == [
         (("a", "heat"), "a positive number"),
         (("",), "text that is not empty"),
     ]
@@ -120,7 +120,7 @@ def test_one_of_several_forms_is_chosen_by_the_type() -> None:
     forms = OneOfKind[Any, Any]("a number or a toaster", number=number_kinds.RealKind(), object=TOASTER)
     assert forms.read(2, ReadingContext()) == 2
     assert forms.read({"heat": 2}, ReadingContext()) == Toaster(heat=2)
-    assert misfits(-1, forms) == [((), "a number of at least 0")]
+    assert violations(-1, forms) == [((), "a number of at least 0")]
     with pytest.raises(InvalidValueError, match=r"^a number or a toaster$"):
         forms.read("2", ReadingContext())
 

@@ -10,7 +10,7 @@ import pytest
 
 import mjrun
 from mjrun import Simulation, Trace
-from mjrun.diff.result import DiffResult, GoldenFacts
+from mjrun.diff.result import DiffResult, GoldenVersions
 from mjrun.errors import (
     FailedAssertionError,
     FileError,
@@ -46,7 +46,7 @@ def compared(result: TraceResult) -> DiffResult:
     return result.golden
 
 
-def facts(comparison: DiffResult) -> GoldenFacts:
+def facts(comparison: DiffResult) -> GoldenVersions:
     """What made the golden table."""
     assert comparison.golden
     return comparison.golden

@@ -34,7 +34,7 @@ from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering import compositor_pool
-from mjrun.rendering.backend import Backend, BackendDetection
+from mjrun.rendering.backend import Backend, BackendDetector
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.worker import Worker
@@ -144,7 +144,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How many detections of backends and how many worker processes were started."""
     count = {"detections": 0, "workers": 0}
 
-    class CountedDetection(BackendDetection):
+    class CountedDetection(BackendDetector):
         def __init__(self, requested: str | None = None) -> None:
             count["detections"] += 1
             super().__init__(requested)
@@ -154,7 +154,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
             count["workers"] += 1
             super().__init__(*arguments, **how)
 
-    monkeypatch.setattr(backend_module, "BackendDetection", CountedDetection)
+    monkeypatch.setattr(backend_module, "BackendDetector", CountedDetection)
     monkeypatch.setattr(compositor_pool, "Worker", CountedWorker)
     return count
 
@@ -223,7 +223,7 @@ def test_the_physically_based_renderer_detects_vulkan_once_and_no_backend_of_ope
         def cancel(self) -> None:
             pass
 
-    monkeypatch.setattr(backend_module, "VulkanDetection", Detection)
+    monkeypatch.setattr(backend_module, "VulkanDetector", Detection)
     with closing(RenderingResources()) as backends:
         for gl in ("egl", "osmesa"):
             backends.detect(ViewOptions(renderer="filament", gl=gl))

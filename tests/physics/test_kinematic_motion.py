@@ -12,7 +12,7 @@ from mjrun.errors import UsageError
 from mjrun.model import state
 from mjrun.model.names import BALL, FREE
 from mjrun.physics.kinematic_samples import (
-    CompleteSamples,
+    GaplessSamples,
     Interpolation,
     KinematicMotion,
     KinematicSamples,
@@ -133,11 +133,11 @@ LINEAR, HOLD = Interpolation(), Interpolation(hold=True)
 EVERY_TENTH = slice(0, 501, 10)
 
 
-def completed(samples: KinematicSamples, interpolation: Interpolation = LINEAR) -> CompleteSamples:
-    return CompleteSamples(model(), mujoco.MjData(model()), samples, interpolation)
+def completed(samples: KinematicSamples, interpolation: Interpolation = LINEAR) -> GaplessSamples:
+    return GaplessSamples(model(), mujoco.MjData(model()), samples, interpolation)
 
 
-def remarks(found: CompleteSamples) -> list[str]:
+def remarks(found: GaplessSamples) -> list[str]:
     return [*found.other_remarks, *found.position_remarks]
 
 
@@ -283,7 +283,7 @@ def test_what_the_table_lacks_is_as_at_the_start_and_told() -> None:
     samples = replace(samples, time=samples.time + 5, values={"qpos": {7: samples.values["qpos"][7]}})
     start = mujoco.MjData(model())
     mujoco.mj_resetDataKeyframe(model(), start, 0)
-    found = CompleteSamples(model(), start, samples, LINEAR)
+    found = GaplessSamples(model(), start, samples, LINEAR)
     assert (np.delete(found.fields["qpos"], 7, axis=1) == np.delete(start.qpos, 7)).all()
     assert set(found.fields) == {"qpos", "qvel"}
     assert [*found.position_remarks, *found.other_remarks] == [

@@ -17,9 +17,9 @@ from mjrun.rendering import backend as backend_module
 from mjrun.rendering import try_backend
 from mjrun.rendering.backend import (
     Backend,
-    BackendDetection,
+    BackendDetector,
     BackendTrialProcess,
-    VulkanDetection,
+    VulkanDetector,
     candidates,
     install_advice,
     requested_backends,
@@ -81,7 +81,7 @@ def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
 
 
 def test_a_requested_backend_is_the_only_one_tried(backend: Backend) -> None:
-    assert BackendDetection(backend.name).result() == backend
+    assert BackendDetector(backend.name).result() == backend
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_shaders_are_cached_where_they_can_be(
 
 def test_mujoco_gl_is_honoured_when_nothing_is_requested(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
     monkeypatch.setenv("MUJOCO_GL", backend.name.upper())
-    assert BackendDetection().result() == backend
+    assert BackendDetector().result() == backend
 
 
 def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packages(
@@ -119,7 +119,7 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
     monkeypatch.setattr(backend_module, "candidates", lambda: ("glfw",))
     monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "ubuntu", "ID_LIKE": "debian"})
     with pytest.raises(NoRendererError) as caught:
-        BackendDetection("glfw").result()
+        BackendDetector("glfw").result()
     message = str(caught.value)
     assert "glfw: made no OpenGL context (it needs a display)" in message
     assert "apt-get update && apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri" in message
@@ -144,14 +144,14 @@ def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
     for variable, value in variables.items():
         monkeypatch.setenv(variable, value)
     with pytest.raises(NoRendererError) as caught:
-        BackendDetection(requested).result()
+        BackendDetector(requested).result()
     assert str(caught.value).endswith(cure)
     assert "install" not in str(caught.value)
 
 
 def test_a_search_continues_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
     monkeypatch.setattr(backend_module, "candidates", lambda: ("nonsense", backend.name))
-    assert BackendDetection("auto").result() == backend
+    assert BackendDetector("auto").result() == backend
 
 
 @dataclass(frozen=True)
@@ -168,24 +168,24 @@ class Hardware:
 def test_a_required_gpu_refuses_software(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "llvmpipe"}))
     with pytest.raises(SoftwareRendererError, match="llvmpipe"):
-        BackendDetection("egl").result(require_gpu=True)
+        BackendDetector("egl").result(require_gpu=True)
 
 
 def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "candidates", lambda: ("egl", "glfw"))
     monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
-    assert BackendDetection("auto").result(require_gpu=True).name == "glfw"
+    assert BackendDetector("auto").result(require_gpu=True).name == "glfw"
 
 
 def test_a_backend_that_worked_is_tried_again_only_in_another_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "llvmpipe"}))
-    found = BackendDetection("egl").result()
+    found = BackendDetector("egl").result()
     monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "NVIDIA"}))
-    search = BackendDetection("egl")
+    search = BackendDetector("egl")
     assert search.result() == found
     search.cancel()
     monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "1")
-    assert BackendDetection("egl").result().renderer == "NVIDIA"
+    assert BackendDetector("egl").result().renderer == "NVIDIA"
 
 
 def test_vulkan_is_found_by_drawing_with_it(vulkan: Backend) -> None:
@@ -202,7 +202,7 @@ def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_r
         monkeypatch.setenv(variable, "/nonexistent.json")
     monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "debian"})
     with pytest.raises(NoRendererError) as caught:
-        VulkanDetection().result()
+        VulkanDetector().result()
     message = str(caught.value)
     assert "vulkan: no driver works (vkCreateInstance: -9)" in message
     assert "apt-get update && apt-get install mesa-vulkan-drivers libvulkan1" in message
@@ -212,7 +212,7 @@ def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_r
 @pytest.mark.parametrize(("renderer", "refused"), [("llvmpipe (LLVM 15.0.6, 256 bits)", True), ("NVIDIA H200", False)])
 def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch, renderer: str, refused: bool) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"vulkan": renderer}))
-    search = VulkanDetection()
+    search = VulkanDetector()
     if refused:
         with pytest.raises(SoftwareRendererError, match="llvmpipe"):
             search.result(require_gpu=True)
@@ -221,7 +221,7 @@ def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch,
 
 
 def test_a_search_for_vulkan_can_be_given_up() -> None:
-    search = VulkanDetection()
+    search = VulkanDetector()
     search.cancel()
     assert search._first
     assert not search._first._process.running
@@ -233,7 +233,7 @@ def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend:
 
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
-    assert BackendDetection(backend.name).result() == backend
+    assert BackendDetector(backend.name).result() == backend
 
 
 @pytest.mark.parametrize(
@@ -299,7 +299,7 @@ from mjrun.rendering import backend, try_backend
 assert may_fork()
 backend.start_early()
 (early,) = backend._started_early.values()
-detection = backend.BackendDetection()
+detection = backend.BackendDetector()
 assert detection._first is early
 print(detection.result())
 assert not {"mujoco", "OpenGL"} & {*sys.modules}  # which the copy alone has imported

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.camera.pose import lens, metric_depth, pose_of
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.classic import ExactFramebuffer
+from mjrun.rendering.classic import SingleSampleFramebuffer
 
 SIZE = (64, 48)
 SCENE = """
@@ -57,7 +57,7 @@ def drawing(
 def drawn(samples: int, backend: Backend, size: tuple[int, int] = SIZE) -> tuple[np.ndarray, np.ndarray]:
     """Segment numbers and OpenGL's depth."""
     with drawing(*posed(samples), backend) as (scene, context):
-        buffer = ExactFramebuffer(size)
+        buffer = SingleSampleFramebuffer(size)
         colors, depth = (image.copy() for image in buffer.draw(scene, context))
         buffer.free()
     assert not colors[:, :, 1:].any()
@@ -127,7 +127,7 @@ def test_drawing_exactly_leaves_mujoco_s_own_buffer_in_charge(backend: Backend) 
             mujoco.mjr_render(rect, scene, context)
             mujoco.mjr_readPixels(pixels, None, rect, context)
             images.append(pixels)
-            buffer = ExactFramebuffer((16, 16))
+            buffer = SingleSampleFramebuffer((16, 16))
             buffer.draw(scene, context)
             buffer.free()
     assert len(np.unique(images[0])) > 20

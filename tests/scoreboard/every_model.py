@@ -61,7 +61,7 @@ def _is_finite(numbers: mujoco.MjModel | mujoco.MjOption) -> bool:
 @cache
 def working_backend() -> str:
     """Returns the name of an OpenGL backend that works, usually `egl`; empty if there is none."""
-    program = "from mjrun.rendering.backend import BackendDetection as D; print(D('auto').result().name)"
+    program = "from mjrun.rendering.backend import BackendDetector as D; print(D('auto').result().name)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     return done.stdout.strip() if not done.returncode else ""
 

@@ -18,7 +18,7 @@ from mjrun.errors import FailedPointsError, FileError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import ChunkSizes
-from mjrun.study.job_plan import MOST_RANGES, JobPlan, TaskResult, plan, ranges_of, run_task, task_points
+from mjrun.study.job_plan import MOST_RANGES, JobPlan, JobTaskResult, plan, ranges_of, run_task, task_points
 from mjrun.study.leases import LeasedPoints, Leases
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.study import Study, StudyPreview
@@ -32,7 +32,7 @@ def study(ball: Simulation, tmp_path: Path) -> Study:
     return Study(ball, str(tmp_path / "study"), vary=vary, metric={"low": "min(qpos/ball/z)"}, jobs=1, chunk=3)
 
 
-def task(made: JobPlan, number: int, count: int) -> TaskResult:
+def task(made: JobPlan, number: int, count: int) -> JobTaskResult:
     return run_task(made, number, count, WarningReporter())
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
-from mjrun.camera.settings import EASINGS, EasedNumber, ObjectNameKind, PlaceKind, RampKind
-from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
+from mjrun.camera.settings import EASINGS, EasedNumber, ObjectNameKind, ObjectOrPointKind, RampKind
+from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.kinds import ChoiceKind, FlagKind, optional
@@ -31,7 +31,9 @@ class FreeRig(Rig):
     kind: ClassVar[str] = "free"
     help: ClassVar[str] = "MuJoCo's free camera."
 
-    lookat: Place | None = option(converter=optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
+    lookat: ObjectOrPoint | None = option(
+        converter=optional(ObjectOrPointKind()), default=None, kw_only=False, help=LOOKAT
+    )
     distance: EasedNumber | None = option(
         converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
     )
@@ -51,7 +53,9 @@ class OrbitRig(Rig):
     help: ClassVar[str] = "Around a point or an object."
     eased: ClassVar[bool] = True
 
-    lookat: Place | None = option(converter=optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
+    lookat: ObjectOrPoint | None = option(
+        converter=optional(ObjectOrPointKind()), default=None, kw_only=False, help=LOOKAT
+    )
     distance: EasedNumber | None = option(
         converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
     )
@@ -121,7 +125,7 @@ class BoundAroundRig:
       offset: offset of the focus from the target `(3,)` [m].
     """
 
-    target: BoundPlace
+    target: BoundObjectOrPoint
     distance: EasedNumber
     azimuth: EasedNumber
     elevation: EasedNumber
@@ -138,7 +142,7 @@ class BoundAroundRig:
 
 def _bound(
     key: str,
-    place: Place | None,
+    place: ObjectOrPoint | None,
     distance: EasedNumber | None,
     azimuth: EasedNumber,
     elevation: EasedNumber | None,

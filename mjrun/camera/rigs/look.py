@@ -7,8 +7,8 @@ import mujoco
 
 from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
-from mjrun.camera.settings import PlaceKind
-from mjrun.camera.targets import BoundPlace, Place, find_target
+from mjrun.camera.settings import ObjectOrPointKind
+from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.option import options, required
@@ -22,11 +22,14 @@ class LookRig(Rig):
     kind: ClassVar[str] = "look"
     help: ClassVar[str] = "From one place at another."
 
-    eye: Place = required(
-        converter=PlaceKind(), key="from", kw_only=False, help="Position of the camera: an object, or a point [m]."
+    eye: ObjectOrPoint = required(
+        converter=ObjectOrPointKind(),
+        key="from",
+        kw_only=False,
+        help="Position of the camera: an object, or a point [m].",
     )
-    target: Place = required(
-        converter=PlaceKind(), key="at", kw_only=False, help="Point to look at: an object, or a point [m]."
+    target: ObjectOrPoint = required(
+        converter=ObjectOrPointKind(), key="at", kw_only=False, help="Point to look at: an object, or a point [m]."
     )
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundLookRig":
@@ -46,8 +49,8 @@ class LookRig(Rig):
 class BoundLookRig:
     """A camera at one place that looks at another, upright, with resolved places."""
 
-    eye: BoundPlace
-    target: BoundPlace
+    eye: BoundObjectOrPoint
+    target: BoundObjectOrPoint
     frustum: Frustum
     where: str
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from mjrun.camera.pose import Pose, around, heading, rotation
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
-from mjrun.camera.settings import EASINGS, PlaceKind
-from mjrun.camera.targets import BoundPlace, Place, Vector, find_target
+from mjrun.camera.settings import EASINGS, ObjectOrPointKind
+from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find_target
 from mjrun.errors import UsageError, concerning
 from mjrun.options.kinds import ChoiceKind, optional
 from mjrun.options.number_kinds import PointKind, RealKind
@@ -173,8 +173,8 @@ class Waypoint(Options):
     elevation: float | None = option(
         converter=optional(RealKind(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
     )
-    lookat: Place | None = option(
-        converter=optional(PlaceKind()),
+    lookat: ObjectOrPoint | None = option(
+        converter=optional(ObjectOrPointKind()),
         default=None,
         kw_only=False,
         help="Point to look at from here: an object, or a point [m]; the path's lookat if left out.",
@@ -208,8 +208,8 @@ class PathRig(Rig):
         kw_only=False,
         help="The points, in order; all by eye, or all by distance, azimuth and elevation.",
     )
-    lookat: Place | None = option(
-        converter=optional(PlaceKind()),
+    lookat: ObjectOrPoint | None = option(
+        converter=optional(ObjectOrPointKind()),
         default=None,
         kw_only=False,
         help="Point to look at on the way: an object, or a point [m]; the direction of the path if left out.",
@@ -339,9 +339,9 @@ def _coordinates(point: Waypoint) -> Sequence[float]:
     return point.distance, point.azimuth, point.elevation
 
 
-def _lookats(rig: PathRig, model: mujoco.MjModel) -> list[BoundPlace]:
+def _lookats(rig: PathRig, model: mujoco.MjModel) -> list[BoundObjectOrPoint]:
     """Returns the target of each waypoint; empty if the camera looks along the path."""
-    targets: list[BoundPlace] = []
+    targets: list[BoundObjectOrPoint] = []
     for i, point in enumerate(rig.waypoints):
         place = rig.lookat if point.lookat is None else point.lookat
         if place is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli.bench_report import bench_page, bench_report, markdown
-from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, counted, file_errors, option
@@ -28,7 +28,7 @@ SLOWER, PARTLY = 1, 8  # exit codes
     python="Bench",
     reports={"bench": "mjrun.bench.results:BenchResult"},
 )
-def bench(console: Console, command_line: CommandLine) -> None:
+def bench(console: Console, command_line: ParsedCommandLine) -> None:
     """Measure the speed of simulating MODEL: its steps and their phases, threads and rendering; and its accuracy.
 
     Repeats a rollout with the control noise of MuJoCo's testspeed, and reports the median with its confidence

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
@@ -30,7 +30,7 @@ MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL..."
     python="Check",
     reports={"check": "mjrun.check.check:CheckResult"},
 )
-def check(console: Console, command_line: CommandLine) -> None:
+def check(console: Console, command_line: ParsedCommandLine) -> None:
     """Find errors in each MODEL, and likely causes of later errors; a folder includes all models in it.
 
     \b

@@ -2,13 +2,13 @@
 
 import click
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.errors import UnknownNameError
 
 
 @command(arguments=[click.Argument(["shell"], metavar="bash|zsh|fish")])
-def completion(console: Console, command_line: CommandLine) -> None:
+def completion(console: Console, command_line: ParsedCommandLine) -> None:
     """Print a script that completes mjrun's commands, options and values in a shell.
 
     Values include the models of a collection, and the cameras, keyframes, actuators, joints, columns and paths of the

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
 from mjrun.errors import UsageError, clean, counted, option
@@ -34,7 +34,7 @@ SHOWN = 10  # reasons of failures
     python="Dataset",
     reports={"dataset": "mjrun.study.image_dataset:DatasetResult"},
 )
-def dataset(console: Console, command_line: CommandLine) -> None:
+def dataset(console: Console, command_line: ParsedCommandLine) -> None:
     """Render labelled images of MODEL for training vision models: colours, depth, masks of objects and parts, boxes,
     keypoints, 6D poses and calibrated cameras, while anything varies.
 
@@ -55,7 +55,7 @@ def dataset(console: Console, command_line: CommandLine) -> None:
         console.answer(_report([result]))
 
 
-def _dataset(console: Console, command_line: CommandLine) -> "tuple[Dataset, AbstractContextManager[None]]":
+def _dataset(console: Console, command_line: ParsedCommandLine) -> "tuple[Dataset, AbstractContextManager[None]]":
     """Returns the dataset of a command line, or of the study of a document, and the context that locates its errors."""
     from mjrun.study.image_dataset import Dataset
 

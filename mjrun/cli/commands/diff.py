@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, ModelArgument, SectionedCommand, command
+from mjrun.cli.click_command import MODEL, ON_FILES, ModelArgument, ParsedCommandLine, SectionedCommand, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import FailureReport, GoldenDifferenceError
@@ -40,7 +40,7 @@ class DiffCommand(SectionedCommand):
     arguments=[MODEL],
     without=UNWRITTEN,
 )
-def diff_golden(console: Console, command_line: CommandLine) -> None:
+def diff_golden(console: Console, command_line: ParsedCommandLine) -> None:
     """Compare a simulation of MODEL with a golden table: a regression test in one line.
 
     \b
@@ -77,7 +77,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     python="Diff",
     reports={"diff": "mjrun.diff.result:DiffResult"},
 )
-def diff(console: Console, command_line: CommandLine) -> None:
+def diff(console: Console, command_line: ParsedCommandLine) -> None:
     """Compare two results, A and B: tables, recordings, videos, images or models.
 
     \b

@@ -4,7 +4,7 @@ from contextlib import suppress
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import EncoderError, RendererError, WrongVersionError, clean
@@ -17,7 +17,7 @@ NOT_NEEDED = "·"
 
 
 @command(reports={"doctor": "mjrun.doctor:DoctorReport"})
-def doctor(console: Console, command_line: CommandLine) -> None:
+def doctor(console: Console, command_line: ParsedCommandLine) -> None:
     """Show what works on this machine, and how to fix the rest.
 
     Tests every OpenGL backend, Filament and every encoder. Exits with 2 if a required package has a wrong version, and

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import ReportColumn, interval_text, number
@@ -41,7 +41,7 @@ ARGUMENTS = (
     python="Evaluation",
     reports={"eval": "mjrun.evaluation.evaluation:EvaluationResult"},
 )
-def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - the command's name
+def eval(console: Console, command_line: ParsedCommandLine) -> None:  # noqa: A001 - the command's name
     """Evaluate a policy on seeded episodes of TASK: returns, success rates, videos, comparisons.
 
     \b
@@ -75,7 +75,7 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
             console.answer(_report([result]), form)
 
 
-def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluation, Sequence[str], Located]":
+def _evaluation(console: Console, command_line: ParsedCommandLine) -> "tuple[Evaluation, Sequence[str], Located]":
     """Returns the evaluation of a command line or of its document, the changes to the task, and the context that
     locates its errors.
     """
@@ -109,9 +109,9 @@ def _report(results: "Sequence[EvaluationResult]") -> Report:
 
 def evaluation_report(result: "EvaluationResult") -> str:
     """Formats returns, success rates, endings, terms of the reward, metrics, videos and the comparison of policies."""
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
 
-    page, level = TerminalLayout(), f"{100 * result.confidence:g} %"
+    page, level = TerminalReport(), f"{100 * result.confidence:g} %"
     rows = _number_rows(result)
     page.table("numbers of an episode", _number_columns(rows, level), len(rows))
     if cautions := _cautions(result):

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.errors import FileError, clean
 from mjrun.platform.installation import scene_folder
@@ -16,7 +16,7 @@ LEFT_OUT = ("__pycache__", "pictures", "schema", "*.md", "*.webp")  # which only
 
 
 @command(arguments=[click.Argument(["folder"], metavar="DIR")])
-def examples(console: Console, command_line: CommandLine) -> None:
+def examples(console: Console, command_line: ParsedCommandLine) -> None:
     """Copy the models and documents of the documentation's examples into DIR, a new folder.
 
     The examples in the documentation work beside a copy called scenes.

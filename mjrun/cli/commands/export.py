@@ -4,7 +4,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
-from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
         "episodes": "mjrun.study.episode_dataset:EpisodeDatasetResult",
     },
 )
-def export(console: Console, command_line: CommandLine) -> None:
+def export(console: Console, command_line: ParsedCommandLine) -> None:
     """Export a simulation of MODEL, or episodes of a policy, to a format of other programs.
 
     \b
@@ -83,7 +83,7 @@ def export(console: Console, command_line: CommandLine) -> None:
     show(console, command_line, make_outputs(console, command_line, request))
 
 
-def _export_episodes(console: Console, command_line: CommandLine, format_: "ExportFormat") -> None:
+def _export_episodes(console: Console, command_line: ParsedCommandLine, format_: "ExportFormat") -> None:
     product = resolve_name(format_.product)
     known = {each.attribute for each in options_of(product)}
     for name in command_line.explicit(ExportOptions, SimulationCommandOptions):

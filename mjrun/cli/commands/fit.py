@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.cli.table_cells import ReportColumn, number
@@ -35,7 +35,7 @@ ARGUMENTS = (
     arguments=ARGUMENTS,
     reports={"fit": "mjrun.fitting.result:FitResult", "excite": "mjrun.fitting.excitation:ExcitationResult"},
 )
-def fit(console: Console, command_line: CommandLine) -> None:
+def fit(console: Console, command_line: ParsedCommandLine) -> None:
     """Estimate parameters of MODEL from measurements: DATA are tables with columns such as time, qpos/knee and
     ctrl/motor.
 
@@ -67,7 +67,7 @@ def fit(console: Console, command_line: CommandLine) -> None:
             console.answer(Report("excite", motion, summary=lambda: excitation_report(motion)))
 
 
-def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
+def _fit(command_line: ParsedCommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
     """Returns the fit of a command line or of its document, and the context that locates its errors."""
     from mjrun.fitting.fit import Fit
 
@@ -87,9 +87,9 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
 
 def fit_report(result: "FitResult") -> str:
     """Formats the parameters with their intervals, the prediction errors of the signals, and the files written."""
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
 
-    page = TerminalLayout()
+    page = TerminalReport()
     if result.partial:
         page.note("partial: the fit was interrupted, and these are the best parameters so far")
     page.table("parameters", _parameters(result), len(result.parameters), SHOWN)
@@ -114,9 +114,9 @@ def fit_report(result: "FitResult") -> str:
 
 def excitation_report(result: "ExcitationResult") -> str:
     """Formats the expected intervals, the range of motion of the model, and the files written."""
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
 
-    page = TerminalLayout()
+    page = TerminalReport()
     parameters, motion = result.parameters, result.motion
     columns = [
         ReportColumn("parameter", [clean(each.path) for each in parameters]),

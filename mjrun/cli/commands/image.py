@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import cast
 
-from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -31,7 +31,7 @@ from mjrun.options.simulation import SimulationOptions
     key="images",
     reports={"image": "mjrun.outputs.image:ImageResult"},
 )
-def image(console: Console, command_line: CommandLine) -> None:
+def image(console: Console, command_line: ParsedCommandLine) -> None:
     """Render one instant of MODEL: colours, depth or segmentation, from one or several cameras.
 
     \b

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.info_sections import SECTIONS, LineSection, demonstrations_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
@@ -38,7 +38,7 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
         "info-demos": "mjrun.hdf5.demonstration_list:DemonstrationList",
     },
 )
-def info(console: Console, command_line: CommandLine) -> None:
+def info(console: Console, command_line: ParsedCommandLine) -> None:
     """Describe MODEL: sizes, bodies, joints, actuators, sensors and more; or only the given SECTIONs, in full.
 
     For a task document, describes the observations and actions of the policy, number by number, and the course of
@@ -88,7 +88,7 @@ def info(console: Console, command_line: CommandLine) -> None:
     console.answer(report)
 
 
-def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[str]") -> None:
+def _show_task(console: Console, command_line: ParsedCommandLine, sections: "Sequence[str]") -> None:
     """Prints a task, or sections of it."""
     from mjrun.cli.task_sections import task_page
     from mjrun.model.sources.gym import GymSource
@@ -152,9 +152,9 @@ def _show_table(
     headings: "Sequence[str]",
 ) -> None:
     from mjrun.cli.table_cells import ReportColumn
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
 
-    page = TerminalLayout()
+    page = TerminalReport()
     cells = [[clean(facts[heading]) for facts in entries.values()] for heading in headings]
     columns = [ReportColumn("name", [clean(name) for name in entries], whole=True)]
     for heading, texts in zip(headings, cells, strict=True):
@@ -167,9 +167,9 @@ def _show_table(
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
     """Formats the sections as text; without names, long sections are cut and details only listed."""
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
 
-    page, command_line = TerminalLayout(), f"mjrun info {clean(shlex.quote(model))}"
+    page, command_line = TerminalReport(), f"mjrun info {clean(shlex.quote(model))}"
     details: list[str] = []
     for name in result.sections:
         section = SECTIONS[name]

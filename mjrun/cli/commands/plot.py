@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -50,7 +50,7 @@ OF_ONE = ("recording", "save_key", "print_document")  # options that do not appl
     classes={PlotOptions: "Plot", VariationOptions: "VariedPlot"},
     reports={"plot": "mjrun.plotting.table_and_study_plot:TablePlotResult"},
 )
-def plot(console: Console, command_line: CommandLine) -> None:
+def plot(console: Console, command_line: ParsedCommandLine) -> None:
     """Plot one TABLE, or several in the same panels; or simulate MODEL and plot what is measured, once or for several
     values of its parameters. - is standard input, as csv or jsonl; a folder is a study.
 
@@ -76,7 +76,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
         _plot_tables(console, command_line, tables)
 
 
-def _plot_simulation(console: Console, command_line: CommandLine, models: Sequence[str]) -> None:
+def _plot_simulation(console: Console, command_line: ParsedCommandLine, models: Sequence[str]) -> None:
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
     if len(models) > 1:
@@ -98,7 +98,7 @@ def _plot_simulation(console: Console, command_line: CommandLine, models: Sequen
     console.answer(report(make_outputs(console, command_line, request, report=report)))
 
 
-def _plot_request(console: Console, command_line: CommandLine) -> "Plot":
+def _plot_request(console: Console, command_line: ParsedCommandLine) -> "Plot":
     """Returns the plot of a simulation, or of several if parameters vary."""
     from mjrun.outputs.plot import Plot
 
@@ -111,7 +111,7 @@ def _plot_request(console: Console, command_line: CommandLine) -> "Plot":
     return command_line.make(VariedPlot, controllers=varied_controllers(command_line), **facts)
 
 
-def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[str]) -> None:
+def _plot_tables(console: Console, command_line: ParsedCommandLine, tables: Sequence[str]) -> None:
     from mjrun.formats.study_reader import folder_of_results
     from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 
@@ -130,7 +130,7 @@ def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[s
     console.answer(_report(result, is_piped))
 
 
-def _require_none(command_line: CommandLine, names: Iterable[str], reason: str) -> None:
+def _require_none(command_line: ParsedCommandLine, names: Iterable[str], reason: str) -> None:
     """Checks that options which do not apply are left out."""
     for name in names:
         if command_line.value(name) is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import CiVerdict, Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -22,7 +22,7 @@ from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunCommandOptions
 
 if TYPE_CHECKING:
-    from mjrun.document.run import RunRequest
+    from mjrun.document.run import LoadedRunDocument
     from mjrun.outputs.perform import PassPreview, PublishedOutput
 
 ARGUMENTS = (
@@ -38,7 +38,7 @@ ARGUMENTS = (
     arguments=ARGUMENTS,
     reports={"run-report": "mjrun.outputs.run_report:RunResult"},
 )
-def run(console: Console, command_line: CommandLine) -> None:
+def run(console: Console, command_line: ParsedCommandLine) -> None:
     """Make all outputs of the run document DOCUMENT in one pass: videos, images, traces and plots of one simulation.
 
     \b
@@ -77,7 +77,7 @@ def run(console: Console, command_line: CommandLine) -> None:
     console.answer(report, form)
 
 
-def _page(request: "RunRequest", title: str) -> "AbstractContextManager[list[PublishedOutput]]":
+def _page(request: "LoadedRunDocument", title: str) -> "AbstractContextManager[list[PublishedOutput]]":
     """Returns a context that makes the page about the outputs in its list, if one is requested.
 
     The plotting library is imported only then.

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.cli.simulation_command import import_mujoco
@@ -20,7 +20,7 @@ def _complete(context: click.Context, parameter: click.Parameter, incomplete: st
 
 
 @command(arguments=[click.Argument(["kind"], shell_complete=_complete)])
-def schema(console: Console, command_line: CommandLine) -> None:
+def schema(console: Console, command_line: ParsedCommandLine) -> None:
     """Print the JSON Schema of a KIND of document, for editors and validators, or of a report printed with --json.
 
     Kinds of documents: camera, run, study, task, fit-document, eval-document. The kind of a command's report is the

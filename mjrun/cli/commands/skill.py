@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
 
 
 @command()
-def skill(console: Console, command_line: CommandLine) -> None:
+def skill(console: Console, command_line: ParsedCommandLine) -> None:
     """Print instructions for coding agents, in the format of a SKILL.md: how to run, render and evaluate a
     model without a display.
 

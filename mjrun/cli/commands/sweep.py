@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, CommandLine, ModelArgument, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -73,7 +73,7 @@ ARGUMENTS = (
         "sweep-status": "mjrun.study.status:StudyStatus",
     },
 )
-def sweep(console: Console, command_line: CommandLine) -> None:
+def sweep(console: Console, command_line: ParsedCommandLine) -> None:
     """Simulate MODEL for many parameter values and tabulate the results, one row per point.
 
     \b
@@ -128,7 +128,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
             console.answer(report([result]), form)
 
 
-def _start_early(command_line: CommandLine) -> None:
+def _start_early(command_line: ParsedCommandLine) -> None:
     """Starts simulating processes in advance, if some will be needed."""
     other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
     model = command_line.argument("model")
@@ -144,7 +144,7 @@ def _start_early(command_line: CommandLine) -> None:
         start_early(execution.jobs if isinstance(execution.jobs, int) else available_cores())
 
 
-def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
+def _study(console: Console, command_line: ParsedCommandLine) -> "tuple[Study, Located]":
     """Returns the study of a command line or of its file, and the context that locates its errors."""
     from mjrun.study.study import Study
 
@@ -182,7 +182,7 @@ def _is_plan(path: str) -> bool:
     return Path(path).suffix.lower() in PLANS
 
 
-def _plan(command_line: CommandLine) -> "JobPlan":
+def _plan(command_line: ParsedCommandLine) -> "JobPlan":
     from mjrun.document.study import read_plan
 
     path = command_line.argument("model")
@@ -195,7 +195,7 @@ def _plan(command_line: CommandLine) -> "JobPlan":
     return plan
 
 
-def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
+def _beside_study(command_line: ParsedCommandLine, file: str) -> dict[str, object]:
     """Returns the options that may accompany the file of a study: its folder, and its execution."""
     own = _accepted_beside(file)
     options = command_line.explicit(ExecutionOptions)
@@ -227,7 +227,7 @@ def _write_plan(console: Console, study: "Study", path: str) -> None:
         console.result(f"{clean(path)}: {counted(made.count, 'point')}")
 
 
-def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
+def _simulate_task(console: Console, command_line: ParsedCommandLine, task: int, tasks: int) -> None:
     from mjrun.study.job_plan import run_task
 
     result = run_task(_plan(command_line), task, tasks, console)
@@ -242,7 +242,7 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
     console.code = FailedPointsError.exit_code if result.missing else 0
 
 
-def _report_status(console: Console, command_line: CommandLine) -> None:
+def _report_status(console: Console, command_line: ParsedCommandLine) -> None:
     from mjrun.cli.sweep_report import status_report
     from mjrun.study.status import REFRESH, study_status, write_status_page
 
@@ -259,7 +259,7 @@ def _report_status(console: Console, command_line: CommandLine) -> None:
     console.code = 0 if status.is_finished else UNFINISHED
 
 
-def _remove_unused(console: Console, command_line: CommandLine, *, dry_run: bool) -> None:
+def _remove_unused(console: Console, command_line: ParsedCommandLine, *, dry_run: bool) -> None:
     from mjrun.cli.sweep_report import unused_report
     from mjrun.study.status import remove_unused
 
@@ -267,7 +267,7 @@ def _remove_unused(console: Console, command_line: CommandLine, *, dry_run: bool
     console.answer(Report("", unused, summary=lambda: unused_report(unused)))
 
 
-def _existing_folder(command_line: CommandLine, name: str) -> str:
+def _existing_folder(command_line: ParsedCommandLine, name: str) -> str:
     """Returns the folder of the study that the option `name` reads."""
     model, output = command_line.argument("model"), command_line.value("output")
     if output is None and (is_study(model) or _is_plan(model)):
@@ -278,7 +278,7 @@ def _existing_folder(command_line: CommandLine, name: str) -> str:
     return model if is_url(model) or is_folder(model) or not (exists(model) or is_folder(beside)) else beside
 
 
-def _require_said_there(command_line: CommandLine, file: str) -> None:
+def _require_said_there(command_line: ParsedCommandLine, file: str) -> None:
     """Raises UsageError for options that belong in the file of the study."""
     own = _accepted_beside(file)
     ours = {"output", *own, *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report, flag
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -43,7 +43,7 @@ WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
     key="traces",
     reports={"trace": "mjrun.outputs.trace:TraceResult", "verify": "mjrun.simulation.verification:VerificationResult"},
 )
-def trace(console: Console, command_line: CommandLine) -> None:
+def trace(console: Console, command_line: ParsedCommandLine) -> None:
     """Measure a simulation of MODEL: one row per instant, exact numbers, named columns. A terminal gets the range of
     each column instead.
 
@@ -78,16 +78,16 @@ def trace(console: Console, command_line: CommandLine) -> None:
         show(console, command_line, result)
 
 
-def _is_for_reading(command_line: CommandLine) -> bool:
+def _is_for_reading(command_line: ParsedCommandLine) -> bool:
     """Returns whether the rows would only fill the user's terminal."""
     chosen = any(command_line.value(name) for name in ("output", "format", "csv", "print_document"))
     return not chosen and not command_line.document_form and sys.stdout.isatty()
 
 
-def _summarize(console: Console, command_line: CommandLine) -> None:
+def _summarize(console: Console, command_line: ParsedCommandLine) -> None:
     """Prints the range of each column instead of the rows."""
     from mjrun.cli.table_cells import numbers, texts
-    from mjrun.cli.terminal_layout import TerminalLayout
+    from mjrun.cli.terminal_layout import TerminalReport
     from mjrun.outputs.trace import Trace
     from mjrun.plotting.table_statistics import ColumnStatisticsAccumulator
 
@@ -104,7 +104,7 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
     result = make_outputs(console, command_line, request)
     ((counter, units),) = measured
     rows = counter.statistics(units)
-    page = TerminalLayout()
+    page = TerminalReport()
     shown = [
         texts("column", [row.name for row in rows]),
         texts("unit", [row.unit for row in rows]),
@@ -119,7 +119,7 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
     console.result(page.text())
 
 
-def _list(console: Console, command_line: CommandLine, *, groups: bool) -> None:
+def _list(console: Console, command_line: ParsedCommandLine, *, groups: bool) -> None:
     from mjrun.outputs.trace import Trace
 
     _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
@@ -127,7 +127,7 @@ def _list(console: Console, command_line: CommandLine, *, groups: bool) -> None:
     show_columns(console, source(command_line), probes, command_line.value("policy"), groups=groups and not probes)
 
 
-def _verify(console: Console, command_line: CommandLine) -> None:
+def _verify(console: Console, command_line: ParsedCommandLine) -> None:
     _require_no_output(command_line, f"{option('verify')} compares states and measures nothing")
     from mjrun.simulation.verification import verify
 
@@ -164,13 +164,13 @@ def _place(result: "VerificationResult") -> str:
     return f"step {result.steps}, time {result.time:.9g} s"
 
 
-def _require_no_output(command_line: CommandLine, why: str) -> None:
+def _require_no_output(command_line: ParsedCommandLine, why: str) -> None:
     written = [option(name) for name in WRITTEN if command_line.value(name) not in (None, "-")]
     if written:
         raise UsageError(f"{why}: leave out {', '.join(written)}")
 
 
-def _as_csv(command_line: CommandLine) -> CommandLine:
+def _as_csv(command_line: ParsedCommandLine) -> ParsedCommandLine:
     written = command_line.value("format")
     if written not in (None, "csv"):
         raise UsageError(

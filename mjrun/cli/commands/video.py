@@ -1,6 +1,6 @@
 """Make a video of a simulation."""
 
-from mjrun.cli.click_command import MODEL, ON_FILES, CommandLine, command
+from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -27,7 +27,7 @@ from mjrun.options.video import VideoOptions
     key="videos",
     reports={"video": "mjrun.outputs.video:VideoResult"},
 )
-def video(console: Console, command_line: CommandLine) -> None:
+def video(console: Console, command_line: ParsedCommandLine) -> None:
     """Make a video of MODEL.
 
     \b

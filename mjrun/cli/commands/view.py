@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.click_command import MODEL, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import clean
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     is_endless=True,
     reports={"view": "mjrun.viewer.viewer:ViewerResult"},
 )
-def view(console: Console, command_line: CommandLine) -> None:
+def view(console: Console, command_line: ParsedCommandLine) -> None:
     """View a simulation of MODEL live, in a window or in a browser on this machine.
 
     \b

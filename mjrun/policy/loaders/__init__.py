@@ -1,6 +1,6 @@
 """The formats of policy files, one module each.
 
-A module is found by its place in this package, and defines `LOADER`, a `PolicyLoader`. It imports the libraries of its
+A module is found by its place in this package, and defines `FORMAT`, a `PolicyFormat`. It imports the libraries of its
 format inside functions, as these may not be installed. The first line of its docstring names the format, up to a colon:
 help lists it without importing the module.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mjrun.policy.policy import PolicyLoader
+    from mjrun.policy.policy import PolicyFormat
 
 
 def formats() -> list[str]:
@@ -20,12 +20,12 @@ def formats() -> list[str]:
 
 
 @functools.cache
-def loaders() -> "list[PolicyLoader]":
+def loaders() -> "list[PolicyFormat]":
     """Returns all formats of policy files."""
-    return [importlib.import_module(f"{__name__}.{path.stem}").LOADER for path in _modules()]
+    return [importlib.import_module(f"{__name__}.{path.stem}").FORMAT for path in _modules()]
 
 
-def loader_of(path: Path) -> "PolicyLoader | None":
+def format_of(path: Path) -> "PolicyFormat | None":
     """Returns the loader of a file or a folder; None if its format is unknown."""
     from mjrun.formats.input_file import is_folder  # which help does without
 

@@ -9,9 +9,9 @@ import numpy as np
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option
 from mjrun.options.task import POSITION, TORQUE, VELOCITY
 from mjrun.policy.leapp_package import LeappNetwork, LeappTensorSpec, files_beside, find_package, read_package
-from mjrun.policy.loaders.onnx import LOADER as ONNX
+from mjrun.policy.loaders.onnx import FORMAT as ONNX
 from mjrun.policy.loaders.onnx import OnnxModel
-from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyLoader
+from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyFormat
 from mjrun.suffixes import YAML
 
 TARGETS = {
@@ -171,7 +171,7 @@ def _files(path: Path) -> list[Path]:
     return [*files, *(weights for network in networks for weights in ONNX.files(network))]
 
 
-LOADER = PolicyLoader(
+FORMAT = PolicyFormat(
     YAML,
     lambda path, name, trust, normalize: LeappPolicy(path, name),
     reads_folders=True,

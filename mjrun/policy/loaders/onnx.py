@@ -22,7 +22,7 @@ from mjrun.errors import FileError, UsageError, clean, counted, listing, option,
 from mjrun.formats.input_file import decoding, is_file, require_file
 from mjrun.options.task import POSITION
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyLoader
+from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyFormat
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -368,7 +368,7 @@ def _agree(start: TensorSpec, end: TensorSpec) -> bool:
     )
 
 
-LOADER = PolicyLoader(
+FORMAT = PolicyFormat(
     SUFFIXES,
     lambda path, name, trust, normalize: OnnxPolicy(path, name),
     files=lambda path: [path, *weight_files(path)],

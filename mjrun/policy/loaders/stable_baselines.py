@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts, PolicyLoader, require_trusted_file
+from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts, PolicyFormat, require_trusted_file
 
 if TYPE_CHECKING:
     from stable_baselines3.common.policies import BasePolicy  # pyright: ignore[reportMissingImports]
@@ -77,7 +77,7 @@ def _read(path: Path) -> "BasePolicy":
     return policy
 
 
-LOADER = PolicyLoader(
+FORMAT = PolicyFormat(
     (".zip",),
     lambda path, name, trust, normalize: StableBaselinesPolicy(path, name, trust=trust, normalize=normalize),
 )

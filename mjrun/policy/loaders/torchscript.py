@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyLoader, require_trusted_file
+from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFormat, require_trusted_file
 
 if TYPE_CHECKING:
     from torch.jit import ScriptModule  # pyright: ignore[reportMissingImports]
@@ -64,7 +64,7 @@ class TorchScriptPolicy(Policy):
         return action.numpy().astype(np.float64).reshape(-1)
 
 
-LOADER = PolicyLoader(
+FORMAT = PolicyFormat(
     (".pt", ".pth", ".jit", ".torchscript"),
     lambda path, name, trust, normalize: TorchScriptPolicy(path, name, trust=trust),
 )

@@ -18,14 +18,14 @@ from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig, ShotTime
 from mjrun.camera.script import RIGS
 from mjrun.camera.settings import EasedNumber
-from mjrun.camera.targets import Place
+from mjrun.camera.targets import ObjectOrPoint
 from mjrun.errors import MjrunError
 from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, MODEL, moved, posed, same, updated
 
 SQUARE = tuple(Waypoint(eye=eye) for eye in ((0.0, 0.0, 0.0), (2.0, 0.0, 0.5), (2.0, 3.0, 0.0), (0.0, 3.0, 1.0)))
 
 
-def orbit(*points: tuple[float, float, float], lookat: Place | None = None) -> list[Waypoint]:
+def orbit(*points: tuple[float, float, float], lookat: ObjectOrPoint | None = None) -> list[Waypoint]:
     return [Waypoint(distance=d, azimuth=a, elevation=e, lookat=lookat) for d, a, e in points]
 
 
@@ -147,7 +147,7 @@ def test_each_number_goes_from_start_to_end_by_its_own_ease(phase: float) -> Non
         ("subtree:mark", [0, 0, 1]),
     ],
 )
-def test_an_object_is_followed_where_it_is_now(target: Place, expected: list[float]) -> None:
+def test_an_object_is_followed_where_it_is_now(target: ObjectOrPoint, expected: list[float]) -> None:
     assert posed(FreeRig(target)).lookat == pytest.approx(np.array(expected))
     looking = posed(LookRig((0.0, 0.0, 9.0), target))
     assert looking.lookat == pytest.approx(np.array(expected))

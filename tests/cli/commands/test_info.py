@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from mjrun.cli.commands.schema import schema_of
 from mjrun.cli.info_sections import SECTIONS as SHOWN
 from mjrun.cli.info_sections import LineSection
-from mjrun.cli.terminal_layout import TerminalLayout
+from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.errors import BrokenModelError, clean
 from mjrun.model.info import SECTIONS, Info, ModelDescription
 from tests.document.schema_oracle import fits
@@ -199,7 +199,7 @@ def test_a_model_that_mujoco_refuses_is_sent_to_check_which_says_more(
 
 def page_of(found: ModelDescription) -> str:
     """All sections, in the columns that fit into the terminal."""
-    page = TerminalLayout()
+    page = TerminalReport()
     for name, section in SHOWN.items():
         if isinstance(section, LineSection):
             page.lines(name, section.lines(found))
