@@ -22,7 +22,7 @@ from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
 from mjrun.options.kinds import AnyKind, ChoiceKind, FlagKind, OneOrMoreKind
-from mjrun.options.option import OTHER_NAMES, FrontEnd, Option, Options, options_of
+from mjrun.options.option import OTHER_NAMES, FrontEnd, Option, Options, Requirement, given_values, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind
 
@@ -54,6 +54,15 @@ class ParsedCommandLine:
         """
         options = {each.attribute: self._params[each.name] for each in options_of(cls) if each.name in self._params}
         return cls(**{**options, **values})
+
+    def require(self, requirement: Requirement, made: Options) -> None:
+        """Checks that an option of the command itself has its partner among the options of the product.
+
+        Raises:
+          UsageError: it has none.
+        """
+        if self._params.get(requirement.name) and not requirement.is_met(given_values(made)):
+            raise UsageError(requirement.message(), (requirement.name,))
 
     def value(self, name: str) -> object:
         """Returns the value of an option, or None if it is left out."""
@@ -161,11 +170,12 @@ class SectionedCommand(click.Command):
         gc.freeze()
         gc.enable()
         _set_verbosity(console, command_line)
+        console.page = cast("str | None", command_line.value("html"))
         with _confined_if_asked(console, command_line):
             console.guard_stdout()
             self.body(console, command_line)
         if command_line.value("open"):
-            console.open_file(cast("str | None", command_line.value("html")))
+            console.open_file()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:

@@ -127,6 +127,7 @@ class Console:
         self.debug = False
         self.code = 0
         self.report: Report | None = None
+        self.page: str | None = None  # about the result
         self._progress: Progress | None = None
         self._task: TaskID | None = None
         self._last = time.monotonic()
@@ -247,9 +248,9 @@ class Console:
             self._progress.stop()
             self._progress = None
 
-    def open_file(self, page: str | None) -> None:
-        """Opens `page`, or else the most telling file in the report, in the program of the desktop for it."""
-        paths = [*([page] if page else []), *(_files_in(self.report.json()) if self.report else ())]
+    def open_file(self) -> None:
+        """Opens the page, or else the most telling file in the report, in the program of the desktop for it."""
+        paths = [*([self.page] if self.page else []), *(_files_in(self.report.json()) if self.report else ())]
         if warning := _opened(paths):
             self.warn(warning)
 

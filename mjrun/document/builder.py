@@ -1,7 +1,8 @@
 """Construction of typed values from the contents of a document, with errors at their lines."""
 
 import dataclasses
-from collections.abc import Callable, Generator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Generic, TypeVar, cast
@@ -11,7 +12,7 @@ from mjrun.document.reader import read
 from mjrun.document.tree import DeclaredAt, DocumentPath, Fault, MappingNode, document_error, option_fault
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.kinds import TextKind
-from mjrun.options.option import Options, document_key, document_options
+from mjrun.options.option import Options, document_key, document_options, requirements_of
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.simulation.simulation import Simulation
@@ -36,10 +37,14 @@ class DocumentValueBuilder:
       tree: the document with the places of its values.
       folders: the folders that resolve its relative paths.
       declared_at: returns the options at a place.
+      overriding: options of the command line, whose errors have no place in the document.
     """
 
-    def __init__(self, tree: MappingNode, folders: DocumentContext, declared_at: DeclaredAt) -> None:
-        self.tree, self.folders, self._declared_at = tree, folders, declared_at
+    def __init__(
+        self, tree: MappingNode, folders: DocumentContext, declared_at: DeclaredAt, overriding: Collection[str] = ()
+    ) -> None:
+        self.tree, self.folders = tree, folders
+        self._declared_at, self._overriding = declared_at, overriding
         self._faults: list[Fault] = []
 
     def raise_faults(self) -> None:
@@ -76,6 +81,8 @@ class DocumentValueBuilder:
         except DocumentError as error:
             self.folders.problems.extend(error.problems)
         except UsageError as error:
+            if error.path and error.path[0] in self._overriding:
+                raise
             self._faults.append(option_fault(self.tree, place, error, self._declared_at))
         return None
 
@@ -86,9 +93,37 @@ def values_of(declared: type[Options], document: Mapping[str, object]) -> Values
     return {attribute: document[attribute] for attribute in attributes if attribute in document}
 
 
+def merged_values(
+    declared: type[Options], tree: MappingNode, document: Mapping[str, object], values: Mapping[str, object]
+) -> Values:
+    """Returns the values of a document that are options of a class, overridden by `values` of the command line.
+
+    An option loses its effect if its partner is overridden: `videos=0` for a document that sets the size of its videos.
+    It is left out then, instead of being refused.
+    """
+    merged = {**values_of(declared, document), **values}
+    names = {each.key: each.attribute for each in document_options(declared)}
+    by_key = {key: merged[name] for key, name in names.items() if name in merged}
+
+    def order(key: str) -> int:
+        """Returns the rank of the place that sets an option: the command line is above assignments and documents."""
+        if names.get(key) in values:
+            return sys.maxsize
+        return tree.keys[key].precedence if key in tree.keys else -1
+
+    for each in requirements_of(declared):
+        partners = (each.partner, *each.alternatives)
+        if each.name in by_key and not each.is_met(by_key) and order(each.name) < max(map(order, partners)):
+            del merged[names[each.name]]
+    return merged
+
+
 @contextmanager
-def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None]:
+def located_errors(tree: MappingNode, declared_at: DeclaredAt, overriding: Collection[str] = ()) -> Generator[None]:
     """Converts errors about options to errors at lines of the document.
+
+    Args:
+      overriding: options of the command line, whose errors have no place in the document.
 
     Raises:
       DocumentError: an option is invalid.
@@ -98,7 +133,7 @@ def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None
     except DocumentError:
         raise
     except UsageError as error:
-        if not error.path:
+        if not error.path or error.path[0] in overriding:
             raise
         raise document_error([option_fault(tree, (), error, declared_at)]) from error
 
@@ -132,7 +167,9 @@ class SimulationDocumentReader(Generic[Made]):
 
     def __init__(self, name: str, declared: type[Options], every: type[Options], make: Callable[..., Made]) -> None:
         self._declared, self._every, self._make = declared, every, make
-        self.record = OptionsMappingKind[Values](every, dict, name=name, more=[MODEL], optional=["output"])
+        self.record = OptionsMappingKind[Values](
+            every, dict, name=name, more=[MODEL], optional=["output"], is_partial=True
+        )
 
     def declared_at(self, place: DocumentPath) -> type[Options]:
         """Returns the options at a place of such a document."""
@@ -163,7 +200,7 @@ class SimulationDocumentReader(Generic[Made]):
         folders = DocumentContext(Path(path).parent)
         document, tree = read(path, self.record, folders, assignments, variables=True)
         made = self.made(tree, folders, document, defaults, values, code)
-        return LoadedDocument(made, lambda: located_errors(tree, self.declared_at))
+        return LoadedDocument(made, lambda: located_errors(tree, self.declared_at, values))
 
     def made(
         self,
@@ -179,7 +216,7 @@ class SimulationDocumentReader(Generic[Made]):
         Raises:
           DocumentError: the document is faulty; all faults are listed.
         """
-        builder = DocumentValueBuilder(tree, folders, self.declared_at)
+        builder = DocumentValueBuilder(tree, folders, self.declared_at, values)
         simulation: Simulation = builder.simulation(document, code)
-        chosen = {**defaults, **values_of(self._declared, document), **values}
+        chosen = {**defaults, **merged_values(self._declared, tree, document, values)}
         return builder.made(lambda: self._make(simulation, **chosen))

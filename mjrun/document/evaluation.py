@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import DocumentValueBuilder, LoadedDocument, Values, located_errors, values_of
+from mjrun.document.builder import DocumentValueBuilder, LoadedDocument, Values, located_errors, merged_values
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
@@ -56,6 +56,7 @@ EVALUATION = OptionsMappingKind[Values](
         document_key("changes", SettingsKind(), CHANGES, ()),
     ],
     optional=["output"],
+    is_partial=True,
 )
 
 
@@ -96,11 +97,12 @@ def read_evaluation(
     """
     folders = DocumentContext(Path(path).parent)
     document, tree = read(path, EVALUATION, folders, assignments, variables=True)
-    builder = DocumentValueBuilder(tree, folders, _declared_at)
+    values = {**(values or {}), "command": command}
+    builder = DocumentValueBuilder(tree, folders, _declared_at, values)
     changed = SettingsKind()(cast("Mapping[str, object]", document.get("changes", {})))
     changes = [f"{key}={text}" for key, text in changed]
-    chosen = {"output": f"{Path(path).stem}_eval", **values_of(EvaluationOptions, document)}
-    chosen |= {**(values or {}), "command": command}
+    chosen = {"output": f"{Path(path).stem}_eval"}
+    chosen |= merged_values(EvaluationOptions, tree, document, values)
 
     def make() -> Evaluation:
         with concerning("task"):
@@ -108,7 +110,7 @@ def read_evaluation(
         return Evaluation(task=task, rewritten=rewritten, **chosen)  # type: ignore[arg-type]
 
     made = builder.made(make)
-    return LoadedEvaluationDocument(made, lambda: located_errors(tree, _declared_at), changes)
+    return LoadedEvaluationDocument(made, lambda: located_errors(tree, _declared_at, values), changes)
 
 
 def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[ModelSource, Rewritten | None]:

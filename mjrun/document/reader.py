@@ -327,13 +327,13 @@ def read(
       FileError: the document, or one of those, is missing or cannot be read.
     """
     reader = _Reader(Path(path), variables)
-    root = reader.document(Path(path), 0)
+    root = reader.document(Path(path), tree.DOCUMENT)
     if root and variables:
         root = reader.with_defaults(root)
     if root and (fault := other_kind(root, record.name)):
         raise tree.document_error([fault])  # which explains any further faults
     if root:
-        root, faults = assign(root, assignments, 2, (DEFAULTS,) if variables else (), tree.NAMED)
+        root, faults = assign(root, assignments, tree.ASSIGNMENTS, (DEFAULTS,) if variables else (), tree.NAMED)
         reader.faults += faults
         if variables:
             root, faults = without_variables(root)
@@ -390,7 +390,7 @@ class _Reader:
         if not is_yaml(path.value):  # a file of another kind is neither read nor quoted
             self.faults.append(tree.Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
             return root
-        below = self.document(self.path.parent / path.value, 1, hint=f"{path.mark} names it as defaults")
+        below = self.document(self.path.parent / path.value, tree.DEFAULTS, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:
             self.faults.append(tree.Fault(below.keys[DEFAULTS], "", "the document in defaults cannot have defaults"))
             below = below.without(DEFAULTS)

@@ -87,7 +87,7 @@ class _Run(OptionsMappingKind[Values]):
             document_key(key, ListKind[object](_entry(output)), f"The {key}: a file or a mapping each.", ())
             for key, output in OUTPUTS.items()
         ]
-        super().__init__(_TopLevel, dict, name="Run", more=[MODEL, *outputs])
+        super().__init__(_TopLevel, dict, name="Run", more=[MODEL, *outputs], is_partial=True)
 
     def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[DocumentPath, str]]:
         yield from super().conflicts(values)
@@ -199,16 +199,15 @@ class _Builder(DocumentValueBuilder):
     def page(self, document: Values) -> PageOptions:
         """Returns the page that the command line requests, or else the document."""
         page_options = cast("Callable[..., PageOptions]", PageOptions)
-        page = page_options(**values_of(PageOptions, document))
-        if self._options.html is not None:
-            page = replace(page, html=self._options.html)
-        elif page.html is not None:
+        given = {"html": self._options.html, "embed_up_to": self._options.embed_up_to}
+        values = values_of(PageOptions, document) | {name: value for name, value in given.items() if value is not None}
+        page = self.attempt((), lambda: page_options(**values)) or PageOptions()
+        if page.html is not None and self._options.html is None:
             from mjrun.plotting.page_writer import check_page_name
 
             self.attempt((), partial(check_page_name, page.html))
             self._reserve_file("html", page.html, ())
-        limit = self._options.embed_up_to
-        return page if limit is None else replace(page, embed_up_to=limit)
+        return page
 
     def _request(
         self, entry: Values | str, place: DocumentPath, simulation: Simulation

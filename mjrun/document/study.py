@@ -39,6 +39,7 @@ from mjrun.formats.local_and_remote_folders import folder_at, opened_at
 from mjrun.formats.output_writer import publish_together, written_file
 from mjrun.options.kinds import ChoiceKind, Kind, ReadingContext, TextKind
 from mjrun.options.option import Options, document_options, options, required
+from mjrun.options.report import PageOptions
 from mjrun.options.schema_validation import InvalidValueError, Schema, SchemaViolationCollector, SchemaViolationError
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMappingKind
@@ -117,7 +118,7 @@ def portable_document(study: Study, folder: str | Path) -> Mapped:
     Raises:
       UsageError: a document cannot represent the study.
     """
-    document = study_document(replace(study, output="study", html=None))
+    document = study_document(replace(study, output="study", html=None, embed_up_to=PageOptions.embed_up_to))
     if document["model"] == "-":
         raise UsageError("a study cannot be resumed with a model from standard input; give a file")
     reader = _MovedReader(Path() if is_url(folder) else Path(os.path.relpath(Path.cwd(), folder)), lexical=True)

@@ -31,6 +31,9 @@ _INFINITY = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NO_NUMBER = {".nan", ".NaN", ".NAN"}
 
 
+DOCUMENT, DEFAULTS, ASSIGNMENTS = 0, 1, 2  # the order of the sources of a document, of which assignments are the last
+
+
 class DocumentPlace(NamedTuple):
     """A place in a document.
 
@@ -44,6 +47,11 @@ class DocumentPlace(NamedTuple):
     line: int
     column: int
     source: str
+
+    @property
+    def precedence(self) -> int:
+        """The rank of the source: each overrides those below it, and a document overrides its defaults."""
+        return {DOCUMENT: DEFAULTS, DEFAULTS: DOCUMENT}.get(self.order, self.order)
 
     def __str__(self) -> str:
         return clean(self.source) + (f":{self.line}:{self.column}" if self.line else "")

@@ -15,7 +15,7 @@ from mjrun.experiment.results_table import check_metric_names, plain_metrics, wr
 from mjrun.experiment.samplers import SAMPLES
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import ModelSource
-from mjrun.options.disturbance import DisturbanceOptions, Disturbances
+from mjrun.options.disturbance import NOISE_REQUIREMENT, DisturbanceOptions, Disturbances
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
@@ -120,7 +120,7 @@ class PreparedEvaluation:
         metrics, groups = plain_metrics(options.metric), list[PolicyEpisodes]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
-                disturbances = disturbances_at(options.disturbances, values[point])
+                disturbances = disturbances_at(options.disturbances, self.points.names, values[point], tasks[point])
                 spec = EpisodeGroupSpec(tasks[point], replace(own, snapshot=snapshot), metrics, disturbances)
                 groups.append(PolicyEpisodes(place, name if own == policy else own.name, point, spec))
         return groups
@@ -168,8 +168,6 @@ def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, Pol
                 )
     elif options.policy is None:
         raise UsageError(f"select a policy with {option('policy')}: a file, FILE.py:NAME, random or zero", ("policy",))
-    if options.compare_normalize is not None and options.compare is None:
-        raise UsageError(f"{option('compare_normalize')} requires {option('compare')}", ("compare_normalize",))
     own = PolicyChoice(options.policy, options.normalize, options.trust)
     if options.compare is None:
         return [(own.name, own)]
@@ -190,7 +188,7 @@ def points_of(options: EvaluationOptions, task: ModelSource) -> Design:
     if options.sampler in SAMPLES:
         sampler = f"{option('sampler')} {options.sampler}"
         raise UsageError(f"{sampler} is for studies, which compute sensitivities; use sobol, halton or random")
-    if not options.vary and options.points is None:
+    if not any((options.vary, options.points, options.correlate, options.when, options.where)):
         return Design((), [()])
     if any(path == SEED for path, _ in options.vary):
         with concerning("vary", SEED):
@@ -228,8 +226,16 @@ def policy_at(chosen: PolicyChoice, values: Mapping[str, str]) -> PolicyChoice:
     return replace(chosen, policy=values[POLICY]) if POLICY in values else chosen
 
 
-def disturbances_at(disturbances: Disturbances, values: Mapping[str, str]) -> Disturbances:
+def disturbances_at(
+    disturbances: Disturbances, names: Sequence[str], values: Mapping[str, str], task: ModelSource
+) -> Disturbances:
     """Returns the disturbances of the point at which parameters have `values`.
+
+    Where noise is a parameter that does not exist at the point, its correlation is left out.
+
+    Args:
+      names: the parameters.
+      task: the task of the point, which may contain noise.
 
     Raises:
       UsageError: the value of a disturbance is invalid.
@@ -242,7 +248,10 @@ def disturbances_at(disturbances: Disturbances, values: Mapping[str, str]) -> Di
         except InvalidValueError as error:
             with concerning("vary", name):
                 raise BadValueError(f"{option('vary')} {name}", values[name], error.expected) from None
-    return replace(disturbances, **varied)
+    changed = replace(disturbances, **varied)
+    varies = NOISE_REQUIREMENT.partner in names and NOISE_REQUIREMENT.name not in varied
+    is_silent = changed.ctrl_noise is None and not (isinstance(task, Task) and task.ctrl_noise)
+    return replace(changed, ctrl_noise_time=None) if varies and is_silent else changed
 
 
 def _with_times(task: ModelSource, changes: Mapping[str, str]) -> ModelSource:

@@ -70,7 +70,7 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
         with concerning("points"):
             parts.insert(0, read_points(options.points))
     if options.sampler in SAMPLES:
-        _require_alone(options, lists, distributions)
+        _require_alone(options, lists)
     correlations = None
     if options.correlate:
         known = parameter_names([name for part in [*parts, Design(tuple(distributions), ())] for name in part.names])
@@ -136,13 +136,9 @@ def _sampled(
     return _beside(tuple(distributions), columns)
 
 
-def _require_alone(
-    options: VariationOptions, lists: Mapping[str, Sequence[str]], distributions: Mapping[str, Distribution]
-) -> None:
+def _require_alone(options: VariationOptions, lists: Mapping[str, Sequence[str]]) -> None:
     """Refuses a design for sensitivities whose points are not complete samples of distributions."""
     sampler = f"{option('sampler')} {options.sampler}"
-    if not distributions:
-        raise UsageError(f"{sampler} requires a distribution, as in {option('vary')} NAME=uniform(0,1)")
     others = [name for name in ("points", "where", "when") if getattr(options, name)]
     others += ["repeats"] if options.repeats > 1 else []
     if options.correlate:

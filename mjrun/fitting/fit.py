@@ -33,7 +33,7 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
 from mjrun.model.table_column import Column
 from mjrun.options.fit import EXTRAS, FitOptions
-from mjrun.options.option import is_given, options
+from mjrun.options.option import options
 from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_without
@@ -232,10 +232,6 @@ class _Run:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
         require_all(EXTRAS)
         simulation = fit.simulation
-        for name in filter(lambda name: is_given(fit, name), ("velocity_limit", "excite_noise")):
-            raise UsageError(f"{option(name)} applies only with {option('excite')}", (name,))
-        for name in filter(lambda name: is_given(fit, name), () if fit.video else ("camera", "size")):
-            raise UsageError(f"{option(name)} applies only with {option('video')}", (name,))
         require_without(simulation, LENGTH, f"a fit: the measurements set its length, except with {option('excite')}")
         if not fit.data:
             raise UsageError(f"{option('data')}: a fit needs a table of measurements")

@@ -9,13 +9,13 @@ from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import IntegerKind, Numbers
-from mjrun.options.option import FrontEnd, Options, option, options, required
+from mjrun.options.option import FrontEnd, Options, Requirement, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
-from mjrun.options.video import PointOrEpisodeVideoOptions
+from mjrun.options.video import VIDEO_CLAUSES, PointOrEpisodeVideoOptions
 
 # Extras of evaluations: the library that each installs, and what needs it.
 EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
@@ -77,6 +77,9 @@ class EpisodeVideoOptions(PointOrEpisodeVideoOptions):
     """Videos of selected episodes."""
 
     section: ClassVar[str] = "Videos"
+    requirements: ClassVar[tuple[Requirement, ...]] = tuple(
+        Requirement(name, "videos", clause, value="N", test=bool) for name, clause in VIDEO_CLAUSES.items()
+    )
 
     videos: int | str = option(
         converter=VideoCountKind(),
@@ -104,6 +107,9 @@ class EvaluationOptions(
     """
 
     section: ClassVar[str] = "Evaluation"
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        Requirement("compare_normalize", "compare", "whose observations it normalizes"),
+    )
 
     task: object = field(kw_only=False)
     output: str = required(

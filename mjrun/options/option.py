@@ -109,15 +109,24 @@ class Requirement:
 
     Attributes:
       value: the value that the partner must have, or contain; None if any value will do.
+      test: returns whether a value of the partner will do, of which `value` is an example.
+      alternatives: options that will do in place of the partner, with any value.
     """
 
     name: str
     partner: str
     clause: str
     value: str | None = None
+    test: Callable[[object], bool] | None = None
+    alternatives: tuple[str, ...] = ()
 
-    def is_met(self, partner: object) -> bool:
-        """Returns whether a value of the partner meets the requirement."""
+    def is_met(self, values: Mapping[str, object]) -> bool:
+        """Returns whether the values of options, by key, meet the requirement."""
+        if any(_is_set(values.get(name)) for name in self.alternatives):
+            return True
+        partner = values.get(self.partner)
+        if self.test is not None:
+            return self.test(partner)
         if self.value is None:
             return _is_set(partner)
         return partner == self.value or (isinstance(partner, list | tuple) and self.value in partner)
@@ -125,7 +134,9 @@ class Requirement:
     def message(self, spelling: Callable[[str], str] = mention) -> str:
         """Returns the error message."""
         partner = spelling(self.partner) if self.value is None else f"{spelling(self.partner)} {self.value}"
-        return f"{spelling(self.name)} requires {partner}, {self.clause}"
+        others = [*map(spelling, self.alternatives)]
+        last = f" or {others.pop()}" if others else ""
+        return f"{spelling(self.name)} requires {', '.join([partner, *others])}{last}, {self.clause}"
 
 
 def option(
@@ -199,7 +210,8 @@ class Options:
                 expected = each.kind.accepted or f"a value that this option accepts ({each.kind.metavar})"
                 raise BadValueError(mention(each.name), value, expected) from error
             object.__setattr__(self, each.attribute, made)
-        for path, message in self.conflicts(given_values(self)):
+        given = given_values(self)
+        for path, message in (*self.conflicts(given), *self.unmet_requirements(given)):
             raise UsageError(located(message, path), path)
 
     @classmethod
@@ -213,8 +225,16 @@ class Options:
             condition = exclusion.when and values.get(exclusion.when[0], _by_name(cls)[exclusion.when[0]].default)
             if exclusion.applies(condition) and all(_is_set(values.get(name)) for name in exclusion.names):
                 yield (exclusion.names[1],), exclusion.message()
+
+    @classmethod
+    def unmet_requirements(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
+        """Checks that options have the partners without which they have no effect; yields places and messages.
+
+        Args:
+          values: the values by key, as for `conflicts`, of the document and the command line together.
+        """
         for requirement in requirements_of(cls):
-            if _is_set(values.get(requirement.name)) and not requirement.is_met(values.get(requirement.partner)):
+            if _is_set(values.get(requirement.name)) and not requirement.is_met(values):
                 yield (requirement.name,), requirement.message()
 
 

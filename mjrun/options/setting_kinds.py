@@ -274,6 +274,7 @@ SPAN = {"from", "to", "count"}
 LOG = "log"
 CHOICE = "choice("
 # The distributions, each with its syntax.
+CALL = r"(?s)\s*(\w+)\s*\((.*)\)\s*"  # the form of a distribution; compiled when it is used
 DISTRIBUTIONS = {
     "uniform": "uniform(LOW, HIGH)",
     "loguniform": "loguniform(LOW, HIGH)",

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.disturbance import DisturbanceOptions
+from mjrun.options.disturbance import NOISE_REQUIREMENT, DisturbanceOptions
 from mjrun.options.kinds import ChoiceKind, FlagKind, NameOrIndexKind, PathKind, PythonFunctionKind, TextKind, optional
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Numbers, RealKind
@@ -26,7 +26,7 @@ TABLE_READING = ("map", "quat", "replay_rate", "replay_interpolation", "replay_u
 # Checked when a simulation starts, since a study may vary the partners.
 RUN_REQUIREMENTS = (
     Requirement("ctrl_interpolation", "ctrl_from", "between whose rows it interpolates"),
-    Requirement("ctrl_noise_time", "ctrl_noise", "whose correlation it sets"),
+    NOISE_REQUIREMENT,
     Requirement("replay_mode", "replay", "which it plays back or simulates again"),
 )
 

@@ -36,6 +36,7 @@ class OptionsMappingKind(Kind[T, T]):
       more: additional keys, listed first.
       optional: required options that a document may leave out.
       blank: accept `key:` alone as an empty mapping, with the default of every key.
+      is_partial: the command line may add options, so that requirements are checked when the value is made.
     """
 
     metavar = "MAPPING"
@@ -49,11 +50,12 @@ class OptionsMappingKind(Kind[T, T]):
         more: Sequence[Option] = (),
         optional: Sequence[str] = (),
         blank: bool = False,
+        is_partial: bool = False,
     ) -> None:
         super().__init__()
         self._more, self._optional = more, optional
         self.declared, self.make = declared, make
-        self.name, self.blank = name or declared.__name__, blank
+        self.name, self.blank, self._is_partial = name or declared.__name__, blank, is_partial
 
     def options(self) -> list[Option]:
         """Returns the options of the mapping."""
@@ -74,7 +76,9 @@ class OptionsMappingKind(Kind[T, T]):
 
     def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         """Checks combinations of valid values, as `Options.conflicts` does."""
-        return self.declared.conflicts(values)
+        yield from self.declared.conflicts(values)
+        if not self._is_partial:
+            yield from self.declared.unmet_requirements(values)
 
     def read(self, value: object, reader: ReadingContext) -> object:
         if value is None and self.blank:

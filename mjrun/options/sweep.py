@@ -1,11 +1,11 @@
 """Options of the command `sweep`: a study of many simulations."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
 from itertools import combinations
-from typing import ClassVar
+from typing import ClassVar, cast
 
 from mjrun.options.kinds import ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, ProcessCountKind, RealKind
@@ -13,9 +13,9 @@ from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, opti
 from mjrun.options.output import VIDEOS
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.setting_kinds import SettingsKind, VariedSettingsKind
+from mjrun.options.setting_kinds import CALL, SettingsKind, VariedSettingsKind
 from mjrun.options.trace import PROBES
-from mjrun.options.video import PointOrEpisodeVideoOptions
+from mjrun.options.video import VIDEO_CLAUSES, PointOrEpisodeVideoOptions
 
 # The extras of studies, with the libraries that each installs and the feature that needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -50,6 +50,17 @@ class KeptFileOptions(PointOrEpisodeVideoOptions):
     """Files of selected points, which are simulated again, with identical results, once all metrics are known."""
 
     section: ClassVar[str] = "Files of points"
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        *(
+            Requirement(name, "keep", clause, value="video", alternatives=("contact_sheet",))
+            for name, clause in VIDEO_CLAUSES.items()
+        ),
+        *(
+            Requirement(f"keep_{name}", "keep", "whose points it chooses", alternatives=("contact_sheet",))
+            for name in ("where", "lowest", "highest")
+        ),
+        Requirement("probe", "keep", "whose columns it chooses", value="trace"),
+    )
 
     keep: tuple[str, ...] = option(
         converter=OneOrMoreKind(ChoiceKind(KEPT), commas=True, expected="trace, recording or video"),
@@ -101,11 +112,36 @@ class JobTaskNumberKind(Kind[Sequence[int], tuple[int, int]]):
         return self((int(task), int(tasks)) if task.isdecimal() and tasks.isdecimal() else ())
 
 
+def _distributions(vary: object) -> list[bool]:
+    """Returns whether each of the parameters that vary has a distribution instead of a list of values."""
+    settings = dict(cast("Sequence[tuple[str, str]] | Mapping[str, str]", vary or ()))
+    return [bool(re.fullmatch(CALL, text)) for text in settings.values()]
+
+
 @options
 class VariationOptions(Options):
     """Differences between the simulations."""
 
     section: ClassVar[str] = "Study"
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        *(
+            Requirement(
+                name,
+                "vary",
+                "from whose distribution it draws",
+                value="NAME=uniform(LOW,HIGH)",
+                test=lambda vary: any(_distributions(vary)),
+            )
+            for name in ("samples", "sampler")
+        ),
+        Requirement(
+            "design",
+            "vary",
+            "whose lists it combines",
+            value="NAME=VALUE,VALUE for at least two parameters",
+            test=lambda vary: _distributions(vary).count(False) > 1,
+        ),
+    )
 
     vary: tuple[tuple[str, str], ...] = option(
         converter=VariedSettingsKind(),

@@ -76,6 +76,16 @@ class VideoOptions(ViewOptions, OutputOptions):
     )
 
 
+# What options of videos of selected simulations set, by name: clauses of requirements.
+VIDEO_CLAUSES = {
+    "camera": "which it records",
+    "size": "whose size it sets",
+    "quality": "whose rendering quality it sets",
+    "fps": "whose frame rate it sets",
+    "speed": "whose speed it sets",
+}
+
+
 @options
 class PointOrEpisodeVideoOptions(Options):
     """Videos of selected simulations: points of a study, or episodes."""

@@ -8,9 +8,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
-from mjrun.options.setting_kinds import DISTRIBUTIONS
+from mjrun.options.setting_kinds import CALL, DISTRIBUTIONS
 
-CALL = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", re.DOTALL)
 Quantiles = Callable[[np.ndarray], np.ndarray]
 # The condition on the numbers of a distribution, in words and as a function.
 CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
@@ -69,7 +68,7 @@ def parse_distribution(text: str, place: str) -> Distribution | None:
     Raises:
       UsageError: the distribution does not exist, or its numbers are invalid.
     """
-    call = CALL.fullmatch(text)
+    call = re.fullmatch(CALL, text)
     if call is None:
         return None
     name, arguments = call[1], tuple(part.strip() for part in call[2].split(","))

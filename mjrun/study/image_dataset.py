@@ -22,7 +22,7 @@ from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 from mjrun.options.image_dataset import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
-from mjrun.options.option import is_given, options, values_of
+from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
 from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, labelled_objects
@@ -125,11 +125,6 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _check(self, prepared: PreparedStudy, objects: Sequence[ObjectToLabel]) -> None:
         """Raises errors that concern all points before the first is rendered."""
         AcceptanceConditions(self, objects)
-        if is_given(self, "samples") and not any("(" in text for _, text in self.vary):
-            example = "camera.azimuth=uniform(0,360)"
-            raise UsageError(
-                f"{option('samples')}: nothing is drawn at random\nset {option('vary')} {example}, for example"
-            )
         first = prepared.points.values(0)
         camera = {key.removeprefix(CAMERA): text for key, text in first.items() if key.startswith(CAMERA)}
         if camera and not any(isinstance(each, str) and each.partition(":")[0] in RIG_EXAMPLES for each in self.camera):

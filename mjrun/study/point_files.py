@@ -202,8 +202,6 @@ class PointChoice:
             for name, texts, sign in ranked
             for index, text in enumerate(texts)
         ]
-        if (self._conditions or self._ranked) and not options.keep and options.contact_sheet is None:
-            raise UsageError(f"no files are kept of the chosen points; choose some with {option('keep')}")
 
     def points(self, columns: Mapping[str, np.ndarray], status: np.ndarray, able: np.ndarray) -> list[int]:
         """Returns the numbers of the points in ascending order; without a condition or rank, all that are able.

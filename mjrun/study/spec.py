@@ -30,7 +30,9 @@ from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.image_dataset import CAMERA
+from mjrun.options.option import is_given
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.simulation import RUN_REQUIREMENTS, SimulationOptions
 from mjrun.python_code import PickledWithCode
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
@@ -229,8 +231,22 @@ def simulation_at(
             entries |= dict([value])
         else:
             changes[key] = value
+    changes |= _without_effect(base, names, changes)
     varied = base.with_values(changes) if changes else base
     return varied.with_overrides(overrides) if overrides else varied
+
+
+def _without_effect(base: Simulation, names: Sequence[str], changes: Mapping[str, object]) -> dict[str, object]:
+    """Returns the defaults of those options of `base` that have no effect at a point.
+
+    Their partner is a parameter that does not exist there.
+    """
+    defaults = dict[str, object]()
+    for each in RUN_REQUIREMENTS:
+        is_absent = each.partner in names and each.partner not in changes and not is_given(base, each.partner)
+        if is_absent and each.name not in changes and is_given(base, each.name):
+            defaults[each.name] = getattr(SimulationOptions, each.name)
+    return defaults
 
 
 def require_values(

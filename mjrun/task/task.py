@@ -17,7 +17,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
-from mjrun.options.disturbance import NO_DISTURBANCES, DisturbanceOptions, Disturbances, Push
+from mjrun.options.disturbance import NO_DISTURBANCES, NOISE_REQUIREMENT, DisturbanceOptions, Disturbances, Push
 from mjrun.options.number_kinds import ExactNumberKind
 from mjrun.options.option import is_given, options
 from mjrun.options.schema_validation import InvalidValueError
@@ -287,10 +287,16 @@ class Task(ModelSource):
         return replace(self.model, overrides=(*self.model.overrides, *self.overrides))
 
     def with_disturbances(self, disturbances: Disturbances) -> "Task":
-        """Returns the same task with other noise, if `disturbances` specify any, and additional pushes."""
+        """Returns the same task with other noise, if `disturbances` specify any, and additional pushes.
+
+        Raises:
+          UsageError: they specify the correlation of noise without any noise.
+        """
         if disturbances == NO_DISTURBANCES:
             return self
         noise, time = disturbances.ctrl_noise, disturbances.ctrl_noise_time
+        if time is not None and noise is None and not self.ctrl_noise:
+            raise UsageError(NOISE_REQUIREMENT.message(), (NOISE_REQUIREMENT.name,))
         return replace(
             self,
             ctrl_noise=self.ctrl_noise if noise is None else noise,

@@ -51,6 +51,30 @@ def test_a_document_is_the_evaluation_that_its_options_make(document: Path) -> N
     assert found.policies[0].lengths.max == pytest.approx(0.12)  # three periods of 0.04 s
 
 
+def test_options_that_lose_their_partner_to_the_command_line_are_left_out(document: Path) -> None:
+    document.write_text(f"{TEXT}videos: 3\nfps: 60\n")
+    for assignments, values, fps in [([], {}, 60), (["videos=0"], {}, 30), ([], {"videos": 0}, 30)]:
+        assert read_evaluation(document, assignments, values=values).made.fps == fps
+    with pytest.raises(DocumentError, match=r"^fps=20: fps requires videos N, "):
+        read_evaluation(document, ["videos=0", "fps=20"])
+    with pytest.raises(UsageError, match=r"^fps requires videos N, "):  # at no line of the document
+        read_evaluation(document, values={"videos": 0, "fps": 20})
+
+    Path("base.yaml").write_text(document.read_text())
+    document.write_text("defaults: base.yaml\nvideos: 0\n")
+    assert read_evaluation(document).made.fps == 30
+
+
+def test_options_without_effect_are_refused_at_their_line_unless_the_command_line_gives_their_partner(
+    document: Path,
+) -> None:
+    document.write_text(f"{TEXT}fps: 60\n")
+    with pytest.raises(DocumentError, match=r"robust.yaml:7:6: fps: fps requires videos N, "):
+        read_evaluation(document)
+    assert read_evaluation(document, values={"videos": 1}).made.fps == 60
+    assert read_evaluation(document, ["videos=1"]).made.fps == 60
+
+
 def test_what_is_written_is_read_again(document: Path) -> None:
     request = read_evaluation(document, ["output=results", "metrics.far=max(abs(qpos/slider))"])
     text = evaluation_text(request.made, request.changes, "mjrun eval")

@@ -200,7 +200,7 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
         if any(isinstance(options.get(name), list) and len(options[name]) > 1 for name in ("camera", "view")):
             options.pop("style", None)  # exact numbers share no frame
         for each in requirements_of(cls):
-            if not each.is_met(options.get(each.partner) or None):
+            if not each.is_met({name: value or None for name, value in options.items()}):
                 options.pop(each.name, None)
         return options
 

@@ -59,10 +59,10 @@ def test_the_study_is_what_the_document_says(text: str, said: dict[str, Any]) ->
 
 
 def test_assignments_count_instead_of_what_is_written() -> None:
-    text = "vary: {opt.timestep: 0.001}\nsamples: 3"
-    made = read(text, "samples=7", "vary.opt.timestep=[0.001, 0.002]", "vary.qpos/ball/z=1..2:2", "metrics.x=max(time)")
+    text = "vary: {opt.timestep: 0.001}\nrepeats: 3"
+    made = read(text, "repeats=7", "vary.opt.timestep=[0.001, 0.002]", "vary.qpos/ball/z=1..2:2", "metrics.x=max(time)")
     vary = {"opt.timestep": "0.001,0.002", "qpos/ball/z": "1..2:2"}
-    assert made == study(samples=7, vary=vary, metric={"x": "max(time)"})
+    assert made == study(repeats=7, vary=vary, metric={"x": "max(time)"})
 
 
 def test_what_is_given_counts_instead_of_the_document() -> None:
@@ -135,7 +135,13 @@ def studies(draw: st.DrawFn) -> Study:
         "time_limit": st.none() | st.fractions(min_value="1/1000", max_value=1000),
     }
     simulation = Simulation("ball.xml", steps=draw(st.integers(1, 99)), seed=draw(st.integers(0, 9)))
-    return Study(simulation, "out", **{name: draw(strategy) for name, strategy in options.items()})
+    chosen: dict[str, Any] = {name: draw(strategy) for name, strategy in options.items()}
+    if draw(st.booleans()):
+        chosen["vary"] |= {"a": "uniform(0, 1)", "b": "1,2", "c": "3,4"}
+    else:
+        for name in ("design", "samples", "sampler"):  # which have no effect
+            del chosen[name]
+    return Study(simulation, "out", **chosen)
 
 
 @given(studies())

@@ -121,6 +121,25 @@ def test_disturbances_may_vary(tmp_path: Path) -> None:
     assert caught.value.path[:2] == ("vary", "push")
 
 
+def test_the_correlation_of_noise_requires_noise_that_may_vary_or_be_that_of_the_task(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"^ctrl_noise_time requires ctrl_noise, ") as caught:
+        prepare(tmp_path, policy="zero", ctrl_noise_time=0.5)
+    assert caught.value.path == ("ctrl_noise_time",)
+    noisy = replace(cart_task(tmp_path), ctrl_noise=0.1)
+    PreparedEvaluation(options(policy="zero", ctrl_noise_time=0.5), noisy, None)
+
+    varied = {"policy": "zero", "ctrl_noise_time": 0.5, "vary": {"ctrl_noise": "0,0.2", "opt.timestep": "0.01,0.005"}}
+    groups = prepare(tmp_path, **varied, when={"ctrl_noise": "timestep < 0.01"}).groups
+    disturbances = [(each.spec.disturbances.ctrl_noise, each.spec.disturbances.ctrl_noise_time) for each in groups]
+    assert disturbances == [(None, None), (0.0, 0.5), (0.2, 0.5)]
+
+
+@pytest.mark.parametrize("given", [{"where": "seed > 1"}, {"when": {"a": "b > 1"}}, {"correlate": {"a,b": "0.5"}}])
+def test_conditions_on_parameters_are_refused_where_nothing_varies(tmp_path: Path, given: dict[str, object]) -> None:
+    with pytest.raises(UsageError, match=r"no (column|parameter)"):
+        prepare(tmp_path, policy="zero", **given)
+
+
 def test_groups_are_by_policies_and_then_by_points(tmp_path: Path) -> None:
     result = prepare(tmp_path, policy="random", compare="zero", vary={"opt.timestep": "0.005,0.01"}, timestep="0.002")
     assert [(group.policy, group.name, group.point) for group in result.groups] == [

@@ -88,7 +88,7 @@ def test_the_seed_decides_the_samples(sampler: str) -> None:
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"vary": {"seed": "1,2"}}, "morris requires a distribution"),
+        ({"vary": {"seed": "1,2"}}, "sampler requires vary NAME=uniform"),
         ({"vary": {"seed": "1,2", "a.x": "uniform(0,1)"}}, "without the list of vary seed"),
         ({"vary": {"a.x": "uniform(0,1)"}, "repeats": 2}, "without repeats"),
         ({"vary": {"a.x": "uniform(0,1)"}, "where": ["x > 0"]}, "without where"),

@@ -146,5 +146,5 @@ def test_nothing_is_measured_yet(pendulum: Fit) -> None:
     for name, value in {"output": "fitted.xml", "video": "fitted.mp4", "holdout_data": ("log.csv",)}.items():
         with pytest.raises(UsageError, match=f"precedes measurements: leave {name} out"):
             excite(replace(pendulum, **{name: value}))
-    with pytest.raises(UsageError, match="velocity_limit applies only with excite"):
-        replace(pendulum, excite=None).run()
+    with pytest.raises(UsageError, match="excite_noise requires excite"):
+        replace(pendulum, excite=None)

@@ -81,7 +81,7 @@ def test_options_of_which_a_fit_makes_no_use_are_refused(tmp_path: Path, pendulu
 def test_options_of_outputs_that_are_not_made_are_refused(
     tmp_path: Path, pendulum: Simulation, given: dict, other: str
 ) -> None:
-    with pytest.raises(UsageError, match=f"^{next(iter(given))} applies only with {other}$"):
+    with pytest.raises(UsageError, match=f"^{next(iter(given))} requires {other}, "):
         Fit(pendulum, data=log(tmp_path), free=THREE, **given).run()
 
 

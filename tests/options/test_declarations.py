@@ -61,25 +61,51 @@ EVENT = object()
 REQUIRING: dict[str, object] = {
     "atol": 1e-3,
     "calibration_format": "ros",
+    "camera": ("side",),
+    "compare_normalize": "none",
     "depth_range": (0, 1),
+    "design": "zip",
+    "embed_up_to": 1,
+    "excite_noise": 1e-2,
+    "fps": 60,
     "include": "a.png",
+    "keep_highest": "1:drift",
+    "keep_lowest": "1:drift",
+    "keep_where": "drift > 1",
     "plot_side": "beside",
+    "polygons": True,
+    "probe": "qpos",
+    "quality": "draft",
     "rtol": 1e-3,
+    "sampler": "lhs",
+    "samples": 8,
     "seg_by": "body",
+    "size": (64, 48),
     "slurm": "time=2h",
+    "speed": 2,
     "text_corner": "top",
     "tol": {"time": 1},
     "trail_span": 1,
     "update": True,
+    "velocity_limit": 1,
+    "yolo_task": "segment",
 }
 PARTNERS: dict[str, object] = {
     "calibration": "c.json",
+    "compare": "random",
+    "contact_sheet": "a.mp4",
     "engine": "slurm",
+    "excite": "a.csv",
+    "format": ["coco", "yolo"],
     "golden": "g.csv",
     "html": "a.html",
+    "keep": ["trace", "video"],
     "plot": "energy",
     "text": "{time}",
     "trail": "ball",
+    "vary": (("mass", "uniform(0, 1)"), ("a", "1,2"), ("b", "3,4")),
+    "video": "a.mp4",
+    "videos": 3,
     "view": ["rgb", "depth", "seg"],
 }
 REQUIREMENTS = [
@@ -159,17 +185,18 @@ def test_an_option_without_effect_is_refused_unless_its_partner_is_given(
     with pytest.raises(UsageError, match=f"^{requirement.name} requires {requirement.partner}\\b") as error:
         cls(**needed, **alone)
     assert error.value.path == (requirement.name,)
-    assert [path for path, _ in cls.conflicts(alone)] == [(requirement.name,)]
+    assert [path for path, _ in cls.unmet_requirements(alone)] == [(requirement.name,)]
 
-    together = {**alone, requirement.partner: PARTNERS[requirement.partner]}
-    cls(**needed, **together)
-    assert not [*cls.conflicts(together)]
+    for partner in (requirement.partner, *requirement.alternatives):
+        together = {**alone, partner: PARTNERS[partner]}
+        cls(**needed, **together)
+        assert not [*cls.unmet_requirements(together)]
 
 
 def test_requirements_are_those_of_single_values_too() -> None:
     (by_view,) = (each for each in requirements_of(ViewOptions) if each.name == "depth_range")
-    assert by_view.is_met("depth")
-    assert not any(map(by_view.is_met, (None, "seg", ["rgb"], 5, [[]])))
+    assert by_view.is_met({"view": "depth"})
+    assert not any(by_view.is_met({"view": value}) for value in (None, "seg", ["rgb"], 5, [[]]))
     VIDEO(plot_side="under", seg_by="object")  # the defaults
 
 

@@ -21,7 +21,7 @@ from mjrun.study.study import Study
 
 
 def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointFileRequest:
-    kept = KeptFileOptions(**options)  # type: ignore[arg-type]
+    kept = KeptFileOptions(keep=kinds, **options)  # type: ignore[arg-type]
     return PointFileRequest(folder, ball, key, kinds, kept, 2, {"values": {"seed": "1"}})
 
 
@@ -73,7 +73,7 @@ def test_a_process_that_dies_and_an_error_are_told(ball: Simulation, tmp_path: P
 
 
 def test_options_and_length_are_taken_over() -> None:
-    assert keep_options(KeptFileOptions(fps=25)).fps == 25
+    assert keep_options(KeptFileOptions(keep=("video",), fps=25)).fps == 25
     shorter = up_to(Simulation("a.xml", duration=3), 7)
     assert (shorter.steps, shorter.duration) == (7, None)
 
@@ -207,7 +207,7 @@ def test_points_are_chosen_by_the_ends_of_a_metric_within_the_conditions() -> No
         ({"keep_lowest": ("3:mass",)}, UnknownNameError, "metric"),
         ({"keep_highest": ("drift",)}, BadValueError, "4:drift"),
         ({"keep_where": ("model > 1",)}, UsageError, "not numbers"),
-        ({"keep_where": ("unstable",), "keep": ()}, UsageError, "no files are kept of the chosen points"),
+        ({"keep_where": ("unstable",), "keep": ()}, UsageError, "keep_where requires keep or contact_sheet"),
     ],
 )
 def test_an_invalid_choice_is_refused_before_the_study(

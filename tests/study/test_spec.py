@@ -49,6 +49,15 @@ def test_values_replace_options_and_join_names_and_overrides(base: Simulation) -
     assert point == expected
 
 
+def test_an_option_whose_partner_does_not_exist_at_a_point_is_left_out_there(base: Simulation) -> None:
+    timed = replace(base, ctrl_noise_time=0.5, ctrl_interpolation="linear")
+    names = ("ctrl_noise", "ctrl_from", "seed")
+    points = [simulation_at(timed, names, values) for values in (("0.1", "a.csv", "1"), ("", "", "1"))]
+    assert [(each.ctrl_noise, each.ctrl_noise_time) for each in points] == [(0.1, 0.5), (None, None)]
+    assert [(each.ctrl_from, each.ctrl_interpolation) for each in points] == [("a.csv", "linear"), (None, "hold")]
+    assert simulation_at(timed, ("seed",), ("1",)) == replace(timed, seed=1)  # which is refused when it starts
+
+
 def test_the_model_itself_may_vary(base: Simulation) -> None:
     assert simulation_at(base, ("model",), ("other.xml",)).source.text == "other.xml"
 

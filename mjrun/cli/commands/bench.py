@@ -13,6 +13,7 @@ from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, counted, file_errors, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
+from mjrun.options.every_command import opened_file
 
 if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult
@@ -46,6 +47,7 @@ def bench(console: Console, command_line: ParsedCommandLine) -> None:
     """
     form = command_line.form("csv", "markdown")
     forms = command_line.make(BenchReportOptions)
+    command_line.require(opened_file(), forms)
     if forms.html is not None:
         from mjrun.plotting.page_writer import check_page_name
 

@@ -9,6 +9,7 @@ from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, 
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.every_command import opened_file
 from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
@@ -68,6 +69,7 @@ def check(console: Console, command_line: ParsedCommandLine) -> None:
     if command_line.value("fix"):
         import_mujoco()
     job = command_line.make(Check, models=command_line.arguments("models"))
+    command_line.require(opened_file("table"), options)
     _require_outputs(options)
     cards = _cards(console) if options.html else None
     result = job.run(

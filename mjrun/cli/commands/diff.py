@@ -9,6 +9,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import FailureReport, GoldenDifferenceError
 from mjrun.options.diff import DiffOptions
+from mjrun.options.every_command import opened_file
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
@@ -96,9 +97,11 @@ def diff(console: Console, command_line: ParsedCommandLine) -> None:
     from mjrun.cli.diff_report import diff_report, verdict
     from mjrun.outputs.diff import Diff
 
-    result = command_line.make(
+    request = command_line.make(
         Diff, a=command_line.argument("a"), b=command_line.argument("b"), command=console.command
-    ).run(console)
+    )
+    command_line.require(opened_file("output"), request)
+    result = request.run(console)
     console.answer(diff_report(result, every=console.verbosity > 0), form)
     if not result.equal:
         console.fail(DIFFERENT, "Difference", verdict(result))

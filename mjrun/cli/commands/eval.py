@@ -14,6 +14,7 @@ from mjrun.cli.table_cells import ReportColumn, interval_text, number
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationOptions
+from mjrun.options.every_command import opened_file
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.suffixes import is_yaml
 
@@ -64,6 +65,8 @@ def eval(console: Console, command_line: ParsedCommandLine) -> None:  # noqa: A0
     options = command_line.make(EvaluationCommandOptions)
     form = command_line.form("csv", "markdown")
     evaluation, changes, located = _evaluation(console, command_line)
+    command_line.require(opened_file("videos"), evaluation)
+    console.page = evaluation.html
     with located():
         if options.print_document:
             from mjrun.document.evaluation import evaluation_text

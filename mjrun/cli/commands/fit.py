@@ -10,6 +10,7 @@ from mjrun.cli.console import Console, Report
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.cli.table_cells import ReportColumn, number
 from mjrun.errors import UsageError, clean, option
+from mjrun.options.every_command import opened_file
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
@@ -59,6 +60,8 @@ def fit(console: Console, command_line: ParsedCommandLine) -> None:
         console.answer(Report("fit", result, summary=lambda: fit_report(result)))
 
     job, located = _fit(command_line)
+    command_line.require(opened_file("video", "output", "comparison", "excite"), job)
+    console.page = job.html
     with located:
         if job.excite is None:
             show(job.run(console, show))

@@ -62,6 +62,7 @@ def run(console: Console, command_line: ParsedCommandLine) -> None:
             console.answer(Report("", plan, lambda: "\n".join(_plan_lines(plan))))
             return
 
+        console.page = request.page.html
         with UpToDateCheck(request.outputs, options, request.documents, request.page.html) as last:
             if earlier := last.up_to_date():
                 console.answer(unchanged(earlier), form)

@@ -24,6 +24,7 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.errors import FailedPointsError, FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.options.every_command import opened_file
 from mjrun.options.option import options_of
 from mjrun.options.report import PageOptions
 from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
@@ -108,6 +109,8 @@ def sweep(console: Console, command_line: ParsedCommandLine) -> None:
         _simulate_task(console, command_line, *options.task)
         return
     study, located = _study(console, command_line)
+    command_line.require(opened_file("contact_sheet", "keep"), study)
+    console.page = study.html
     with located():
         if options.print_document:
             from mjrun.document.study import study_text
