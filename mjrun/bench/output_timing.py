@@ -355,7 +355,7 @@ def _encoded(path: str, stream: FrameStream, frames: Sequence[np.ndarray], view:
 # --- whole outputs -----------------------------------------------------------------------------------
 
 
-class SilentReporter(WarningReporter):
+class _SilentReporter(WarningReporter):
     """A reporter that ignores warnings, which `bench` reports itself."""
 
     def warn(self, text: str) -> None:
@@ -392,7 +392,7 @@ def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
     with scratch_folder() as folder:
         trace = Trace(simulation, str(folder / "trace.csv"))
         before = clock()
-        result = trace.run(SilentReporter())
+        result = trace.run(_SilentReporter())
         seconds = clock() - before
     return OutputTiming("trace", result.simulated, result.rows, "rows", seconds)
 
@@ -415,7 +415,7 @@ def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> O
             require_gpu=drawing.require_gpu,
         )
         before = clock()
-        result = video.run(SilentReporter())
+        result = video.run(_SilentReporter())
         seconds = clock() - before
     rest = result.wall - result.simulation_wall
     return OutputTiming("video", result.simulated, result.frames, "frames", seconds, result.simulation_wall, rest)

@@ -50,7 +50,7 @@ class FramedObject(Options):
     )
 
 
-class InstantOrEndKind(ExactNumberKind):
+class _InstantOrEndKind(ExactNumberKind):
     """A time [s], kept exactly, or the end."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class ConditionEvent(Options):
         help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
-        converter=optional(InstantOrEndKind()),
+        converter=optional(_InstantOrEndKind()),
         default=None,
         key="else",
         kw_only=False,
@@ -114,7 +114,7 @@ class InstantOrEventKind(OneOfKind["float | str | Fraction | ConditionEvent", "F
         return plain_values(value) if isinstance(value, ConditionEvent) else value
 
 
-class BlendKind(OneOfKind["Blend | str | float", Blend]):
+class _BlendKind(OneOfKind["Blend | str | float", Blend]):
     """A blend, its shape or its width."""
 
     def __init__(self) -> None:
@@ -135,7 +135,7 @@ class BlendKind(OneOfKind["Blend | str | float", Blend]):
         return plain_values(value)
 
 
-class FramedObjectKind(OneOfKind["FramedObject | str", FramedObject]):
+class _FramedObjectKind(OneOfKind["FramedObject | str", FramedObject]):
     """An object to frame, or its name."""
 
     def __init__(self) -> None:
@@ -177,7 +177,7 @@ class Shot(Options):
         help="Simulated seconds per second of video: 0.5 is slow motion.",
     )
     blend: Blend | None = option(
-        converter=optional(BlendKind()),
+        converter=optional(_BlendKind()),
         default=None,
         kw_only=False,
         help="Transition from the previous shot: a shape, a width [s], or both; a cut if left out.",
@@ -198,7 +198,7 @@ class Shot(Options):
         help="Shake of a hand-held camera.",
     )
     fit: FramedObject | None = option(
-        converter=optional(FramedObjectKind()),
+        converter=optional(_FramedObjectKind()),
         default=None,
         kw_only=False,
         help="Object to keep whole in the image by adjusting the distance.",

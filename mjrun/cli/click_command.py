@@ -249,7 +249,7 @@ class DeclaredOption(click.Option):
             super().__init__(names, is_flag=True, default=None)
             return
         each = kind.repeated if isinstance(kind, OneOrMoreKind) else kind
-        chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, ChoiceKind) else KindType(each)
+        chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, ChoiceKind) else _KindType(each)
         metavar = None if isinstance(each, ChoiceKind) else kind.metavar
         optional: dict[str, Any] = {}
         if declared.flag_value is not None:
@@ -288,7 +288,7 @@ class DeclaredOption(click.Option):
         return made
 
 
-class KindType(click.ParamType[object]):
+class _KindType(click.ParamType[object]):
     """A kind of option values as a click type."""
 
     def __init__(self, kind: AnyKind) -> None:

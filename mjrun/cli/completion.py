@@ -25,7 +25,7 @@ FILES = ("FILE", "[FILE]", "FILE.xml[:NAME]", "FILE|none", "POLICY", "CODE", "MO
 FOLDERS = ("DIR",)
 
 
-class BashCompletion(BashComplete):
+class _BashCompletion(BashComplete):
     """Completion for Bash that also works within words that Bash splits: `scene:dom`, `--ctrl=mot`, `geom/a,b`."""
 
     source_template = r"""
@@ -61,7 +61,7 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
         return f"{item.type},{item.value[start:]}"
 
 
-add_completion_class(BashCompletion, "bash")
+add_completion_class(_BashCompletion, "bash")
 
 
 def complete(group: click.Group, instruction: str) -> int:

@@ -198,7 +198,7 @@ def _content(row: "Asset") -> str:
 
 
 @dataclass(frozen=True)
-class TableSection:
+class _TableSection:
     """A section with one row per object.
 
     Attributes:
@@ -227,13 +227,13 @@ class LineSection:
     is_detail: bool = False
 
 
-def _objects(*sources: ColumnSource, is_detail: bool = False) -> TableSection:
+def _objects(*sources: ColumnSource, is_detail: bool = False) -> _TableSection:
     """Returns the section of a kind of objects."""
 
     def columns(rows: Sequence[Any], model: "mujoco.MjModel") -> list[ReportColumn]:
         return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
 
-    return TableSection(columns, is_detail)
+    return _TableSection(columns, is_detail)
 
 
 def _has_files(assets: "Sequence[Asset]") -> bool:
@@ -281,7 +281,7 @@ def statistics(of: "ModelStatistics") -> list[tuple[str, str]]:
     ]
 
 
-SECTIONS: "Mapping[str, TableSection | LineSection]" = {
+SECTIONS: "Mapping[str, _TableSection | LineSection]" = {
     "summary": LineSection(lambda of: summary(of.summary), lambda of: clean(of.summary.name)),
     "bodies": _objects(
         _tree,
@@ -375,10 +375,10 @@ SECTIONS: "Mapping[str, TableSection | LineSection]" = {
         _cells("settings", lambda plugin: clean(", ".join(f"{key}={value}" for key, value in plugin.settings.items()))),
         "state",
     ),
-    "options": TableSection(_settings),
-    "visual": TableSection(_settings, is_detail=True),
+    "options": _TableSection(_settings),
+    "visual": _TableSection(_settings, is_detail=True),
     "statistics": LineSection(lambda of: statistics(of.statistics), is_detail=True),
-    "assets": TableSection(_assets, is_news=_has_files),
+    "assets": _TableSection(_assets, is_news=_has_files),
 }
 
 

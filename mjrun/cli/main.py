@@ -85,7 +85,7 @@ def load_command(name: str) -> "SectionedCommand":
     return getattr(import_module(f"mjrun.cli.commands.{name}"), name)
 
 
-class LazyGroup(click.Group):
+class _LazyGroup(click.Group):
     """A group that lists its commands without importing them."""
 
     context_class = HelpContext
@@ -124,7 +124,7 @@ class LazyGroup(click.Group):
 
 
 @click.group(
-    cls=LazyGroup,
+    cls=_LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"]},
     invoke_without_command=True,
 )

@@ -36,7 +36,7 @@ class PayloadStream(io.FileIO):
             raise FileError("standard output", f"cannot be written: {reason}") from None
 
 
-class MessageStream(io.FileIO):
+class _MessageStream(io.FileIO):
     """A raw stream for messages, which are dropped if they cannot be written."""
 
     def write(self, data: Any, /) -> int | None:
@@ -54,7 +54,7 @@ def open_standard_streams() -> None:
             os.set_inheritable(os.open(os.devnull, mode), True)  # the lowest that is free, which is `number`
     system.show_utf8()
     sys.stdout = text_stream(PayloadStream(STDOUT, "w", closefd=False))
-    sys.stderr = text_stream(MessageStream(STDERR, "w", closefd=False), line_buffering=True)
+    sys.stderr = text_stream(_MessageStream(STDERR, "w", closefd=False), line_buffering=True)
 
 
 def text_stream(raw: io.FileIO, *, line_buffering: bool = False) -> TextIO:

@@ -156,7 +156,7 @@ UNSEEN: Numbers = {
 }
 
 
-class ArgumentVerdict(Enum):
+class _ArgumentVerdict(Enum):
     """The result if an argument has one of some values; `REQUIRE` continues then, and refuses all other values."""
 
     ALLOW = ALLOW
@@ -164,16 +164,16 @@ class ArgumentVerdict(Enum):
     REQUIRE = 0
 
 
-class ArgumentCheck(NamedTuple):
+class _ArgumentCheck(NamedTuple):
     """A check of an argument of a system call, by its lower 32 bits. If no check decides, the call is allowed."""
 
     argument: int
     mask: int
     values: Sequence[int]
-    verdict: ArgumentVerdict
+    verdict: _ArgumentVerdict
 
 
-SELF = ArgumentCheck(0, WHOLE, (0,), ArgumentVerdict.REQUIRE)  # the calling process, not another one by its number
+SELF = _ArgumentCheck(0, WHOLE, (0,), _ArgumentVerdict.REQUIRE)  # the calling process, not another one by its number
 NAMESPACES = 0x7E020000  # the flags of clone for new namespaces
 FAST_OPEN = 0x20000000  # the flag of a message that connects
 # Terminal requests (of type T) that change nothing; the others change the terminal, or type into it.
@@ -185,46 +185,46 @@ OWNERS = (0x8901, 0x8902)  # requests that redirect the signals of a descriptor 
 SET_OWNER = (8, 15)  # the same with fcntl
 
 # Calls that are allowed with some arguments only.
-CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[ArgumentCheck]]] = {
+CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[_ArgumentCheck]]] = {
     "ioctl": (
         (16, 29),
         (
-            ArgumentCheck(1, WHOLE, TERMINAL, ArgumentVerdict.ALLOW),
-            ArgumentCheck(1, 0xFF00, TYPES, ArgumentVerdict.REFUSE),
-            ArgumentCheck(1, 0xFFFFFF00, CONSOLE, ArgumentVerdict.REFUSE),
-            ArgumentCheck(1, WHOLE, OWNERS, ArgumentVerdict.REFUSE),
+            _ArgumentCheck(1, WHOLE, TERMINAL, _ArgumentVerdict.ALLOW),
+            _ArgumentCheck(1, 0xFF00, TYPES, _ArgumentVerdict.REFUSE),
+            _ArgumentCheck(1, 0xFFFFFF00, CONSOLE, _ArgumentVerdict.REFUSE),
+            _ArgumentCheck(1, WHOLE, OWNERS, _ArgumentVerdict.REFUSE),
         ),
     ),
-    "fcntl": ((72, 25), (ArgumentCheck(1, WHOLE, SET_OWNER, ArgumentVerdict.REFUSE),)),
+    "fcntl": ((72, 25), (_ArgumentCheck(1, WHOLE, SET_OWNER, _ArgumentVerdict.REFUSE),)),
     # Two sockets that are connected to each other permanently; datagram sockets could be connected elsewhere.
     "socketpair": (
         (53, 199),
         (
-            ArgumentCheck(0, WHOLE, (AF_UNIX,), ArgumentVerdict.REQUIRE),
-            ArgumentCheck(1, SOCKET_TYPE, (socket.SOCK_STREAM, socket.SOCK_SEQPACKET), ArgumentVerdict.REQUIRE),
+            _ArgumentCheck(0, WHOLE, (AF_UNIX,), _ArgumentVerdict.REQUIRE),
+            _ArgumentCheck(1, SOCKET_TYPE, (socket.SOCK_STREAM, socket.SOCK_SEQPACKET), _ArgumentVerdict.REQUIRE),
         ),
     ),
-    "sendto": ((44, 206), (ArgumentCheck(3, FAST_OPEN, (FAST_OPEN,), ArgumentVerdict.REFUSE),)),
-    "sendmsg": ((46, 211), (ArgumentCheck(2, FAST_OPEN, (FAST_OPEN,), ArgumentVerdict.REFUSE),)),
-    "sendmmsg": ((307, 269), (ArgumentCheck(3, FAST_OPEN, (FAST_OPEN,), ArgumentVerdict.REFUSE),)),
+    "sendto": ((44, 206), (_ArgumentCheck(3, FAST_OPEN, (FAST_OPEN,), _ArgumentVerdict.REFUSE),)),
+    "sendmsg": ((46, 211), (_ArgumentCheck(2, FAST_OPEN, (FAST_OPEN,), _ArgumentVerdict.REFUSE),)),
+    "sendmmsg": ((307, 269), (_ArgumentCheck(3, FAST_OPEN, (FAST_OPEN,), _ArgumentVerdict.REFUSE),)),
     # The caller's process group, which may be that of a shell's script, and all processes.
-    "kill": ((62, 129), (ArgumentCheck(0, WHOLE, (0, WHOLE), ArgumentVerdict.REFUSE),)),
-    "clone": ((56, 220), (ArgumentCheck(0, NAMESPACES, (0,), ArgumentVerdict.REQUIRE),)),
+    "kill": ((62, 129), (_ArgumentCheck(0, WHOLE, (0, WHOLE), _ArgumentVerdict.REFUSE),)),
+    "clone": ((56, 220), (_ArgumentCheck(0, NAMESPACES, (0,), _ArgumentVerdict.REQUIRE),)),
     "prlimit64": ((302, 261), (SELF,)),
-    "setpriority": ((141, 140), (SELF, ArgumentCheck(1, WHOLE, (0,), ArgumentVerdict.REQUIRE))),
+    "setpriority": ((141, 140), (SELF, _ArgumentCheck(1, WHOLE, (0,), _ArgumentVerdict.REQUIRE))),
     "sched_setaffinity": ((203, 122), (SELF,)),
     "sched_setattr": ((314, 274), (SELF,)),
     "sched_setparam": ((142, 118), (SELF,)),
     "sched_setscheduler": ((144, 119), (SELF,)),
     # A file opened for reading and truncated, which Landlock allows before version 3.
-    "open": ((2, None), (ArgumentCheck(1, os.O_TRUNC | O_ACCMODE, (os.O_TRUNC,), ArgumentVerdict.REFUSE),)),
-    "openat": ((257, 56), (ArgumentCheck(2, os.O_TRUNC | O_ACCMODE, (os.O_TRUNC,), ArgumentVerdict.REFUSE),)),
+    "open": ((2, None), (_ArgumentCheck(1, os.O_TRUNC | O_ACCMODE, (os.O_TRUNC,), _ArgumentVerdict.REFUSE),)),
+    "openat": ((257, 56), (_ArgumentCheck(2, os.O_TRUNC | O_ACCMODE, (os.O_TRUNC,), _ArgumentVerdict.REFUSE),)),
 }
 SOCKET = (41, 198)
 OF_TCP = (
-    ArgumentCheck(0, WHOLE, (socket.AF_INET, socket.AF_INET6), ArgumentVerdict.REQUIRE),
-    ArgumentCheck(1, SOCKET_TYPE, (socket.SOCK_STREAM,), ArgumentVerdict.REQUIRE),
-    ArgumentCheck(2, WHOLE, (0, socket.IPPROTO_TCP), ArgumentVerdict.REQUIRE),
+    _ArgumentCheck(0, WHOLE, (socket.AF_INET, socket.AF_INET6), _ArgumentVerdict.REQUIRE),
+    _ArgumentCheck(1, SOCKET_TYPE, (socket.SOCK_STREAM,), _ArgumentVerdict.REQUIRE),
+    _ArgumentCheck(2, WHOLE, (0, socket.IPPROTO_TCP), _ArgumentVerdict.REQUIRE),
 )
 
 
@@ -304,11 +304,11 @@ def _rule(number: int | None, body: Sequence[_Step]) -> list[_Step]:
     return [] if number is None else [(JUMP_IF_EQUAL, 0, len(body), number), *body]
 
 
-def _checked(checks: Iterable[ArgumentCheck]) -> list[_Step]:
+def _checked(checks: Iterable[_ArgumentCheck]) -> list[_Step]:
     steps: list[_Step] = []
     for argument, mask, values, verdict in checks:
         steps += [(LOAD, 0, 0, ARGUMENTS + 8 * argument), (AND, 0, 0, mask)]
-        if verdict is ArgumentVerdict.REQUIRE:
+        if verdict is _ArgumentVerdict.REQUIRE:
             steps += [(JUMP_IF_EQUAL, len(values) - place, 0, value) for place, value in enumerate(values)]
             steps += [(RETURN, 0, 0, REFUSE)]
         else:

@@ -108,7 +108,7 @@ def _similarity(a: np.ndarray, b: np.ndarray) -> float | None:
     return float(structural_similarity(a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=SSIM_WINDOW))
 
 
-class ImageFrames:
+class _ImageFrames:
     """Image files as frames: one, or all in a folder, in the order of their names."""
 
     fps: float | None = None  # frames per second; unknown
@@ -127,7 +127,7 @@ class ImageFrames:
             yield frame
 
 
-Frames = VideoReader | ImageFrames  # of one size, decoded again with each iteration
+Frames = VideoReader | _ImageFrames  # of one size, decoded again with each iteration
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
       UnknownNameError: images with this suffix cannot be read.
     """
     indices = bool(read_palette(a)) and read_palette(a) == read_palette(b)
-    one, other = (ImageFrames([Path(path)], indices=indices) for path in (a, b))
+    one, other = (_ImageFrames([Path(path)], indices=indices) for path in (a, b))
     return compare(one, other, tolerance)
 
 
@@ -260,7 +260,7 @@ def _frames(path: str) -> Frames:
     images = sorted(each for each in Path(path).iterdir() if each.suffix.lower() == ".png")
     if not images:
         raise FileError(path, "contains no .png images")
-    return ImageFrames(images, indices=False)
+    return _ImageFrames(images, indices=False)
 
 
 def _size(frame: np.ndarray) -> tuple[int, int]:

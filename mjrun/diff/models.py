@@ -66,7 +66,7 @@ TEXTS = ("text_data", "plugin_attr")
 MEMORY = "a compiled model"  # the name of a model without a source
 
 
-class FieldComparer:
+class _FieldComparer:
     """A comparison of fields of two models whose objects are matched."""
 
     def __init__(self, objects: ObjectMatching, tolerances: Tolerances) -> None:
@@ -240,7 +240,7 @@ def compare_models(a: ModelSource, b: ModelSource, tolerances: Tolerances | None
     objects = ObjectMatching(ModelObjects(first), ModelObjects(second))
     tolerances = tolerances or Tolerances(Tolerance(), {})
     tolerances.require(_field_names(first), "field")
-    comparer = FieldComparer(objects, tolerances)
+    comparer = _FieldComparer(objects, tolerances)
     stated = [*_settings(first, second, comparer), *_names(objects), *_orders(objects)]
     computed: dict[str, list[Difference]] = {"stat": [*_converted(statistic_differences(second, first), comparer)]}
     for field in model_fields():
@@ -269,7 +269,7 @@ def _field_names(model: mujoco.MjModel) -> list[str]:
     return [*(field.name for field in model_fields()), *names]
 
 
-def _settings(a: mujoco.MjModel, b: mujoco.MjModel, comparer: FieldComparer) -> Iterator[Difference]:
+def _settings(a: mujoco.MjModel, b: mujoco.MjModel, comparer: _FieldComparer) -> Iterator[Difference]:
     """Yields the differences in options, flags, visual settings, and sizes that the user sets."""
     yield from _converted((*option_differences(b, a), *visual_differences(b, a)), comparer)
     for size in (*SIZES, *user_sizes()):
@@ -278,7 +278,7 @@ def _settings(a: mujoco.MjModel, b: mujoco.MjModel, comparer: FieldComparer) -> 
             yield FieldDifference(size, "", (), (first,), (second,))
 
 
-def _converted(settings: Sequence[NonDefaultSetting], comparer: FieldComparer) -> Iterator[FieldDifference]:
+def _converted(settings: Sequence[NonDefaultSetting], comparer: _FieldComparer) -> Iterator[FieldDifference]:
     """Yields the differences in settings of the second model whose `default` is that of the first."""
     for setting in settings:
         a, b = _values(setting.default), _values(setting.value)
@@ -294,7 +294,7 @@ def _values(value: Value | tuple[float, ...]) -> tuple[Value, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _differ(path: str, a: Value, b: Value, comparer: FieldComparer) -> bool:
+def _differ(path: str, a: Value, b: Value, comparer: _FieldComparer) -> bool:
     if isinstance(a, float) and isinstance(b, float):
         return bool(comparer.disagree(path, np.array([a]), np.array([b]))[0])
     return a != b

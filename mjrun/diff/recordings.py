@@ -21,7 +21,7 @@ from mjrun.probe.fields import state_columns
 STEP = "step"
 
 
-class RecordedRows:
+class _RecordedRows:
     """The states of a recording as rows, after a column with their steps."""
 
     def __init__(self, recording: RecordingReader, names: Sequence[str]) -> None:
@@ -64,7 +64,7 @@ def compare_recordings(
         chosen = [n for n in names if not options.columns or any(matches(n, pattern) for pattern in options.columns)]
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
         tolerances.require(chosen)
-        rows = RecordedRows(one, names), RecordedRows(other, names)
+        rows = _RecordedRows(one, names), _RecordedRows(other, names)
         return compare_rows(*rows, chosen, STEP, tolerances, chosen, chosen), [], notes
 
 

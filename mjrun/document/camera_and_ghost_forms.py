@@ -42,7 +42,7 @@ def read_camera(path: pathlib.Path | str) -> CameraScript:
     return read(path, CAMERA)[0].script(pathlib.Path(path).stem, str(path))
 
 
-class DocumentMujocoNameKind(TextKind):
+class _DocumentMujocoNameKind(TextKind):
     """A name that MuJoCo defines, such as a visual flag."""
 
     def __init__(self, of: str) -> None:
@@ -149,7 +149,7 @@ class InlineGhost(Options):
         return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
 
 
-class GhostTextKind(TextKind):
+class _GhostTextKind(TextKind):
     """The settings of a ghost as text."""
 
     @property
@@ -157,7 +157,7 @@ class GhostTextKind(TextKind):
         return {"type": "string"}
 
 
-class DocumentGhostKind(OneOfKind[object, object]):
+class _DocumentGhostKind(OneOfKind[object, object]):
     """A ghost as text or as a mapping; its files are relative to the document."""
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ class DocumentGhostKind(OneOfKind[object, object]):
             return cast("Callable[..., InlineGhost]", InlineGhost)(**values).text()
 
         forms = "text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, map, recording}"
-        super().__init__(forms, string=GhostTextKind(), object=OptionsMappingKind(InlineGhost, text))
+        super().__init__(forms, string=_GhostTextKind(), object=OptionsMappingKind(InlineGhost, text))
 
     def read(self, value: object, reader: ReadingContext) -> object:
         return ghost_text(str(super().read(value, reader)), reader.input)
@@ -190,7 +190,7 @@ def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
 
 FORMS: dict[type[AnyKind], AnyKind] = {
     kinds.CameraKind: DocumentCameraKind(),
-    kinds.GhostKind: DocumentGhostKind(),
+    kinds.GhostKind: _DocumentGhostKind(),
     number_kinds.InstantKind: InstantOrEventKind(zero=True),
 }
 
@@ -198,5 +198,5 @@ FORMS: dict[type[AnyKind], AnyKind] = {
 def form_of(kind: AnyKind) -> AnyKind:
     """Returns the kind that reads values of `kind` from documents."""
     if isinstance(kind, kinds.MujocoNameKind):
-        return DocumentMujocoNameKind(kind.of)
+        return _DocumentMujocoNameKind(kind.of)
     return FORMS.get(type(kind), kind)

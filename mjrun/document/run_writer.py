@@ -20,7 +20,7 @@ from mjrun.task.task import Task
 
 
 @runtime_checkable
-class HasDocumentForm(Protocol):
+class _HasDocumentForm(Protocol):
     """A value with a form of documents, such as a camera script."""
 
     def inline(self) -> Options:
@@ -106,7 +106,7 @@ def _written(value: object) -> Plain:
             return exact(value)
         case Options():
             return _written(plain_values(value))
-        case HasDocumentForm():
+        case _HasDocumentForm():
             return _written(plain_values(value.inline()))
         case bool() | str():
             return value

@@ -130,7 +130,7 @@ def portable_document(study: Study, folder: str | Path) -> Mapped:
     return moved
 
 
-class PlainValueKind(Kind[V, V]):
+class _PlainValueKind(Kind[V, V]):
     """Plain values with a rule of JSON Schema; an empty rule accepts everything."""
 
     def __init__(self, rule: Schema) -> None:
@@ -155,13 +155,13 @@ class _PlannedStudy(Options):
 
     format: str = required(converter=ChoiceKind((SCHEMA,)), key="schema", help="Format of the plan.")
     folder: str = required(converter=TextKind(), help="Folder of the study.")
-    study: object = required(converter=PlainValueKind[object]({}), help="Study, as a document.")
+    study: object = required(converter=_PlainValueKind[object]({}), help="Study, as a document.")
     identity: Mapping[str, str] = required(
-        converter=PlainValueKind[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
+        converter=_PlainValueKind[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
         help="Versions of the programs, and hashes of everything that determines the results.",
     )
     ranges: Sequence[Sequence[int]] = required(
-        converter=PlainValueKind[Sequence[Sequence[int]]]({"type": "array", "items": RANGE}),
+        converter=_PlainValueKind[Sequence[Sequence[int]]]({"type": "array", "items": RANGE}),
         help="Ranges of points: the first point, and that after the last.",
     )
 

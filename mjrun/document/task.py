@@ -99,7 +99,7 @@ TASK = OptionsMappingKind[Values](
 
 
 @dataclass(frozen=True)
-class TaskDocumentPlaces:
+class _TaskDocumentPlaces:
     """The places of a task's parts in its document.
 
     Attributes:
@@ -167,7 +167,7 @@ class _Builder(DocumentValueBuilder):
             "reset": self._reset(document),
         }
         task = cast("Callable[..., Task]", Task)
-        return self.made(lambda: task(**values, path=path, name=name, places=TaskDocumentPlaces(self.tree)))
+        return self.made(lambda: task(**values, path=path, name=name, places=_TaskDocumentPlaces(self.tree)))
 
     def _model(self, document: Values) -> ModelSource:
         written = str(document["model"])

@@ -114,7 +114,7 @@ class EpisodeSimulator:
         return PointResult(point.index, episode.status, numbers, episode.steps, episode.exit_code, message, wall)
 
 
-class EpisodeParameters(Sequence[tuple[str, ...]]):
+class _EpisodeParameters(Sequence[tuple[str, ...]]):
     """The values of each episode: those of its group, and its seed. They are made on demand, for many episodes.
 
     Args:
@@ -157,7 +157,7 @@ class PreparedEpisodes(PreparedPoints):
         self._episodes, self._seeds, self._task = spec, seeds, prepared.task
         several = len({group.policy for group in groups}) > 1
         names = (*(["policy"] if several else []), *prepared.points.names, "seed")
-        values = EpisodeParameters(
+        values = _EpisodeParameters(
             [(*([group.name] if several else []), *prepared.points.points[group.point]) for group in groups], seeds
         )
         pickled = PickledWithCode(pickle.dumps(spec), prepared.modules)

@@ -277,7 +277,7 @@ def parameter_names(paths: Sequence[str]) -> dict[str, str]:
     return {name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own
 
 
-class PointConditionVocabulary(Vocabulary):
+class _PointConditionVocabulary(Vocabulary):
     """The parameters of points, whose values may be texts."""
 
     has_texts = True
@@ -294,7 +294,7 @@ class PointCondition:
     """
 
     def __init__(self, text: str, paths: Sequence[str], label: str) -> None:
-        self._condition = parse_condition(text, PointConditionVocabulary(parameter_names(paths)), label)
+        self._condition = parse_condition(text, _PointConditionVocabulary(parameter_names(paths)), label)
         nodes = [*walk(self._condition.root)]
         self._matches = [node for node in nodes if isinstance(node, TextMatch)]
         self.parameters = {*self._condition.columns, *(match.name for match in self._matches)}

@@ -58,7 +58,7 @@ NEAREST = 1e-3  # least distance of such states from the best one, in standard e
 
 
 @dataclass(frozen=True, eq=False)
-class Jacobians:
+class _Jacobians:
     """Derivatives of the residuals of each chunk.
 
     Attributes:
@@ -99,7 +99,7 @@ def _normal_equations(
     problem: ShootingProblem,
     point: Unknowns,
     residuals: Sequence[Floats],
-    jacobians: Jacobians,
+    jacobians: _Jacobians,
     weights: Sequence[Floats],
     damping: float = 0.0,
 ) -> _NormalEquations:
@@ -200,22 +200,22 @@ class GaussNewton:
         all_residuals = yield from self._problem.residuals(points)
         return [_Place(p, r, self._problem.cost(p, r)) for p, r in zip(points, all_residuals, strict=True)]
 
-    def _jacobians(self, place: _Place) -> Simulating[Jacobians]:
+    def _jacobians(self, place: _Place) -> Simulating[_Jacobians]:
         pair = yield from self._problem.jacobians(place.point, place.residuals)
-        return Jacobians(*pair)
+        return _Jacobians(*pair)
 
-    def _sound(self, place: _Place, jacobians: Jacobians) -> Simulating[Jacobians]:
+    def _sound(self, place: _Place, jacobians: _Jacobians) -> Simulating[_Jacobians]:
         """Returns the smaller of forward and backward differences, as one of them may cross a jump of the motion."""
         backwards = yield from self._problem.jacobians(place.point, place.residuals, wider=-1.0)
         of_coordinates, of_states = (
             [np.where(np.abs(a) < np.abs(b), a, b) for a, b in zip(one, other, strict=True)]
             for one, other in zip((jacobians.of_coordinates, jacobians.of_states), backwards, strict=True)
         )
-        return Jacobians(of_coordinates, of_states)
+        return _Jacobians(of_coordinates, of_states)
 
     def _descended(
         self, evaluations: int, tolerance: float, enough: float = 0.0
-    ) -> Simulating[tuple[_Place, Jacobians]]:
+    ) -> Simulating[tuple[_Place, _Jacobians]]:
         """Descends until steps gain nothing more.
 
         Args:
@@ -260,7 +260,7 @@ class GaussNewton:
                 damping = trials[-1]
         return place, jacobians
 
-    def _renewed(self, before: _Place, place: _Place, jacobians: Jacobians, is_good: bool) -> Simulating[Jacobians]:
+    def _renewed(self, before: _Place, place: _Place, jacobians: _Jacobians, is_good: bool) -> Simulating[_Jacobians]:
         """Returns the derivatives at `place`: by differences, and for states by secants if these were good."""
         if not is_good:
             return (yield from self._jacobians(place))
@@ -274,9 +274,9 @@ class GaussNewton:
             change = place.residuals[i] - before.residuals[i] - jacobians.of_coordinates[i] @ turned - slope @ move
             size = float(move @ scaled)
             of_states.append(slope + change[..., None] * scaled / size if size > 0 else slope)
-        return Jacobians(of_coordinates, of_states, is_fresh=False)
+        return _Jacobians(of_coordinates, of_states, is_fresh=False)
 
-    def _step(self, place: _Place, jacobians: Jacobians, damping: float) -> tuple[Unknowns, float]:
+    def _step(self, place: _Place, jacobians: _Jacobians, damping: float) -> tuple[Unknowns, float]:
         """Returns a damped step within bounds and the decrease of the cost that it promises."""
         problem, free = self._problem, self._problem.free
         weights = [loss_weights(problem.loss, r) for r in place.residuals]
@@ -291,7 +291,7 @@ class GaussNewton:
         ]
         return point, place.cost - problem.cost(point, expected)
 
-    def _solution(self, place: _Place, jacobians: Jacobians) -> Solution:
+    def _solution(self, place: _Place, jacobians: _Jacobians) -> Solution:
         pairs = zip(jacobians.of_coordinates, jacobians.of_states, strict=True)
         return self._problem.solution(place.point, place.residuals, list(pairs))
 
@@ -365,7 +365,7 @@ class EnsembleSearch:
 
     def _first_scatter(self, point: Unknowns) -> Simulating[CovarianceFactors]:
         (residuals,) = yield from self._problem.residuals([point])
-        jacobians = Jacobians(*(yield from self._problem.jacobians(point, residuals, wider=WIDER)))
+        jacobians = _Jacobians(*(yield from self._problem.jacobians(point, residuals, wider=WIDER)))
         weights = [np.ones_like(each) for each in residuals]
         return _scatter(_normal_equations(self._problem, point, residuals, jacobians, weights))
 
@@ -378,7 +378,7 @@ class EnsembleSearch:
         residuals = yield from self._problem.residuals(points)
         self._rounds = [*self._rounds[1 - POOLED :], (points, residuals)]
 
-    def _regressed(self, middle: Unknowns) -> tuple[list[Floats], Jacobians, list[Floats]]:
+    def _regressed(self, middle: Unknowns) -> tuple[list[Floats], _Jacobians, list[Floats]]:
         """Fits residuals at the centre, derivatives, and variances of residuals to the points of the last rounds."""
         free = self._problem.free
         points = [each for points, _ in self._rounds for each in points]
@@ -401,7 +401,7 @@ class EnsembleSearch:
             variances.append((1 + often * rough).reshape(shape))
             of_coordinates.append(of_unknowns[..., :free])
             of_states.append(of_unknowns[..., free:])
-        return at_middle, Jacobians(of_coordinates, of_states), variances
+        return at_middle, _Jacobians(of_coordinates, of_states), variances
 
     def _nearest(
         self, middle: Unknowns, scatter: CovarianceFactors, batches: int

@@ -83,7 +83,7 @@ class ChunkRolloutInputs:
     start: np.ndarray
 
 
-class SimulationFailures:
+class _SimulationFailures:
     """Simulations that failed.
 
     Attributes:
@@ -137,7 +137,7 @@ class Predictor:
 
     def __init__(self, simulation: Simulation, signals: Sequence[str], parameters: Sequence[FreeParameter]) -> None:
         self._source, self._parameters = simulation.source, parameters
-        self.failures, self.rollouts, self.has_impacts = SimulationFailures(), 0, False
+        self.failures, self.rollouts, self.has_impacts = _SimulationFailures(), 0, False
         self._linear = simulation.ctrl_interpolation == "linear"
         self._variants = VariantLoader(_without_resets)
         self._engine = CEngine()

@@ -75,7 +75,7 @@ class PushKind(OneOfKind["Push | str | Mapping[str, object]", Push]):
             return _from_mapping(values)
 
         forms = "text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}"
-        super().__init__(forms, string=PushTextKind(), object=OptionsMappingKind(PushMapping, push))
+        super().__init__(forms, string=_PushTextKind(), object=OptionsMappingKind(PushMapping, push))
 
     def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
         match value:
@@ -98,7 +98,7 @@ class PushKind(OneOfKind["Push | str | Mapping[str, object]", Push]):
         return str(value)
 
 
-class PushTextKind(TextKind):
+class _PushTextKind(TextKind):
     """A push as text."""
 
     def read(self, value: object, reader: ReadingContext) -> object:

@@ -97,7 +97,7 @@ class KeptFileOptions(PointOrEpisodeVideoOptions):
     )
 
 
-class JobTaskNumberKind(Kind[Sequence[int], tuple[int, int]]):
+class _JobTaskNumberKind(Kind[Sequence[int], tuple[int, int]]):
     """One of N tasks, counted from 1: `3/16`."""
 
     metavar = "I/N"
@@ -253,7 +253,7 @@ SLURM_SETTINGS = {
 SLURM_JOBS = 1000  # in flight, unless --jobs sets their number: an array of Slurm has at most 1001 by default
 
 
-class SlurmSettingKind(Kind[str, str]):
+class _SlurmSettingKind(Kind[str, str]):
     """A setting of Slurm jobs: `partition=gpu`, `time=90min`, `mem=16G`, `gpus=a100:1`."""
 
     metavar = "NAME=VALUE"
@@ -296,7 +296,7 @@ class ExecutionOptions(Options):
         "concurrent.futures.Executor.",
     )
     slurm: tuple[str, ...] = option(
-        converter=OneOrMoreKind(SlurmSettingKind(), commas=True, expected="NAME=VALUE, as in partition=long"),
+        converter=OneOrMoreKind(_SlurmSettingKind(), commas=True, expected="NAME=VALUE, as in partition=long"),
         default=(),
         usual="time=5min, and what the cluster sets",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
@@ -373,7 +373,7 @@ class StudyCommandOptions(Options):
         help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )
     task: tuple[int, int] | None = option(
-        converter=optional(JobTaskNumberKind()),
+        converter=optional(_JobTaskNumberKind()),
         default=None,
         help="Simulate the I-th of N equal parts of a plan and exit; for job arrays, xargs and make.",
     )

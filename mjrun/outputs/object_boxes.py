@@ -14,7 +14,7 @@ from mjrun.rendering.drawn_model import VISIBLE_GROUPS
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)
 
 
-class GeomType(IntEnum):
+class _GeomType(IntEnum):
     """The types of geoms, which patterns can name."""
 
     PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
@@ -59,7 +59,7 @@ class ObjectBoxes:
 
     def __init__(self, model: mujoco.MjModel, roots: Sequence[int], owners: np.ndarray, visible: np.ndarray) -> None:
         self._parts: dict[int, list[tuple[int, np.ndarray]]] = {}  # by object: bodies, and corners in their frames
-        bounded = (model.geom_type != GeomType.PLANE) | (model.geom_size[:, :2] > 0).all(axis=1)
+        bounded = (model.geom_type != _GeomType.PLANE) | (model.geom_size[:, :2] > 0).all(axis=1)
         for geom in np.flatnonzero(visible & bounded):
             body = int(model.geom_bodyid[geom])
             if (owner := int(owners[body])) >= 0:
@@ -99,7 +99,7 @@ def _vertex_owners(owners: np.ndarray, bodies: np.ndarray, groups: np.ndarray, c
 def _own_corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Returns the corners of the box around a geom along its own axes, in the frame of its body `(8, 3)` [m]."""
     center, half = model.geom_aabb[geom].reshape(2, 3)
-    if model.geom_type[geom] == GeomType.PLANE:  # whose box is infinite
+    if model.geom_type[geom] == _GeomType.PLANE:  # whose box is infinite
         center, half = np.zeros(3), model.geom_size[geom] * [1, 1, 0]
     corners: np.ndarray = model.geom_pos[geom] + (center + CORNERS * half) @ _turn(model, geom).T
     return corners
@@ -110,21 +110,21 @@ def _exact_corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     turn, place = _turn(model, geom), model.geom_pos[geom]
     size, axis = model.geom_size[geom], turn[:, 2]
     match model.geom_type[geom]:
-        case GeomType.MESH | GeomType.SDF:
+        case _GeomType.MESH | _GeomType.SDF:
             mesh = model.geom_dataid[geom]
             first = model.mesh_vertadr[mesh]
             points = place + model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ turn.T
             low, high = points.min(axis=0), points.max(axis=0)
             return (low + high) / 2 + CORNERS * (high - low) / 2
-        case GeomType.SPHERE:
+        case _GeomType.SPHERE:
             half = np.full(3, size[0])
-        case GeomType.CAPSULE:
+        case _GeomType.CAPSULE:
             half = np.abs(axis) * size[1] + size[0]
-        case GeomType.CYLINDER:
+        case _GeomType.CYLINDER:
             half = np.abs(axis) * size[1] + size[0] * np.sqrt(np.maximum(1 - axis**2, 0))
-        case GeomType.ELLIPSOID:
+        case _GeomType.ELLIPSOID:
             half = np.sqrt(((turn * size) ** 2).sum(axis=1))
-        case GeomType.BOX:
+        case _GeomType.BOX:
             half = np.abs(turn) @ size
         case _:  # a height field or a plane
             return _own_corners(model, geom)

@@ -201,7 +201,7 @@ class OpenTrace(output.OpenBlockOutput[TraceResult]):
                 TableWriter(request.contacts, form, table.contact_columns, self._facts, request.units)
             )
         if request.golden is not None:
-            self._golden = OpenGoldenTable(request, table.columns, self._facts, stack)
+            self._golden = _OpenGoldenTable(request, table.columns, self._facts, stack)
         self._rows_to = request.rows_to(table.columns) if request.rows_to else None
         self._checkers = [assertion.checker() for assertion in plan.assertions]
         self._buffer = RowBuffer(table, steps, self._write)
@@ -324,7 +324,7 @@ def golden_files(options: GoldenOptions) -> list[str]:
     return [options.golden, *([str(beside)] if beside else [])]
 
 
-class OpenGoldenTable:
+class _OpenGoldenTable:
     """An open golden table: to compare with, to replace, or both.
 
     Args:

@@ -103,10 +103,10 @@ class BatchRecorder:
         arrays: Mapping[str, np.ndarray] = MappingProxyType({}),
     ) -> None:
         self._models, self._record = models, record
-        self._derived: DerivedFields | None = None
+        self._derived: _DerivedFields | None = None
         if any(model.opt.integrator == RK4 for model in models):
             repeated = {name: np.concatenate([values] * size) for name, values in arrays.items()}
-            self._derived = DerivedFields(_batch([*models] * size, threads, repeated), record, len(models))
+            self._derived = _DerivedFields(_batch([*models] * size, threads, repeated), record, len(models))
             models = with_flags(models, leave_out=ENERGY)
         self._batch = _batch(models, threads, arrays)
         self._states = {name: self._batch.bind(name) for name in record if name in STATE_FIELDS}
@@ -159,7 +159,7 @@ class BatchRecorder:
         Raises:
           mujoco.batch.SimulationError: MuJoCo raised an error on some of them; `error` has its message.
         """
-        derived = self._derived or DerivedFields(self._batch, self._record, len(self._models))
+        derived = self._derived or _DerivedFields(self._batch, self._record, len(self._models))
         return derived.of(states[:, None], ids)
 
     def error(self, simulation: int) -> str:
@@ -210,7 +210,7 @@ def recorded_fields(model: mujoco.MjModel, record: Sequence[str]) -> Fields:
     return {name: value if value.ndim else value.astype(np.int32) for name, value in values.items()}
 
 
-class DerivedFields:
+class _DerivedFields:
     """Fields of recorded states of n simulations, computed by `mj_forward` in C.
 
     Args:

@@ -171,7 +171,7 @@ class InertPickledObject:
         """Accepts an item of a list, and discards it."""
 
 
-class PickledDtype:
+class _PickledDtype:
     """The type of an array's numbers, pickled as `numpy.dtype`."""
 
     def __init__(self, code: object = "", *_: object) -> None:
@@ -188,7 +188,7 @@ class PickledDtype:
         return np.dtype(f"{self._order}{self._code}")
 
 
-class PickledArray:
+class _PickledArray:
     """An array that `numpy.asarray` converts; it raises ValueError if the array does not hold numbers."""
 
     def __init__(self, *_: object) -> None:
@@ -202,7 +202,7 @@ class PickledArray:
             raise ValueError("an array lacks its numbers")
         _, shape, of, is_fortran, content = self._state
         if (
-            not isinstance(of, PickledDtype)
+            not isinstance(of, _PickledDtype)
             or not isinstance(content, bytes | bytearray)
             or not isinstance(shape, tuple)
         ):
@@ -215,14 +215,14 @@ class PickledArray:
         return numbers.reshape(known, order="F" if is_fortran else "C").astype(cast("np.dtype", dtype or of.dtype()))
 
 
-def _array(content: object, of: object, shape: object, order: object) -> PickledArray:
+def _array(content: object, of: object, shape: object, order: object) -> _PickledArray:
     """Returns an array written by the newest protocol."""
-    array = PickledArray()
+    array = _PickledArray()
     array.__setstate__((1, shape, of, order == "F", content))
     return array
 
 
-def _number(of: object, content: object) -> PickledArray:
+def _number(of: object, content: object) -> _PickledArray:
     """Returns a single number of NumPy's."""
     return _array(content, of, (), "C")
 
@@ -235,10 +235,10 @@ def _latin(text: str, encoding: str) -> bytes:
 # The names with an effect: those by which NumPy writes arrays and numbers.
 CORES = ("numpy.core", "numpy._core")
 MAKERS: dict[tuple[str, str], object] = {
-    **{(f"{core}.multiarray", "_reconstruct"): PickledArray for core in CORES},
+    **{(f"{core}.multiarray", "_reconstruct"): _PickledArray for core in CORES},
     **{(f"{core}.multiarray", "scalar"): _number for core in CORES},
     **{(f"{core}.numeric", "_frombuffer"): _array for core in CORES},
-    ("numpy", "dtype"): PickledDtype,
+    ("numpy", "dtype"): _PickledDtype,
     ("_codecs", "encode"): _latin,
 }
 

@@ -66,7 +66,7 @@ class Axes:
 
 
 @dataclass(frozen=True)
-class LegendEntry:
+class _LegendEntry:
     """An entry of the legend: where it begins, where its value ends [pixels; 0: not shown], and its row.
 
     Without a name it consists of `unit` alone.
@@ -111,7 +111,7 @@ class LivePlot:
         low, high = _padded(self._values)
         self._step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # a hundredth or less of the range
         colours = _colours(len(names))
-        entries = [LegendEntry(letters(n), letters(u), c) for n, u, c in zip(names, units, colours, strict=True)]
+        entries = [_LegendEntry(letters(n), letters(u), c) for n, u, c in zip(names, units, colours, strict=True)]
         self._entries = self._legend(entries, size)
         first, last = float(self._times[0]), float(self._times[-1])
         span = first, (last if last > first else first + 1)
@@ -170,18 +170,18 @@ class LivePlot:
         line = round(LINE * self._em)
         return baseline(round(0.6 * self._em) + row * line, line, self._em)
 
-    def _legend(self, entries: list[LegendEntry], size: tuple[int, int]) -> list[LegendEntry]:
+    def _legend(self, entries: list[_LegendEntry], size: tuple[int, int]) -> list[_LegendEntry]:
         """Returns the entries that fit, in rows above a plot that remains at least as high as they, and 3.5 lines."""
         lines = size[1] / (LINE * self._em) - 2
         rows = max(1, int(min(lines / 2, lines - 3.5))) if lines > 1 else 0
-        placed: list[LegendEntry] = []
+        placed: list[_LegendEntry] = []
         for room, with_units in _SHORTER:
             placed = list(self._flow(entries, room * self._em, size[0], with_units))
             if not placed or placed[-1].row < rows:
                 break
         return self._counted([entry for entry in placed if entry.row < rows], len(entries), size[0])
 
-    def _counted(self, placed: list[LegendEntry], count: int, width: int) -> list[LegendEntry]:
+    def _counted(self, placed: list[_LegendEntry], count: int, width: int) -> list[_LegendEntry]:
         """Returns the entries that leave room for a count of the omitted ones, and an entry with that count."""
         for shown in range(len(placed), 0, -1):
             if shown == count:
@@ -189,10 +189,10 @@ class LivePlot:
             last, more = placed[shown - 1], f"… {count - shown} more"
             x = last.end + width_of(last.unit, self._em) + 1.6 * self._em
             if last.end and x + width_of(more, self._em) <= width - round(0.7 * self._em):
-                return [*placed[:shown], LegendEntry("", more, INK, x, x, last.row)]
+                return [*placed[:shown], _LegendEntry("", more, INK, x, x, last.row)]
         return placed
 
-    def _flow(self, entries: list[LegendEntry], room: float, width: int, with_units: bool) -> Iterator[LegendEntry]:
+    def _flow(self, entries: list[_LegendEntry], room: float, width: int, with_units: bool) -> Iterator[_LegendEntry]:
         """Yields the entries, placed in as many rows as they need."""
         em, row, inset = self._em, 0, round(0.7 * self._em)
         pen: float = inset

@@ -27,7 +27,7 @@ DRM_DEVICE_FILE = 0x3233  # of EGL_EXT_device_drm
 VENDOR, RENDERER, VERSION, MAX_RENDERBUFFER_SIZE = 0x1F00, 0x1F01, 0x1F02, 0x84E8  # of OpenGL
 
 
-class VulkanInstanceInfo(ctypes.Structure):
+class _VulkanInstanceInfo(ctypes.Structure):
     """VkInstanceCreateInfo of an instance without layers and extensions."""
 
     _fields_ = (
@@ -45,7 +45,7 @@ class VulkanInstanceInfo(ctypes.Structure):
 def vulkan() -> dict[str, str | int]:
     """Renders a ball with Filament, and queries Vulkan about the device that Filament has chosen."""
     library, instance = ctypes.CDLL("libvulkan.so.1"), ctypes.c_void_p()
-    info = VulkanInstanceInfo(type=1)  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
+    info = _VulkanInstanceInfo(type=1)  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
     code = library.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
     if code:
         return {"error": f"no driver works (vkCreateInstance: {code})"}

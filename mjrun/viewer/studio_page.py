@@ -74,7 +74,7 @@ NOISE = UnsupportedAction(
 KEYFRAME = UnsupportedAction("keyframes cannot be saved from the page")
 
 
-class StudioActionCollector(plugin.SimPlugin):
+class _StudioActionCollector(plugin.SimPlugin):
     """A plugin that collects the actions on the page, which Studio's physics would otherwise perform.
 
     Args:
@@ -150,7 +150,7 @@ class StudioActionCollector(plugin.SimPlugin):
         return True
 
 
-class StudioApp(app.App):
+class _StudioApp(app.App):
     """Studio's page, which leaves the user's settings file unchanged unless its menu saves it.
 
     Args:
@@ -236,8 +236,8 @@ class StudioWebPage:
         _ports_seen.discard(port)
         _ports_ready.discard(port)
         self.token = _tokens[port] = secrets.token_urlsafe(32)
-        self._port, page, started = port, StudioApp(speed), threading.Event()
-        self._messages = StudioActionCollector(model, page.step_control_state.get_speed())
+        self._port, page, started = port, _StudioApp(speed), threading.Event()
+        self._messages = _StudioActionCollector(model, page.step_control_state.get_speed())
         config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
 
         def serve(endpoint: Any) -> None:

@@ -56,7 +56,7 @@ def negative_springs(context: CheckContext) -> Iterator[Violation]:
             yield context.violation(kind, i, message, remedy)
 
 
-class Servo(NamedTuple):
+class _Servo(NamedTuple):
     """An actuator with the force `gain · ctrl + bias − kp · length − kv · velocity`, where length = gear · qpos.
 
     Attributes:
@@ -81,7 +81,7 @@ def servos_beyond_joints(context: CheckContext) -> Iterator[Violation]:
     It is a warning from five times the range on, as if degrees were meant.
     """
     model = context.model
-    excesses = dict[Servo, float]()
+    excesses = dict[_Servo, float]()
     for servo in _servos(model):
         low, high = model.jnt_range[servo.joint]
         if servo.limits and model.jnt_limited[servo.joint] and high > low:
@@ -96,7 +96,7 @@ def servos_beyond_joints(context: CheckContext) -> Iterator[Violation]:
             yield _beyond(context, worst, excesses[worst], len(servos) - 1, severity)
 
 
-def _beyond(context: CheckContext, servo: Servo, excess: float, others: int, severity: str) -> Violation:
+def _beyond(context: CheckContext, servo: _Servo, excess: float, others: int, severity: str) -> Violation:
     model = context.model
     low, high = model.jnt_range[servo.joint]
     start, end = servo.limits
@@ -142,7 +142,7 @@ def servos_too_stiff_for_timestep(context: CheckContext) -> Iterator[Violation]:
         yield _too_stiff(context, worst, message, f"kv of at most {limits[0]:.3g}", limits[1], len(braking) - 1)
 
 
-def _too_stiff(context: CheckContext, servo: Servo, message: str, gain: str, step: float, others: int) -> Violation:
+def _too_stiff(context: CheckContext, servo: _Servo, message: str, gain: str, step: float, others: int) -> Violation:
     inertia = context.model.dof_M0[context.model.jnt_dofadr[servo.joint]]
     joint = context.object("joint", servo.joint)
     message += f" of {context.model.opt.timestep:g} s, as {joint} has an inertia of {inertia:.3g}"
@@ -152,7 +152,7 @@ def _too_stiff(context: CheckContext, servo: Servo, message: str, gain: str, ste
     return context.violation("actuator", servo.id, message, remedy)
 
 
-def _phase(model: mujoco.MjModel, servo: Servo) -> float:
+def _phase(model: mujoco.MjModel, servo: _Servo) -> float:
     """Returns the phase of the oscillation of a servo in one timestep, reduced by damping that is implicit."""
     step, dof = model.opt.timestep, model.jnt_dofadr[servo.joint]
     damping = 0.0 if model.opt.integrator == RK4 else float(model.dof_damping[dof])
@@ -162,14 +162,14 @@ def _phase(model: mujoco.MjModel, servo: Servo) -> float:
     return float(step * abs(servo.gear) * np.sqrt(servo.kp / inertia))
 
 
-def _decay(model: mujoco.MjModel, servo: Servo) -> float:
+def _decay(model: mujoco.MjModel, servo: _Servo) -> float:
     """Returns the share of the velocity that kv removes in one timestep, relative to its limit; 0 if kv is implicit."""
     inertia = float(model.dof_M0[model.jnt_dofadr[servo.joint]])
     decay = float(model.opt.timestep * servo.kv * servo.gear**2 / inertia)
     return decay / MAX_DECAY.get(int(model.opt.integrator), np.inf)
 
 
-def _servos(model: mujoco.MjModel) -> Iterator[Servo]:
+def _servos(model: mujoco.MjModel) -> Iterator[_Servo]:
     """Yields the servos of hinges and slides."""
     for i in range(model.nactuator):
         joint = int(model.actuator_trnid[i, 0])
@@ -184,7 +184,7 @@ def _servos(model: mujoco.MjModel) -> Iterator[Servo]:
         if kp * gear * gain and model.actuator_ctrlnum[i] == 1 and model.actuator_ctrllimited[control]:
             targets = (gain * model.actuator_ctrlrange[control] + bias) / kp / gear
             limits = tuple(sorted(map(float, targets)))
-        yield Servo(i, joint, max(float(kp), 0.0), max(float(kv), 0.0), gear, limits)
+        yield _Servo(i, joint, max(float(kp), 0.0), max(float(kv), 0.0), gear, limits)
 
 
 @rule("MJ310", "warning", "name of the other side")

@@ -20,7 +20,7 @@ UNWRITTEN = ("output", "format", "contacts", "keep_partial", "manifest")  # of a
 PAIR = [ModelArgument("a", metavar="A"), ModelArgument("b", metavar="B")]
 
 
-class DiffCommand(SectionedCommand):
+class _DiffCommand(SectionedCommand):
     """The command `diff`; with --golden a different command, with the options of a trace."""
 
     def make_context(
@@ -74,7 +74,7 @@ def diff_golden(console: Console, command_line: ParsedCommandLine) -> None:
     ReportFormatOptions,
     *ON_FILES,
     arguments=PAIR,
-    cls=DiffCommand,
+    cls=_DiffCommand,
     python="Diff",
     reports={"diff": "mjrun.diff.result:DiffResult"},
 )

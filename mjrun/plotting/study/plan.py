@@ -97,7 +97,7 @@ class StudyFigurePlan:
         self.notes: list[str] = []
         varying = [parameter_of(results, name) for name in results.parameters]
         self._parameters = [each for each in varying if len(each.levels) > 1]
-        self._trajectories, self._over_time = PointTraces(results), list[CurveSpec]()
+        self._trajectories, self._over_time = _PointTraces(results), list[CurveSpec]()
         self._metrics = self._chosen_metrics()
         self._log_x, _ = parse_log(options.log, len(self._metrics))
         self._marks = parse_marks(options.mark, len(self._metrics) + len(self._over_time))
@@ -403,7 +403,7 @@ class _Curve:
         return float(magnitudes[np.isfinite(magnitudes)].max(initial=0.0))
 
 
-class PointTraces:
+class _PointTraces:
     """The stored traces of a study's points.
 
     Attributes:
