@@ -84,11 +84,25 @@ def blocks(
             yield tables.side_by_side(columns, piece.num_rows)
 
 
-def row_group_sizes(metadata: pyarrow.parquet.FileMetaData, names: Collection[str]) -> list[int]:
-    """Returns the decompressed bytes of the pages of columns in each row group, as a Parquet file states them."""
+def row_group_sizes(metadata: pyarrow.parquet.FileMetaData) -> list[int]:
+    """Returns the decompressed bytes of the pages in each row group, as a Parquet file states them."""
+    return [metadata.row_group(index).total_byte_size for index in range(metadata.num_row_groups)]
+
+
+def column_sizes(metadata: pyarrow.parquet.FileMetaData, names: Collection[str]) -> list[int]:
+    """Returns the decompressed bytes of the pages of columns in each row group, as a Parquet file states them.
+
+    If these metadata are damaged, pyarrow ends the process; it raises no error before they are read for the data.
+    """
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     chunks = [[group.column(index) for index in range(group.num_columns)] for group in groups]
     return [sum(each.total_uncompressed_size for each in row if each.path_in_schema in names) for row in chunks]
+
+
+def require_rows(rows: int, stated: int) -> None:
+    """Raises ValueError if a table has other than its stated number of rows: a damaged page can be skipped."""
+    if rows != stated:
+        raise ValueError(f"it has {rows} of {stated} rows")
 
 
 def parquet_columns(
@@ -103,12 +117,13 @@ def parquet_columns(
     Raises:
       FileError: it would fill the memory.
     """
-    content = pyarrow.parquet.ParquetFile(file, read_dictionary=[*repeated])
+    content = pyarrow.parquet.ParquetFile(file, read_dictionary=[*repeated], page_checksum_verification=True)
     numbers = 8 * content.metadata.num_rows * content.metadata.num_columns  # bytes
-    names = content.schema_arrow.names
-    require_expandable(path, numbers + sum(row_group_sizes(content.metadata, names)), file)
-    for index, name in enumerate(names):
-        yield content.schema_arrow.field(index), content.read([name], use_threads=False).column(name)
+    require_expandable(path, numbers + sum(row_group_sizes(content.metadata)), file)
+    for index, name in enumerate(content.schema_arrow.names):
+        column = content.read([name], use_threads=False).column(name)
+        require_rows(len(column), content.metadata.num_rows)
+        yield content.schema_arrow.field(index), column
 
 
 def parquet_groups(
@@ -129,8 +144,7 @@ def parquet_groups(
     content = pyarrow.parquet.ParquetFile(file, read_dictionary=dictionaries, page_checksum_verification=True)
     metadata = content.metadata
     names = [name for name in content.schema_arrow.names if name not in without]
-    sizes = row_group_sizes(metadata, names)
-    for index, size in enumerate(sizes):
+    for index, size in enumerate(row_group_sizes(metadata)):
         require_expandable(path, size + 8 * metadata.row_group(index).num_rows * metadata.num_columns, file)
         yield content.read_row_group(index, names, use_threads=False)  # which would decode all columns at once
 

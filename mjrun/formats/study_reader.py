@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean, option
-from mjrun.formats.input_file import decoding
+from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.local_and_remote_folders import Folder, folder_at, opened_at
 from mjrun.formats.tables import input_format
 from mjrun.model.table_column import with_unit
@@ -197,7 +197,7 @@ def read_results(path: str | Path) -> tuple[Numbers, Texts, list[str], Mapping[s
                 texts[field.name] = _text_column(column)
             else:
                 numbers[field.name] = column_numbers(column)
-    manifest = json.loads((schema.metadata or {}).get(b"mjrun", b"{}"))
+    manifest = parse_manifest((schema.metadata or {}).get(b"mjrun")) or {}
     known = units(schema, dict(zip(names, range(len(names)), strict=True)))
     return numbers, texts, names, manifest, {name: unit for name, unit in known.items() if unit}
 

@@ -330,7 +330,7 @@ class ChunkFiles:
                     schema = pyarrow.parquet.read_schema(stream)
             except FileNotFoundError:  # merged by another process
                 continue
-            except (OSError, pyarrow.ArrowException):
+            except (OSError, ValueError, pyarrow.ArrowException):
                 damaged += [name] if PointRange.of(name) else []
                 continue
             study = (schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
@@ -398,7 +398,7 @@ class ChunkFiles:
                     if not _is_part(table.schema, self._metrics, has_keys=has_keys):
                         return
                     yield _part_rows(table, self._metrics)
-        except (OSError, pyarrow.ArrowException):
+        except (OSError, ValueError, pyarrow.ArrowException):
             self.damaged.append(name)
 
     def _read_by_key(self, names: Sequence[str], known: ResultColumns, places: np.ndarray, keys: np.ndarray) -> None:
@@ -682,7 +682,7 @@ def _grouped(folder: Folder, names: Sequence[str]) -> "Iterator[pyarrow.Table]":
                     if count >= GROUP:
                         yield pyarrow.concat_tables(waiting)
                         waiting, count = [], 0
-        except (OSError, pyarrow.ArrowException):
+        except (OSError, ValueError, pyarrow.ArrowException):
             raise _UnreadablePartError from None
     if waiting:
         yield pyarrow.concat_tables(waiting)

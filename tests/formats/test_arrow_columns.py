@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.arrow_columns import cast_texts, parquet_columns
+from mjrun.formats.arrow_columns import cast_texts, column_numbers, parquet_columns, parquet_groups
+from mjrun.formats.table_reader import read_table
 from tests.formats.table_files import bits, lists, write
 
 
@@ -82,6 +84,39 @@ def test_columns_of_a_table_are_what_pyarrow_reads_unless_it_would_fill_the_memo
     monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with path.open("rb") as file, pytest.raises(FileError, match=r"a\.parquet: would expand to [\d.]+ GB in memory"):
         list(parquet_columns(path, file))
+
+
+def by_mjrun(path: Path, file: BinaryIO) -> list[list[float]]:
+    return [table[name].tolist() for table in [read_table(path)] for name in table.names]
+
+
+def as_columns(path: Path, file: BinaryIO) -> list[list[float]]:
+    return [column_numbers(column).tolist() for _, column in parquet_columns(path, file)]
+
+
+def as_groups(path: Path, file: BinaryIO) -> list[list[float]]:
+    return [column_numbers(column).tolist() for table in parquet_groups(path, file) for column in table.columns]
+
+
+@pytest.mark.parametrize("read", [by_mjrun, as_columns, as_groups])
+def test_a_flipped_bit_of_a_parquet_file_ends_no_process_and_changes_no_number(
+    tmp_path: Path, read: Callable[[Path, BinaryIO], list[list[float]]]
+) -> None:
+    path = tmp_path / "t.parquet"
+    rows = np.arange(12).reshape(4, 3) / 7
+    write(path, [rows])
+    content, damages = path.read_bytes(), 0
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    for place in (*range(4, 300, 3), *range(footer, footer + 48)):  # in pages, and at the beginning of the metadata
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        try:
+            with path.open("rb") as file:
+                found = read(path, file)
+        except (FileError, OSError, ValueError):
+            damages += 1
+        else:
+            assert found == rows.T.tolist()
+    assert damages > 60
 
 
 def test_casting_texts_gives_the_table_that_arrow_casts() -> None:

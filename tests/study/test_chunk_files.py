@@ -97,6 +97,17 @@ def test_a_part_with_any_wrong_byte_in_its_pages_is_damaged(files: ChunkFiles, t
         assert fresh.damaged == [part.name] or [*map(str, known)] == [*map(str, RESULTS)]
 
 
+def test_a_part_with_a_wrong_bit_in_its_metadata_has_its_results_or_none(files: ChunkFiles, tmp_path: Path) -> None:
+    part = write(files, [0, 1], RESULTS)
+    content = part.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    for place in range(footer, footer + 200):
+        bit = 1 << place % 8
+        part.write_bytes(content[:place] + bytes([content[place] ^ bit]) + content[place + 1 :])
+        known = files_in(tmp_path).read(range(2), keys_of)
+        assert all(each.status == "missing" or str(each) == str(RESULTS[each.index]) for each in known)
+
+
 def test_a_part_is_opened_only_for_its_points(files: ChunkFiles) -> None:
     parts = [write(files, [point, point + 1], [RESULTS[0]] * 2) for point in (0, 2, 4, 6)]
     for part in (parts[0], parts[3]):
