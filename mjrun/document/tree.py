@@ -58,11 +58,16 @@ class DocumentPlace(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """A problem at a place of a document; faults are reported in order."""
+    """A problem at a place of a document; faults are reported in order.
+
+    Attributes:
+      choices: the end of the message, which later faults with the same choices omit.
+    """
 
     mark: DocumentPlace
     path: str
     message: str
+    choices: str = ""
 
 
 @dataclass(frozen=True)
@@ -214,13 +219,17 @@ NAMED = (
 
 def document_error(faults: Iterable[Fault], more: Sequence[DocumentProblem] = ()) -> DocumentError:
     """Returns the error with all `faults`, ordered by place, and `more` problems from other documents."""
-    return DocumentError([*(_problem(fault) for fault in sorted(set(faults))), *more])
+    problems, listed = list[DocumentProblem](), {""}
+    for fault in sorted(set(faults)):
+        problems.append(_problem(fault, "" if fault.choices in listed else fault.choices))
+        listed.add(fault.choices)
+    return DocumentError([*problems, *more])
 
 
-def _problem(fault: Fault) -> DocumentProblem:
+def _problem(fault: Fault, choices: str) -> DocumentProblem:
     # An assignment already contains the path.
     named = not fault.mark.line and fault.mark.source.startswith(f"{fault.path}=")
-    return DocumentProblem(str(fault.mark), "" if named else fault.path, fault.message)
+    return DocumentProblem(str(fault.mark), "" if named else fault.path, fault.message + choices)
 
 
 def violation_faults(violations: Iterable[SchemaViolation], tree: Node, more_keys: Sequence[str] = ()) -> list[Fault]:
@@ -235,7 +244,7 @@ def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequen
     path = violation.path
     if violation.keys is not None:
         keys = [*violation.keys, *(more_keys if len(path) == 1 and violation.keys else ())]
-        return Fault(key_mark(tree, path), path_text(path[:-1]), _unknown(str(path[-1]), keys))
+        return Fault(key_mark(tree, path), path_text(path[:-1]), *_unknown(str(path[-1]), keys))
     if violation.error:
         return fault_at(tree, (*path, *violation.error.path), violation.error)
     if violation.message:
@@ -246,10 +255,11 @@ def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequen
     return Fault(node.mark, path_text(path), f"expected {violation.expected}, got {described(node)}{hint}")
 
 
-def _unknown(key: str, keys: Sequence[str]) -> str:
-    choices = f"; keys: {listing(keys)}" if keys else ""
+def _unknown(key: str, keys: Sequence[str]) -> tuple[str, str]:
+    """Returns the message about an unknown key, and the valid keys."""
     meant = [name for name in OTHER_NAMES.get(key, ()) if name in keys]
-    return f"unknown key {quoted(shortened(key))}{suggestion(key, keys, *meant)}{choices}"
+    message = f"unknown key {quoted(shortened(key))}{suggestion(key, keys, *meant)}"
+    return message, f"; keys: {listing(keys)}" if keys else ""
 
 
 def fault_at(tree: Node, path: DocumentPath, error: UsageError) -> Fault:

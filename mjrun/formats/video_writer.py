@@ -204,6 +204,7 @@ class VideoWriter(OutputWriter):
         status = self._child.wait(ffmpeg.LAST_WORDS)
         if isinstance(self.destination, StandardOutput) and self.destination.reader_is_gone():
             return ClosedPipeError()
+        self._require_folder()
         log = self._child.stderr.decode(errors="replace")
         if no_space(log):
             return FileError(self.destination.shown, "cannot be written: the disk is full")
@@ -215,7 +216,14 @@ class VideoWriter(OutputWriter):
         how = str(status) if is_known else "failed"
         return self._error(f"the encoder {how} after {self.written} of {self.count} frames", log)
 
+    def _require_folder(self) -> None:
+        """Raises FileError if the folder of the output has been removed."""
+        path = self.destination.path % 0 if self._encoding.format == "png" else self.destination.path
+        if self.destination.stdout is None and not Path(path).parent.is_dir():
+            raise FileError(self.destination.shown, "cannot be written: its folder was removed while it was written")
+
     def _check(self) -> None:
+        self._require_folder()
         if self.written != self.count:
             raise self._error(f"the video has {self.written} frames, expected {self.count}")
         if isinstance(self.destination, StandardOutput):

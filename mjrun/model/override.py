@@ -62,6 +62,7 @@ ELEMENTS = {
         *("skin", "pair", "exclude", "equality", "tendon", "actuator", "sensor", "numeric", "text", "tuple", "key"),
     )
 }
+SUGGESTED = 3  # paths, at most
 # Fields that MjSpec stores as plain integers and MJCF writes by name.
 NAMED_INTEGERS = {
     "integrator": mujoco.mjtIntegrator,
@@ -209,8 +210,9 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
         return
     root, *fields = override.target.split(".")
     if root not in ROOTS:
-        valid = [*ROOTS, *ELEMENTS] if slash else [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)]
-        raise UnknownNameError("setting", kind if slash else root, valid)
+        if slash:
+            raise UnknownNameError("setting", kind, [*ROOTS, *ELEMENTS])
+        raise _unknown_setting(root, fields)
     if [root, *fields[:1]] == ["opt", "flag"]:
         _set_flag(spec.option, fields[1:], override)
     else:
@@ -299,8 +301,13 @@ def _owners(spec: mujoco.MjSpec, override: Override) -> tuple[list[Any], list[st
         return elements_at(spec, override)
     root, *fields = override.target.split(".")
     if root not in ROOTS:
-        raise UnknownNameError("setting", root, [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)])
+        raise _unknown_setting(root, fields)
     return [ROOTS[root](spec)], fields
+
+
+def _unknown_setting(root: str, fields: list[str]) -> UnknownNameError:
+    meant = [] if fields else paths_of_field(root)
+    return UnknownNameError("setting", root, [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)], meant=meant)
 
 
 def _value_of(owner: Any, fields: list[str], override: Override) -> Any:
@@ -381,6 +388,16 @@ def _assign(owner: Any, fields: list[str], override: Override) -> None:
 
 
 _FIELDS: dict[type, list[str]] = {}  # by type of MjSpec
+
+
+def paths_of_field(name: str) -> list[str]:
+    """Returns paths of fields called `name`, of options and of all elements of a kind: `geom/*.friction`."""
+    field, bracket, index = name.partition("[")
+    classes = {each.removeprefix("Mjs").lower(): value for each, value in vars(mujoco).items() if each[:3] == "Mjs"}
+    owners = {"opt": mujoco.MjOption, "stat": mujoco.MjStatistic}
+    owners |= {f"{kind}/*": classes.get(kind) for kind in ELEMENTS}
+    known = [owner for owner, cls in owners.items() if field in dir(cls) and field not in HIDDEN and field[0] != "_"]
+    return [f"{owner}.{field}{bracket}{index}" for owner in known][:SUGGESTED]
 
 
 def fields_of(owner: Any) -> list[str]:

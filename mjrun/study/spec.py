@@ -26,7 +26,7 @@ from mjrun.errors import (
 )
 from mjrun.experiment.design import SHORT_PATHS, Design, simulation_kinds
 from mjrun.experiment.design_points import ABSENT, numbers
-from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply
+from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply, paths_of_field
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.image_dataset import CAMERA
@@ -314,8 +314,7 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
     with concerning("vary", name):
         if not has_entries and name not in WHOLE:
             valid = [*WHOLE, MODEL, CONTROLLER, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
-            meant = [f"opt.{name}"] if hasattr(mujoco.MjOption, name) else []
-            raise UnknownNameError("parameter", name, valid, where=option("vary"), meant=meant)
+            raise UnknownNameError("parameter", name, valid, where=option("vary"), meant=paths_of_field(name))
         try:
             key, entry = (group, f"{rest}={text}") if has_entries else (name, text)
             return key, simulation_kinds()[key].parse(entry)

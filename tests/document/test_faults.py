@@ -23,6 +23,16 @@ def test_every_error_is_reported_at_once_in_the_order_of_the_document() -> None:
     ]
 
 
+def test_valid_keys_are_listed_once() -> None:
+    text = "durations: 1\nfilms: [{fsp: 2}, {titel: x}]\nfoo: 2\n"
+    assert problems(lambda: read(put(text), Run)) == [
+        "d.yaml:1:1: unknown key 'durations' (did you mean 'duration'?); keys: duration, steps, model, films, start",
+        "d.yaml:2:10: films[0]: unknown key 'fsp' (did you mean 'fps'?); keys: fps, title",
+        "d.yaml:2:20: films[1]: unknown key 'titel' (did you mean 'title'?)",
+        "d.yaml:3:1: unknown key 'foo'",
+    ]
+
+
 def test_very_many_errors_are_counted() -> None:
     lines = problems(lambda: read(put("".join(f"k{i}: 1\n" for i in range(70))), Run))
     assert len(lines) == 51

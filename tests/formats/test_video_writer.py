@@ -3,6 +3,7 @@
 import io
 import os
 import re
+import shutil
 import struct
 import subprocess
 import threading
@@ -19,7 +20,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from mjrun.errors import EncoderError, MjrunError, UsageError
+from mjrun.errors import EncoderError, FileError, MjrunError, UsageError
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video_writer import VideoWriter, write_video
 from tests.cases import cases
@@ -227,6 +228,15 @@ def test_a_killed_encoder_is_an_error_and_leaves_the_old_video(tmp_path: Path) -
     ):
         go_on_writing(video)
     assert (tmp_path / "f.mp4").read_text() == "old"
+
+
+def test_a_folder_that_is_removed_while_it_is_written_is_an_output_that_cannot_be_written(tmp_path: Path) -> None:
+    with VideoWriter(str(tmp_path / "frames/"), encoding("frames/"), SIZE, FPS, 2) as video:
+        shutil.rmtree(Path(video.destination.path % 0).parent)
+        video.write(frames(1)[0])
+        video.written += 1
+        with pytest.raises(FileError, match="frames: cannot be written: its folder was removed"):
+            video.publish()
 
 
 @pytest.fixture

@@ -150,6 +150,22 @@ def test_a_name_with_wild_characters_means_itself_and_not_what_it_would_match() 
     assert spec.compile().geom_solmix.tolist() == [7, 1, 1]
 
 
+@pytest.mark.parametrize(
+    ("name", "paths"),
+    [
+        ("friction", ["geom/*.friction", "flex/*.friction", "pair/*.friction"]),
+        ("damping[0]", ["joint/*.damping", "flex/*.damping", "tendon/*.damping"]),
+        ("gravity", ["opt.gravity"]),
+        ("id", []),
+        ("kp", []),
+    ],
+)
+def test_the_name_of_a_field_alone_suggests_its_paths(name: str, paths: list[str]) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        apply(mujoco.MjSpec.from_string(MODEL), Override(name, "1"))
+    assert list(caught.value.meant) == paths
+
+
 @pytest.mark.parametrize("path", ["compiler.eulerseq", "material/mat.textures"])
 def test_a_setting_that_is_offered_can_be_set_or_is_refused_in_true_words(path: str) -> None:
     spec = mujoco.MjSpec.from_string(MODEL)

@@ -1,7 +1,10 @@
 """The look of figures: text that fits, ticks, themes, and the grid of panels."""
 
 import math
+import os
 import re
+import subprocess
+import sys
 from functools import cache
 
 import matplotlib
@@ -20,6 +23,12 @@ LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
 @cache
 def canvas() -> MatplotlibFigure:
     return MatplotlibFigure(GRID, LIGHT)
+
+
+def test_no_advice_about_the_cache_of_fonts_reaches_the_terminal() -> None:
+    command = [sys.executable, "-c", "import mjrun.plotting.matplotlib_layout"]
+    done = subprocess.run(command, env={**os.environ, "MPLCONFIGDIR": f"{os.devnull}/x"}, capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 @pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 100, "一" * 40])

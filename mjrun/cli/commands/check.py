@@ -1,5 +1,6 @@
 """Find errors in models and likely causes of errors; for CI."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,6 +9,8 @@ import click
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
+from mjrun.errors import UsageError, clean, option
+from mjrun.formats.input_file import exists
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.every_command import opened_file
 from mjrun.options.policy import PolicyOptions
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from mjrun.check.check_page import FindingCards
     from mjrun.check.rule import Rule
 
+REPORT_SUFFIXES = (".sarif", ".json", ".jsonl", ".md", ".txt")  # of files that are no models
 FIXED_BY = {"safe": "--fix", "unsafe": "--fix --unsafe-fixes"}
 MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
 
@@ -57,6 +61,8 @@ def check(console: Console, command_line: ParsedCommandLine) -> None:
         return
     if not command_line.arguments("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
+    if form:
+        _require_models(command_line.arguments("models"), form)
     from mjrun.cli.check_config import configured
     from mjrun.cli.check_report import check_report, model_line
     from mjrun.document.model_and_task_check import Check
@@ -98,6 +104,13 @@ def _cards(console: Console) -> "FindingCards":
     from mjrun.check.check_page import FindingCards
 
     return FindingCards(console)
+
+
+def _require_models(paths: Sequence[str], form: str) -> None:
+    """Refuses the name of a new file after an option that prints the report to standard output."""
+    for path in paths:
+        if Path(path).suffix in REPORT_SUFFIXES and not exists(path):
+            raise UsageError(f"{option(form)} prints to standard output; write > {clean(path)} after the command")
 
 
 def _require_outputs(options: CheckReportOptions) -> None:

@@ -76,6 +76,11 @@ def _fit(command_line: ParsedCommandLine) -> "tuple[Fit, AbstractContextManager[
 
     model, data = command_line.argument("model"), command_line.arguments("tables")
     if not is_yaml(model):
+        from mjrun.model.sources import names_model
+
+        if not names_model(model) and (models := [*filter(names_model, data)]):
+            files = clean(" ".join([models[0], model]))
+            raise UsageError(f"{clean(model)} is not a model; the model precedes the tables: mjrun fit {files}")
         if not data and command_line.value("excite") is None:
             raise click.UsageError("Missing argument 'DATA...'.", click.get_current_context())
         return command_line.make(Fit, simulation=simulation(command_line), data=data), nullcontext()

@@ -17,9 +17,10 @@ from mjrun.cli.simulation_command import (
     tell_reason,
     unchanged,
 )
-from mjrun.errors import clean
+from mjrun.errors import UsageError, clean, option
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunCommandOptions
+from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.document.run import LoadedRunDocument
@@ -50,11 +51,15 @@ def run(console: Console, command_line: ParsedCommandLine) -> None:
     form = command_line.form(*REPORT_FORMATS)
     import_mujoco()
     from mjrun.document.run import read_run
+    from mjrun.model.sources import names_model
     from mjrun.outputs.perform import perform, preview
     from mjrun.outputs.up_to_date_check import UpToDateCheck
 
     options = command_line.with_converted("controller", load_controller).make(RunCommandOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
+    if not is_yaml(document) and names_model(document):
+        advice = f"`mjrun video {clean(document)}` makes a video of it, and with {option('print_document')} a document"
+        raise UsageError(f"{clean(document)} is a model, not a document\n{advice}")
     request = read_run(document, assignments, options, console.command)
     with request.located():
         if options.dry_run:

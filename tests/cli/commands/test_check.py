@@ -122,6 +122,12 @@ def test_the_document_holds_all_models_in_order(models: Command) -> None:
     ]
 
 
+def test_a_file_after_the_option_of_a_report_is_not_taken_for_a_model(models: Command) -> None:
+    done = models("check", "warned.xml", "--sarif", "out.sarif")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert b"--sarif prints to standard output; write > out.sarif after the command" in done.stderr
+
+
 def test_sarif_is_what_code_scanning_reads(models: Command) -> None:
     done = models("check", "--sarif", "warned.xml", "broken.xml")
     document = json.loads(done.stdout)

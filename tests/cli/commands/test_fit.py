@@ -73,6 +73,7 @@ def test_wrong_usage_exits_with_2(mjrun_here: Command) -> None:
         ((model, log, *FREE, "--comparison", "fit.xyz"), b"fit.xyz"),
         ((model, log, *FREE, "--html", "fit.pdf"), b"ends with .html"),
         ((model, "none.csv", *FREE), b"none.csv"),
+        ((log, model, *FREE), f"the model precedes the tables: mjrun fit {model} {log}".encode()),
     ):
         done = mjrun_here("fit", *arguments)
         assert done.returncode in (2, 7)

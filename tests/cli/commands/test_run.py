@@ -44,6 +44,15 @@ def paths_told(stdout: bytes) -> list[str]:
     return [line.partition(":")[0] for line in stdout.decode().splitlines() if not line.startswith(" ")]
 
 
+@pytest.mark.parametrize("model", ["scene:dominos", "swing.xml"])
+def test_a_model_in_the_place_of_a_document_is_named_with_what_to_do(
+    study: Path, mjrun_here: Command, model: str
+) -> None:
+    done = mjrun_here("run", model)
+    assert done.returncode == 2
+    assert f"{model} is a model, not a document\n  `mjrun video {model}` makes a video of it".encode() in done.stderr
+
+
 def test_a_run_makes_everything_and_says_a_line_of_each(mjrun_here: Command, study: Path) -> None:
     done = mjrun_here("run", study, "-o", "out")
     assert (done.returncode, done.stderr) == (0, b"")
