@@ -57,7 +57,7 @@ class ComponentState:
 
 @dataclass(frozen=True)
 class DoctorReport:
-    """The state of all components.
+    """The report of `mjrun doctor`: the state of all components.
 
     Attributes:
       findings: the state of each component.

@@ -84,7 +84,7 @@ class WorkerEndedError(Exception):
 
 
 class Request(NamedTuple):
-    """A method of the server, by name, and its arguments."""
+    """A request: a method of the server, by name, and its arguments."""
 
     name: str
     arguments: tuple[Any, ...]

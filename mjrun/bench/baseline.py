@@ -94,7 +94,7 @@ def _positive(samples: Sequence[Any]) -> list[float]:
 
 @dataclass(frozen=True)
 class TimingComparison:
-    """Change of one timing.
+    """Comparison of one timing with that of the baseline.
 
     Attributes:
       name: name of the timing and its point in the grid: `step`, `threads 2`, `rgb 1280x720 model`.

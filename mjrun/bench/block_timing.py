@@ -141,7 +141,7 @@ class BatchRolloutTimer:
 
 
 class PythonLoopRolloutTimer:
-    """A timer of a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
+    """A timer that steps in Python, as a warning ends a rollout in C; with new controls, a step takes 1 µs longer."""
 
     copies = 1
 
@@ -216,7 +216,7 @@ def _phase(timer: str, seconds: Mapping[str, float], step: float) -> StepPhase:
 
 @dataclass(frozen=True)
 class StepProfile:
-    """Average contents of a step in a rollout.
+    """The averages over the steps of a rollout: contacts, iterations, memory, and the time of each phase.
 
     Attributes:
       contacts, constraints: number of contacts and constraints (`ncon`, `nefc`).

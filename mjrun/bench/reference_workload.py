@@ -45,7 +45,7 @@ MJCF = """
 
 @dataclass(frozen=True)
 class ReferenceWorkloadInfo:
-    """The workload that represents the speed of the machine.
+    """Facts about the workload that represents the speed of the machine.
 
     Attributes:
       version: version of the workload; only equal versions are compared.

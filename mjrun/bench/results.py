@@ -28,7 +28,7 @@ BUSY = 0.25  # load per core above which figures are unreliable
 
 @dataclass(frozen=True)
 class MachineInfo:
-    """A machine and its load.
+    """Facts about a machine, and its load.
 
     Attributes:
       system: operating system and architecture.
@@ -85,7 +85,7 @@ def _text(path: Path) -> str | None:
 
 @dataclass(frozen=True)
 class ModelInfo:
-    """The measured model.
+    """Facts about the measured model.
 
     Attributes:
       path: path of its file; empty for a compiled model.
@@ -135,7 +135,7 @@ class BenchSettings:
 
 @dataclass(frozen=True)
 class EngineInfo:
-    """The engine that steps.
+    """Facts about the engine that steps.
 
     Attributes:
       name: `c`, MuJoCo itself, or `warp`, MuJoCo Warp in single precision.
@@ -165,7 +165,7 @@ class EngineInfo:
 
 @dataclass(frozen=True)
 class StepCounts:
-    """Average contents of a step of one world.
+    """Average counts per step of one world: contacts, constraints and solver iterations.
 
     Attributes:
       contacts, constraints: number of contacts and constraints.
@@ -203,7 +203,7 @@ class IntegrationAccuracy:
 
 @dataclass(frozen=True)
 class GridPointResult:
-    """One point of the grid, or the only simulation.
+    """The result of one point of the grid, or of the only simulation.
 
     Attributes:
       point: settings of the grid.

@@ -43,7 +43,7 @@ class TimingBudget:
 
 @dataclass(frozen=True)
 class ThreadTiming:
-    """Timing of independent copies of the simulation, one thread each.
+    """Timing of a number of threads, each of which steps a separate copy of the simulation.
 
     Attributes:
       threads: number of copies.
@@ -234,7 +234,7 @@ def rounded_down(value: float, most: int) -> int:
 
 
 class WarpSettings:
-    """Number of worlds to time, and their device.
+    """Settings of a timing on Warp: the device, the number of worlds, and the sizes of their arrays.
 
     Args:
       device, nconmax, njmax: see `WarpDevice` and `WarpWorlds`.

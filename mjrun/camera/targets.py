@@ -50,7 +50,7 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class BoundObjectOrPoint:
-    """A place that a camera looks at or from: an object, or a point when its kind is empty.
+    """An object, resolved in a model, or a point, whose kind is empty: where a camera is, or where it looks.
 
     Attributes:
       kind, id: the kind and the id of the object; a `subtree` has the id of its body.

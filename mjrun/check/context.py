@@ -43,7 +43,7 @@ class AttachedModel(NamedTuple):
 
 
 class CheckContext:
-    """A model that loads.
+    """The context of rules: a model that loads, compiled, at its start, and in its XML.
 
     Attributes:
       path: its file.

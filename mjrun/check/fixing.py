@@ -74,7 +74,7 @@ class _Attempt(NamedTuple):
 
 
 class ModelFixer:
-    """The fixes of models, whose text is read at once.
+    """A fixer of models, which reads their text at once and tries fixes on copies.
 
     Args:
       given: the files and folders that the user named.

@@ -93,7 +93,7 @@ class Finding:
 
 
 class Place(NamedTuple):
-    """A line of a file.
+    """A place in a file, by its line.
 
     Attributes:
       line: the number of the line, counted from 1, if known.
@@ -262,7 +262,7 @@ class FixedFile:
 
 
 class FixResult(NamedTuple):
-    """The outcome of the fixes of a model.
+    """The result of the fixes of a model.
 
     Attributes:
       changes: the fields of the compiled model that differ from those of the original, each with its object; None if
@@ -274,7 +274,7 @@ class FixResult(NamedTuple):
 
 
 class FixedModelCopy(NamedTuple):
-    """A copy of a model.
+    """A copy of a model with its fixes, to be compared with the original.
 
     Attributes:
       model: the path of the model, as given.

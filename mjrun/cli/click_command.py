@@ -41,7 +41,7 @@ SHORT_DEFAULT = 24  # characters that are kept on one line
 
 
 class ParsedCommandLine:
-    """The options and arguments of one command line, by name, from which typed values are made."""
+    """A parsed command line: its options and arguments by name, from which typed values are made."""
 
     def __init__(self, params: Mapping[str, object]) -> None:
         self._params = {name: value for name, value in params.items() if value is not None}
@@ -136,7 +136,7 @@ class ModelArgument(click.Argument):
 
 @dataclass(frozen=True)
 class CommandDeclaration:
-    """Facts about a command in addition to its options and its help, from which lists of commands are derived.
+    """The declaration of a command: facts in addition to its options and help, from which lists are derived.
 
     Attributes:
       options: the classes of its options.

@@ -23,7 +23,7 @@ UNLIMITED = 1 << 16
 
 
 class TerminalReport:
-    """A layout of titled tables and lines, which are collected first."""
+    """A report for the terminal: titled tables and lines, which are collected first."""
 
     def __init__(self) -> None:
         self._terminal = Terminal(file=sys.stdout, highlight=False, markup=False, emoji=False)

@@ -247,7 +247,7 @@ class MatchedModelRows:
 
 
 class ModelRowMatching:
-    """The rows of two models along each dimension."""
+    """The matching of the rows of two models along each dimension."""
 
     def __init__(self, objects: ObjectMatching) -> None:
         self.objects = objects

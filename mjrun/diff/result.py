@@ -183,7 +183,7 @@ class PictureDifference:
 
 @dataclass(frozen=True)
 class GoldenVersions:
-    """The two sides of a comparison with a golden table.
+    """The versions that made the two sides of a comparison with a golden table.
 
     Attributes:
       mjrun, mujoco: the versions that made the golden table; empty if unknown.
@@ -281,7 +281,7 @@ class UnmatchedObject:
 
 @dataclass(frozen=True)
 class XmlPlace:
-    """A line of a file.
+    """A place in an XML file, by its line.
 
     Attributes:
       file: the model, or a file that it includes or attaches.
@@ -316,7 +316,7 @@ class XmlChange:
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """The differences between two models, `a` and `b`.
+    """The comparison of two models, `a` and `b`: all their differences.
 
     Attributes:
       a, b: their sources.

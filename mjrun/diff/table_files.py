@@ -33,7 +33,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class RecognizedResultTable:
-    """A table of results.
+    """A table of results, recognized by its columns: its kind, and the columns that may identify a row.
 
     Attributes:
       kind: one of `COLUMNS`.

@@ -45,7 +45,7 @@ class RowSource(Protocol):
 
 @dataclass(frozen=True)
 class RowPairs:
-    """Rows that belong together.
+    """The pairs of rows that belong together.
 
     Attributes:
       a, b: float64 or object `(n, columns)`.

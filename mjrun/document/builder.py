@@ -142,7 +142,7 @@ Made = TypeVar("Made")
 
 
 class LoadedDocument(Generic[Made]):
-    """The contents of a document, with a context that locates its errors.
+    """A document that was read: the value that it describes, with a context that locates its errors.
 
     Attributes:
       made: the study, fit or evaluation, ready to run.

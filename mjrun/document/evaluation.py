@@ -61,7 +61,7 @@ EVALUATION = OptionsMappingKind[Values](
 
 
 class LoadedEvaluationDocument(LoadedDocument[Evaluation]):
-    """The evaluation in a document, with a context that locates its errors.
+    """An evaluation document that was read, with a context that locates its errors.
 
     Attributes:
       changes: assignments `key=value` to the document of the task.

@@ -43,7 +43,7 @@ def _require_no_circle(path: Path) -> None:
 
 
 class OutputFolder:
-    """The output files of a run, inside `folder`, which messages call `name`."""
+    """A folder that contains all outputs of a run: `folder`, which messages call `name`."""
 
     def __init__(self, folder: Path, name: str = "the folder of outputs") -> None:
         self._folder, self._name, self._taken = folder, name, ReservedFiles()

@@ -109,7 +109,7 @@ def _output_class(key: str) -> Callable[..., OutputRequest[OutputResult]]:
 
 
 class LoadedRunDocument:
-    """The requests of a document, with a context that locates their errors.
+    """A run document that was read: the requested outputs, with a context that locates their errors.
 
     Attributes:
       outputs: the requested outputs, which share one simulation.

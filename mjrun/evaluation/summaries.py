@@ -34,7 +34,7 @@ OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "endin
 
 @dataclass(frozen=True)
 class EndingCount:
-    """Episodes that ended in one way.
+    """The number of episodes that ended in one way.
 
     Attributes:
       ending: name of the termination.
@@ -386,7 +386,7 @@ def point_table(
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number of several episodes, with its meaning and its interval."""
+    """An estimate from several episodes: its value, its meaning and its interval."""
 
     value: float | None
     meaning: str

@@ -23,7 +23,7 @@ FILES = (SENSITIVITY, "sensitivity.csv")
 
 @dataclass(frozen=True)
 class SensitivityIndex:
-    """An index with its confidence interval.
+    """A sensitivity index with its confidence interval.
 
     Attributes:
       value: index; None if it is undefined, as for a constant metric.

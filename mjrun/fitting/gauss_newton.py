@@ -162,7 +162,7 @@ class _Place:
 
 
 class GaussNewton:
-    """A search for the least sum of squares of a problem.
+    """A search for the least sum of squares of a problem by Gauss-Newton steps.
 
     Args:
       advanced: called with every solution that is better than the one before, without derivatives.
@@ -325,7 +325,7 @@ class CovarianceFactors:
 
 
 class EnsembleSearch:
-    """A search for the least sum of squares of a problem.
+    """A search for the least sum of squares, with derivatives that are fitted to ensembles of points.
 
     Args:
       scatter: standard errors of the start; None for those of finite differences, which suit short stretches only.

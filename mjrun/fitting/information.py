@@ -141,7 +141,7 @@ def _of(matrix: Floats, parameters: Sequence[FreeParameter]) -> Sensitivity:
 
 @dataclass(frozen=True, eq=False)
 class ParameterIntervals:
-    """Confidence intervals.
+    """Confidence intervals of parameters.
 
     Attributes:
       low, high: ends of the interval of each parameter.

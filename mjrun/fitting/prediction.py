@@ -70,7 +70,7 @@ def chunks(segments: Sequence[LogSegment], rows: int, timestep: float, lead: int
 
 @dataclass(frozen=True, eq=False)
 class ChunkRolloutInputs:
-    """A simulation of a chunk from an initial state with given parameters.
+    """The inputs of a rollout of a chunk: an initial state, and values of the parameters.
 
     Attributes:
       chunk: the chunk.

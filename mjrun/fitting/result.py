@@ -17,7 +17,7 @@ QUANTITIES = {"mass": "kg", **MOMENTS}  # of an inertia, with their units
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A parameter.
+    """A fitted parameter, with its confidence interval.
 
     Attributes:
       path: path in the model, or the delay of a signal.
@@ -65,7 +65,7 @@ class FittedSignal:
 
 @dataclass(frozen=True)
 class InertiaQuantity:
-    """A quantity of a body.
+    """A quantity of the inertia of a body, such as its mass.
 
     Attributes:
       name: `mass`, `center/x` to `center/z` in the frame of the body, or `moment/1` to `moment/3` of inertia about the
@@ -86,7 +86,7 @@ class InertiaQuantity:
 
 @dataclass(frozen=True)
 class FittedInertia:
-    """The inertia of a body.
+    """The fitted inertia of a body.
 
     Attributes:
       body: name of the body.

@@ -51,7 +51,7 @@ WHOLE = 10**9  # rows
 
 @dataclass
 class OriginalAndBestSolutions:
-    """The result of a search.
+    """The solutions by the original model and by the best parameters, as a search found them.
 
     Attributes:
       own: solution of whole segments by the original model, from the states that fit best.

@@ -144,7 +144,7 @@ def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Values of the unknowns.
+    """Values of all unknowns: coordinates of the parameters, and deviations of the initial states.
 
     Attributes:
       coordinates: coordinates of the parameters, `(p,)`.
@@ -156,7 +156,7 @@ class Unknowns:
 
 
 class ShootingProblem:
-    """Least squares of one stage, whose unknowns are the coordinates, unless fixed, and the state of each chunk.
+    """The least-squares problem of one stage: its unknowns are coordinates, unless fixed, and the state of each chunk.
 
     Args:
       parts: chunks to simulate.

@@ -23,7 +23,7 @@ OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # x right, y up, z backward
 
 @dataclass(frozen=True)
 class CalibrationEntry:
-    """The camera of one image.
+    """The entry of one image in a calibration file: its camera.
 
     Attributes:
       camera: name of the camera.

@@ -33,7 +33,7 @@ DEMUXERS = {
 
 @dataclass(frozen=True)
 class FfmpegResult:
-    """The outcome of a run of ffmpeg: its exit status, its standard output and its log."""
+    """The result of a run of ffmpeg: its exit status, its standard output and its log."""
 
     status: ExitStatus
     stdout: bytes
@@ -104,7 +104,7 @@ def working_codecs() -> dict[str, bool]:
 
 
 class H264Encoder:
-    """A running encoder, which returns the access unit of each frame some frames later.
+    """A running encoder of H.264, which returns the access unit of each frame some frames later.
 
     An access unit is in the format of Annex B. A keyframe, at least one per second of video, contains the parameter
     sets; there are no B-frames. Odd sides are padded by one pixel. To be closed.

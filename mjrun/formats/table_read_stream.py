@@ -46,7 +46,7 @@ class AcceptedCells(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class TableReadStream:
-    """An open table.
+    """A table that is being read: its names, and its rows in blocks.
 
     The function `read` of a format makes it from the path, for messages; the open file, which stays open until the last
     block is read; a filter for the columns; and the cells that they may have. It returns before the rows are read.

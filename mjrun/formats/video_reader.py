@@ -35,7 +35,7 @@ def read_video(path: str | Path) -> "VideoReader":
 
 
 class VideoReader:
-    """The frames of a video.
+    """A reader of the frames of a video.
 
     Each iteration decodes the file again and holds one frame at a time: uint8 `(height, width, 3)`, or uint16
     `(height, width)` for a video of 16-bit numbers.

@@ -48,7 +48,7 @@ def require_own_content(path: Path, what: str, dataset: h5py.Dataset, file: Bina
 
 
 class StringHeap:
-    """The strings of variable length in a file.
+    """The heap of a file, which holds its strings of variable length.
 
     Args:
       file: the open file.

@@ -39,7 +39,7 @@ SHORTCUTS = {
 
 @dataclass(frozen=True)
 class AttributeChange:
-    """A new value of an attribute.
+    """A change of an attribute: its new value.
 
     Attributes:
       element: the element with the attribute.

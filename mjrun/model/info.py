@@ -187,7 +187,7 @@ def _is_finite(model: mujoco.MjModel, key: int) -> bool:
 
 @dataclass(frozen=True)
 class KeyframeDescription(ModelObject):
-    """A keyframe.
+    """The description of a keyframe.
 
     Attributes:
       time: the time [s].

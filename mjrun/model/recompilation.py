@@ -46,7 +46,7 @@ CHECKED = ("dof_M0", "dof_invweight0", "body_invweight0", "actuator_acc0", "tend
 
 
 class Recompiler:
-    """The specification of a model, which compiles to the same model with other numbers in its elements.
+    """A compiler of a specification to the same model with other numbers in its elements.
 
     Args:
       spec: the specification, which changes.
@@ -175,7 +175,7 @@ def _sizes() -> Callable[[mujoco.MjModel], tuple[int, ...]]:
 
 
 class ChangedBodyCompiler:
-    """The specification of a model, of which parts are compiled.
+    """A compiler of the bodies that overrides change, instead of the whole model.
 
     Args:
       spec: the specification, already compiled.
@@ -381,7 +381,7 @@ def _whole_numbers() -> tuple[str, ...]:
 
 
 class DerivedNumbersComputer:
-    """The derived numbers of the variants of a model.
+    """A calculator of the derived numbers of the variants of a model.
 
     Args:
       spec: the specification of the model, already compiled.

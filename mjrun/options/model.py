@@ -77,7 +77,7 @@ class ModelOptions(Options):
 
 @options
 class ServoOptions(ModelOptions):
-    """Overrides of a model that is simulated without a task, which would say what actions control."""
+    """Overrides of a model that no task controls, including servos in place of its motors."""
 
     section: ClassVar[str] = "Model"
 

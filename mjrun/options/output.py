@@ -66,7 +66,7 @@ class RerunOptions(Options):
 
 @options
 class SimulationCommandOptions(RerunOptions):
-    """Additional outputs of the commands that simulate."""
+    """Options of all commands that simulate: additional outputs, and reruns."""
 
     section: ClassVar[str] = "Output"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND

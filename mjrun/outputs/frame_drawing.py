@@ -243,7 +243,7 @@ class VideoOrImageRequest(ViewOptions, RenderedOutputRequest[R_co]):
 
 @dataclass(frozen=True)
 class FramePlan:
-    """The content of frames, with every name resolved in the model.
+    """The plan of frames: their content, with every name resolved in the model.
 
     Attributes:
       scene: the scene.

@@ -78,7 +78,7 @@ R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 @dataclass(frozen=True)
 class PassContext:
-    """The simulation that the outputs of one pass share."""
+    """The context of the outputs of one pass: the simulation that they share."""
 
     simulation: Simulation
     model: mujoco.MjModel

@@ -86,7 +86,7 @@ def planned_decorations(
 
 @dataclass(frozen=True)
 class ScenePlan:
-    """The scene of all frames, with every name resolved in the model.
+    """The plan of the scene of all frames, with every name resolved in the model.
 
     Attributes:
       motions: the motion of each camera.

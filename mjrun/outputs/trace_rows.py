@@ -45,7 +45,7 @@ class SampledRows:
 
 
 class RowInputs(NamedTuple):
-    """Copies of the data from which a row is computed.
+    """The inputs of a row: copies of the data from which it is computed.
 
     Attributes:
       fields: the bytes of fields of MjData, or numbers.
@@ -61,7 +61,7 @@ class RowInputs(NamedTuple):
 
 
 class ProbeSampler:
-    """The columns that probes select, with their rows, read in blocks or one at a time.
+    """A sampler of the columns that probes select, in blocks of rows or one row at a time.
 
     Measured energy is computed even if the model's flag is off; this does not change the motion.
 

@@ -61,7 +61,7 @@ class EarlierReport:
 
 
 class UpToDateCheck:
-    """A run, compared with the last one that made the same outputs; a context manager.
+    """A check of a run against the last one that made the same outputs; a context manager.
 
     Args:
       requests: the outputs, which share one simulation.

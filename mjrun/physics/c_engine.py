@@ -69,7 +69,7 @@ class CEngine:
 
 @dataclass(frozen=True)
 class StepRecords:
-    """The results of some steps of n simulations.
+    """The records of some steps of n simulations.
 
     Attributes:
       fields: the fields of every instant, `(n, rows, …)`.

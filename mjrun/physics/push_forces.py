@@ -29,7 +29,7 @@ class _TimedPush:
 
 
 class PushForces:
-    """All pushes of a simulation; those that overlap add up.
+    """The forces of all pushes of a simulation; those that overlap add up.
 
     Step k is pushed when round(at / timestep) ≤ k < round((at + duration) / timestep).
 

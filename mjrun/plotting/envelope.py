@@ -55,7 +55,7 @@ class RangeFilter:
 
 
 class Envelope:
-    """Several curves over one x, which arrive in blocks.
+    """The envelope of several curves over one x, whose samples arrive in blocks.
 
     While x ascends, samples are gathered in bins of x that double in width as x grows. From where x decreases, the
     rest is a path through the plane, in its original order.

@@ -153,7 +153,7 @@ ABOVE, BELOW = 2.6, 5.0  # room above the panels if there is a title, and below 
 
 @dataclass(frozen=True)
 class FigureCounts:
-    """The number of panels, the number of names in the largest legend, and whether there is a title."""
+    """The counts of a figure's contents: panels, names in the largest legend, and whether there is a title."""
 
     panels: int
     names: int

@@ -204,7 +204,7 @@ class MarkedCondition:
 
 
 class FigurePlan:
-    """A figure of tables with known columns.
+    """The plan of a figure of tables with known columns.
 
     Args:
       options: the content of the figure.
@@ -351,7 +351,7 @@ class FigurePlan:
 
 
 class TableCollector:
-    """The visible part of one table's rows, collected block by block.
+    """A collector of the visible part of one table's rows, block by block.
 
     Attributes:
       rows: number of rows so far.

@@ -72,7 +72,7 @@ class ReplayMark:
 
 @dataclass(frozen=True)
 class Replay:
-    """A replay.
+    """The content of a page that replays a simulation.
 
     Attributes:
       title, subtitle: text of its header.

@@ -141,7 +141,7 @@ def _point_names(paths: Sequence[str]) -> list[str]:
 
 
 class Table(table_reader.NumericTable):
-    """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
+    """A table that plots itself: columns of numbers, `table["qpos/knee"]`, with units, `table.units["qpos/knee"]`.
 
     Iterating yields the names of the columns, in the order of the file.
 

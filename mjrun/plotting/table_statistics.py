@@ -28,7 +28,7 @@ class ColumnStatistics:
 
 
 class ColumnStatisticsAccumulator:
-    """A counter of a table's statistics, block by block, whose memory does not grow with the rows."""
+    """An accumulator of a table's statistics, block by block, whose memory does not grow with the rows."""
 
     def __init__(self, names: Sequence[str]) -> None:
         count = len(names)
@@ -66,7 +66,7 @@ class ColumnStatisticsAccumulator:
 
 
 class TableSummarizer:
-    """A table of which every row is read once.
+    """A summarizer of a table, which reads every row once.
 
     Args:
       path: path of the table.

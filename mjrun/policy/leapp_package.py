@@ -51,7 +51,7 @@ LONGEST = 100_000_000  # maximum size of a header [bytes]
 
 @dataclass(frozen=True)
 class LeappTensorSpec:
-    """An input or output of a network.
+    """The specification of an input or output of a network.
 
     Attributes:
       place: `network/tensor`.
@@ -78,7 +78,7 @@ class LeappTensorSpec:
 
 @dataclass(frozen=True)
 class LeappNetwork:
-    """A network of a package."""
+    """A network of a LEAPP package."""
 
     name: str
     path: Path
@@ -88,7 +88,7 @@ class LeappNetwork:
 
 @dataclass(frozen=True)
 class LeappPackage:
-    """A package.
+    """A LEAPP package.
 
     Attributes:
       networks: the networks in the order of execution.

@@ -26,7 +26,7 @@ METHODS = ("act", "predict")
 
 
 class RandomPolicy(Policy):
-    """Uniformly random actions within the clip of the task, or within [-1, 1] without one."""
+    """A policy of uniformly random actions within the clip of the task, or within [-1, 1] without one."""
 
     def __init__(self) -> None:
         super().__init__(RANDOM)
@@ -49,7 +49,7 @@ class ZeroPolicy(Policy):
 
 
 class PythonPolicy(Policy):
-    """A function, an object, or a class that is instantiated for each episode.
+    """A policy in Python: a function, an object, or a class that is instantiated for each episode.
 
     An object is copied for each episode, so that episodes share no memory; without `reset`, only if it is of a class of
     the user's and can be copied.

@@ -28,7 +28,7 @@ DAMAGED = "is not a pickle, or is damaged"
 
 @dataclass(frozen=True)
 class NormalizationStatistics:
-    """`clip((observation - mean)/sqrt(var + epsilon), -clip, clip)`, as in VecNormalize of Stable-Baselines3.
+    """Statistics for `clip((observation - mean)/sqrt(var + epsilon), -clip, clip)`, as in VecNormalize.
 
     Attributes:
       mean, var: `(nobs,)`, float64.

@@ -80,7 +80,7 @@ class PolicyFacts:
 
 @dataclass(frozen=True)
 class ActionSpace:
-    """The actions of a task.
+    """The space of the actions of a task.
 
     Attributes:
       names: the names of the values: actuators or joints.

@@ -16,7 +16,7 @@ CHUNK = 512  # rows evaluated at once: the sum of 512 products of two 27-bit num
 
 @dataclass(frozen=True)
 class RowChunk:
-    """Consecutive rows.
+    """A chunk of consecutive rows.
 
     Attributes:
       columns: columns by name, `(count,)` each.
@@ -95,7 +95,7 @@ def _root(numerator: int, denominator: int) -> float:
 
 
 class SelectedRowAccumulator:
-    """The value of one row, such as the largest.
+    """An accumulator of the value of one row, such as the largest.
 
     Args:
       find: returns the index of that row in a chunk.
@@ -126,7 +126,7 @@ class SelectedRowAccumulator:
 
 
 class MomentAccumulator:
-    """An aggregate that follows from exact sums of values and of squares.
+    """An accumulator of exact sums of values and of squares, from which an aggregate follows.
 
     Attributes:
       place: place of the first value that is not finite, if any.
@@ -200,7 +200,7 @@ class QuantileAccumulator:
 
 
 class ShareAccumulator:
-    """The share of rows on which a condition holds."""
+    """An accumulator of the share of rows on which a condition holds."""
 
     place = ""
 
@@ -251,7 +251,7 @@ def _on_each_row(values: Any, count: int) -> np.ndarray:
 
 
 class ChunkBuffer:
-    """Selected columns of blocks of rows, in chunks of `CHUNK` rows.
+    """A buffer of selected columns of blocks of rows, which makes chunks of `CHUNK` rows.
 
     Args:
       table: names of all columns of a block.
@@ -301,7 +301,7 @@ class ChunkBuffer:
 
 
 class AggregateEvaluator:
-    """The values of aggregates, from chunks of rows in their order.
+    """An evaluator of aggregates, from chunks of rows in their order.
 
     Args:
       calls: aggregates of an expression, operands first.

@@ -68,7 +68,7 @@ from mjrun.probe.verdict import PartRowCount, Verdict
 
 
 class _DecidedRowCounter:
-    """The number of rows on which each part of an `or` decides, since all other parts fail there."""
+    """A counter of the rows on which each part of an `or` decides, since all other parts fail there."""
 
     def __init__(self, operation: tree.BooleanOperation) -> None:
         self._operation = operation
@@ -89,7 +89,7 @@ class _DecidedRowCounter:
 
 
 class _FailingRowCounter:
-    """The first row on which a truth fails, the values compared there, and the number of failures."""
+    """A counter of the rows on which a truth fails, with the first one and the values compared there."""
 
     def __init__(self, truth: tree.BooleanExpression) -> None:
         self.truth = truth
@@ -159,7 +159,7 @@ def parse_all(texts: Sequence[str], columns: Sequence[str] | Vocabulary) -> list
 
 
 class AssertionChecker:
-    """One pass of an assertion over a table, in memory that does not grow with the rows."""
+    """A checker of an assertion in one pass over a table, in memory that does not grow with the rows."""
 
     def __init__(self, assertion: Assertion) -> None:
         self._assertion, self._truth = assertion, assertion._truth

@@ -24,7 +24,7 @@ class Metric(ParsedExpression):
 
 
 class MetricEvaluator:
-    """One pass of metrics over a table, block by block.
+    """An evaluator of metrics in one pass over a table, block by block.
 
     Args:
       table: names of the columns of the table.
@@ -56,7 +56,7 @@ class MetricEvaluator:
 
 
 class BatchMetricEvaluator:
-    """One pass of metrics over n tables at once, row by row; every value is that of its table alone.
+    """An evaluator of metrics in one pass over n tables, row by row; every value is that of its table alone.
 
     Args:
       table: names of the columns of each table.

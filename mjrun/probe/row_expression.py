@@ -65,7 +65,7 @@ class RowExpression(ParsedExpression):
 
 
 class RowEvaluator:
-    """One pass of an expression over a table, block by block."""
+    """An evaluator of an expression in one pass over a table, block by block."""
 
     def __init__(self, value: NumericExpression) -> None:
         self._value = value
@@ -92,7 +92,7 @@ class RowEvaluator:
 
 
 class RisingEdgeDetector:
-    """The rows on which a condition begins to hold, in a table that arrives in blocks."""
+    """A detector of the rows on which a condition begins to hold, in a table that arrives in blocks."""
 
     def __init__(self) -> None:
         self.indices: list[int] = []  # counted from the first row

@@ -7,7 +7,7 @@ from mjrun.dataclass import dataclass
 
 @dataclass(frozen=True)
 class PartRowCount:
-    """A part of an assertion, and its number of rows.
+    """The number of rows that one part of an assertion decides or uses.
 
     Attributes:
       part: text of the part.

@@ -253,7 +253,7 @@ def start_early(requested: str | None = None) -> None:
 
 
 class BackendDetector:
-    """The search for a working backend, started at once so that it runs while the model loads.
+    """A detector of a working backend, which starts at once, so that it runs while the model loads.
 
     A backend that has worked in this process is not tried again until an environment variable changes.
 
@@ -317,7 +317,7 @@ class BackendDetector:
 
 
 class VulkanDetector(BackendDetector):
-    """The search for the Vulkan device of Filament, started at once."""
+    """A detector of the Vulkan device of Filament, which starts at once."""
 
     def __init__(self) -> None:
         self._start(None, ("vulkan",))

@@ -233,7 +233,7 @@ def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str, has
 
 
 class SingleSampleFramebuffer:
-    """A framebuffer for one image in the current OpenGL context. To be used in that context's thread, and freed.
+    """A framebuffer for one image without multisampling. To be used in the thread of its OpenGL context, and freed.
 
     Args:
       size: width and height [pixels].

@@ -34,7 +34,7 @@ ASPECT = 16 / 9  # target ratio of width to height of a grid, unless many cells 
 
 @dataclass(frozen=True)
 class CameraPanel:
-    """One view through the camera with this index."""
+    """A panel of a frame: one view through the camera with this index."""
 
     camera: int
     view: str
@@ -87,7 +87,7 @@ class FrameComposition:
 
 @dataclass(frozen=True)
 class FrameStream:
-    """The frames of one video: panels in colour, or the numbers of a single panel.
+    """A stream of the frames of one video: panels in colour, or the numbers of a single panel.
 
     Attributes:
       size: width and height of a panel [pixels].

@@ -262,7 +262,7 @@ SEGMENTS = PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
 
 class FilamentServer:
-    """A renderer of one model's states; methods and arguments are those of `FilamentRenderer`."""
+    """A server that renders states of one model; methods and arguments are those of `FilamentRenderer`."""
 
     def open(
         self,

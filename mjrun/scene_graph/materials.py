@@ -59,7 +59,7 @@ class TextureMapping:
 
 
 class MaterialCache:
-    """The materials of a model, each made once."""
+    """A cache of the materials of a model, each made once."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model

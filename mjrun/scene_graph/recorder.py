@@ -37,7 +37,7 @@ Adder = Callable[[mujoco.MjvScene, int], None]
 
 @dataclass(frozen=True)
 class SceneContentSettings:
-    """The contents of a scene.
+    """Settings of the contents of a scene.
 
     Attributes:
       options: flags and groups of MuJoCo's visualizer.

@@ -17,7 +17,7 @@ Rgba = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class TriangleSurface:
-    """Triangles.
+    """A surface of triangles.
 
     Attributes:
       points: vertices in the world, `(n, 3)` [m].

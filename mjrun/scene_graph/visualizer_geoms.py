@@ -24,7 +24,7 @@ MOST = 5000  # items; each is a node
 
 
 class MeshCache:
-    """The meshes of shapes and assets, each made once.
+    """A cache of the meshes of shapes and assets, each made once.
 
     Args:
       detail: factor of the number of triangles of a circle, 1 for that of the model.
@@ -75,7 +75,7 @@ class MeshCache:
 
 
 class VisualizerGeomRecorder:
-    """The items of all frames so far, each a node under the world.
+    """A recorder of the items of all frames so far, each a node under the world.
 
     Attributes:
       has_labels: true if there were texts, which are not nodes.

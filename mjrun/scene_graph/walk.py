@@ -24,7 +24,7 @@ UNSCALED = (1.0, 1.0, 1.0)
 
 
 class ModelWalk:
-    """The nodes of a model, except for what its visualizer adds frame by frame.
+    """A walk through a model, which collects its nodes, except for what its visualizer adds frame by frame.
 
     Args:
       data: the model at the first frame, with positions computed.

@@ -36,7 +36,7 @@ PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and 
 
 @dataclass
 class ColumnMap:
-    """Expressions for columns of a model over the columns of a table.
+    """A map from columns of a model to expressions over the columns of a table.
 
     Attributes:
       columns: names of the model's columns by field, in the order of its numbers.

@@ -18,14 +18,14 @@ from mjrun.version import __version__
 
 
 class ModelOrigin(TypedDict):
-    """Source of a model, and the fingerprint of its compiled form."""
+    """The origin of a model: its source, and the fingerprint of its compiled form."""
 
     path: str
     sha256: str
 
 
 class OutputOrigin(TypedDict):
-    """Facts that determine an output."""
+    """The origin of an output: facts that determine it."""
 
     mjrun: str
     mujoco: str

@@ -52,7 +52,7 @@ def is_cluster(engine: str) -> bool:
 
 
 class ClusterExecutor(Executor):
-    """The tasks of a cluster, whose workers come and go.
+    """An executor of calls as tasks of a cluster, whose workers come and go.
 
     Args:
       engine: the engine in messages.

@@ -28,7 +28,7 @@ Range = tuple[int, int]  # the first point, and that after the last
 
 @dataclass(frozen=True)
 class JobPlan:
-    """The points of a study that remain to be simulated.
+    """The plan of a job array: the points of a study that remain to be simulated.
 
     Attributes:
       study: study as it will be collected.
@@ -48,7 +48,7 @@ class JobPlan:
 
 @dataclass(frozen=True)
 class JobTaskResult:
-    """The result of a task.
+    """The result of one task of a job array.
 
     Attributes:
       path: folder of the study.

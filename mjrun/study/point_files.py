@@ -46,7 +46,7 @@ _RANKED = re.compile(r"\s*([1-9]\d*)\s*:(.+)", re.DOTALL)
 
 @dataclass(frozen=True)
 class KeptFiles:
-    """Files of points.
+    """Files of single points that a study keeps.
 
     Attributes:
       points: numbers of the points whose files are kept.

@@ -394,7 +394,7 @@ class ShippedStudy:
 
 @dataclass(frozen=True)
 class PointChunk:
-    """Points that one task of an engine simulates, on any machine.
+    """A chunk of points, which one task of an engine simulates, on any machine.
 
     Attributes:
       time_limit: wall time of a point [s].

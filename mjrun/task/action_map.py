@@ -92,7 +92,7 @@ class ActionMap:
 
 
 class TargetTorques:
-    """The controls that hold position and velocity targets, at every step of n worlds.
+    """The torques that hold position and velocity targets, as controls at every step of n worlds.
 
     Args:
       actions: the actions with their targets.

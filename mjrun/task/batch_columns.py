@@ -108,7 +108,7 @@ _Piece = _FieldPiece | _ProbePiece
 
 
 class MeasurementPlan:
-    """The sources of columns.
+    """The plan of a measurement: for each column, the source from which it is read.
 
     Args:
       model: the model with the columns.

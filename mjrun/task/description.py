@@ -27,7 +27,7 @@ BY_ENVIRONMENT = "as the environment says"
 
 @dataclass(frozen=True)
 class TaskSummary:
-    """The task as a whole.
+    """A summary of the task as a whole.
 
     Attributes:
       model: its source.
@@ -114,7 +114,7 @@ class ActionRow:
 
 @dataclass(frozen=True)
 class CommandRow:
-    """A command.
+    """A command to the policy.
 
     Attributes:
       name: its name.

@@ -79,7 +79,7 @@ class EpisodeColumnNames:
 
 @dataclass(frozen=True)
 class ControlInstant(EpisodeValues):
-    """The values that hold from a control instant until the next, and the ending of the episode if it ended here."""
+    """A control instant: the values that hold until the next one, and the ending of the episode if it ended here."""
 
     ending: Ending | None = None
 

@@ -29,7 +29,7 @@ NO_AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 
 @dataclass(frozen=True)
 class EnvironmentStep:
-    """The result of an action.
+    """A step of an environment: the result of an action.
 
     Attributes:
       observation: `(nobs,)` float64, flattened in Gymnasium's order.

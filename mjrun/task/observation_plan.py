@@ -72,7 +72,7 @@ class ObservedTerm:
 
 
 class ObservationPlan:
-    """The terms of the observation with their columns.
+    """The plan of an observation: its terms with their columns.
 
     Args:
       terms: the terms of the task.

@@ -18,7 +18,7 @@ SAME_POINT = 1e-9  # [m], distance from the camera below which it coincides with
 
 @dataclass(frozen=True)
 class ShotTime:
-    """An instant of a shot.
+    """A time within a shot.
 
     Attributes:
       time: simulated time [s].
@@ -49,7 +49,7 @@ class BoundRig(Protocol):
 
 
 class MujocoCameras:
-    """The cameras that MuJoCo provides for a model.
+    """MuJoCo's own cameras for a model: its free camera, and the pose of any camera as MuJoCo computes it.
 
     Args:
       is_framed: whether the default camera frames the model closely, instead of being MuJoCo's free camera.

@@ -11,7 +11,7 @@ Files = Sequence[tuple[str, bytes]]  # paths in the dataset, and contents
 
 @dataclass(frozen=True)
 class DatasetRecords:
-    """The accepted images of a dataset and their objects.
+    """The records of a dataset: its accepted images and their objects.
 
     Attributes:
       records: the images of each part of the dataset, by its name.

@@ -31,7 +31,7 @@ FIELDS = ("observations", "actions", "rewards")
 
 @dataclass(frozen=True)
 class CameraVideoLayout:
-    """The videos of a camera, one for each episode.
+    """The layout of the videos of a camera, one for each episode: their size and encoding.
 
     Attributes:
       name: name of the camera: letters, digits, `-` and `_`.
@@ -45,7 +45,7 @@ class CameraVideoLayout:
 
 @dataclass(frozen=True)
 class EpisodeLayout:
-    """Everything that the episodes of a dataset share.
+    """The layout of the episodes of a dataset: everything that they share.
 
     Attributes:
       fps: rows per second.

@@ -158,7 +158,7 @@ class MatlabArray:
 
 
 class MatParser:
-    """The variables of a file of MATLAB 5 to 7.2, a format that scipy and Octave also write.
+    """A parser of files of MATLAB 5 to 7.2, a format that scipy and Octave also write.
 
     Raises:
       ValueError: it is something else, or not complete.

@@ -31,7 +31,7 @@ FILES = {"trace": "table of a ghost", "recording": "recording of a ghost", "map"
 
 @dataclass(frozen=True)
 class GhostPlan:
-    """A ghost with resolved names. Without keyframe, trace and recording it moves with the model.
+    """A planned ghost, with resolved names. Without keyframe, trace and recording it moves with the model.
 
     Attributes:
       offset: displacement [m].

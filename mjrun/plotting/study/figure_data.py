@@ -146,7 +146,7 @@ StudyPanel = GraphPanel | HeatmapPanel | SensitivityPanel
 
 @dataclass(frozen=True)
 class DrawnStudyFigure:
-    """A figure of a study.
+    """A figure of a study, ready to be drawn.
 
     Attributes:
       panels: panels of one kind, followed by trajectories over time.

@@ -79,7 +79,7 @@ class MetricValues:
 
 
 class StudyFigurePlan:
-    """A figure of a study.
+    """The plan of a figure of a study.
 
     Args:
       results: results of the study.

@@ -76,7 +76,7 @@ class _Node(Protocol):
 
 @dataclass(frozen=True)
 class TensorSpec:
-    """An input or output of a model.
+    """The specification of an input or output of a model.
 
     Attributes:
       type: the type in the syntax of ONNX: `tensor(float)`.
