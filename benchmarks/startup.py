@@ -1,8 +1,9 @@
 """CPU time of short commands, compared with scripts that a user would write instead.
 
 Every command and its baseline run alternately as whole processes, all of whose CPU time counts, also that of their
-children. Help and completion are compared by the difference from `import click`, everything else by the ratio. The
-model has one body, and the outputs are as small as they can be, so that start-up is nearly all that is measured.
+children. Each counts with its lowest time, so that other work on the machine has little effect. Help and completion are
+compared by the difference from `import click`, everything else by the ratio. The model has one body, and the outputs
+are as small as they can be, so that start-up is nearly all that is measured.
 
     python benchmarks/startup.py
     python benchmarks/startup.py --rows image run --repeats 5
@@ -10,7 +11,6 @@ model has one body, and the outputs are as small as they can be, so that start-u
 
 import argparse
 import os
-import statistics
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -85,19 +85,18 @@ ROWS = {
 
 
 def compare(rows: dict[str, Row], repeats: int) -> None:
-    """Prints the medians of the CPU times, and of the differences or ratios of adjacent runs."""
+    """Prints the lowest CPU times, and their difference or ratio."""
     for row in rows.values():  # writes the bytecode of all modules, and the shaders of the driver
         run(*row.command)
         run(*row.baseline)
-    pairs = {
-        name: [(run(*row.command).cpu, run(*row.baseline).cpu) for _ in range(repeats)] for name, row in rows.items()
-    }
+    times = {name: ([], []) for name in rows}
+    for _ in range(repeats):
+        for name, row in rows.items():
+            times[name][0].append(run(*row.command).cpu)
+            times[name][1].append(run(*row.baseline).cpu)
     for name, row in rows.items():
-        ours, theirs = (statistics.median(times) * 1e3 for times in zip(*pairs[name], strict=True))
-        if row.is_difference:
-            compared = f"{statistics.median(mine - other for mine, other in pairs[name]) * 1e3:+.0f} ms"
-        else:
-            compared = f"{statistics.median(mine / other for mine, other in pairs[name]):.2f} x"
+        ours, theirs = (1e3 * min(each) for each in times[name])
+        compared = f"{ours - theirs:+.0f} ms" if row.is_difference else f"{ours / theirs:.2f} x"
         print(f"{name:12} mjrun {ours:5.0f} ms   baseline {theirs:5.0f} ms   {compared}", flush=True)
 
 

@@ -3,13 +3,14 @@
 Every step is a row with all default columns, energy and exact CSV; `mjrun trace` is timed as a whole process, and its
 start-up, measured with a few rows, is subtracted. The loop is a script with the arguments MODEL NSTEP [KEYFRAME] that
 prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
-More expensive outputs and inputs are timed, too, in CPU time: the contact table, columns that are read instant by
-instant, a table of controls, noise, and a controller called at every step, beside the loop that a user would write for
-it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. The traces have more columns, energy and
-exact CSV; "alike" has the columns of the loop, in npz. Of the other two controllers one passes its data on to a
-function, and one keeps it, so that it must get a copy. An episode of the standing humanoid is compared with the same
-loop around the same policy, a network in ONNX and a function in Python, on the same observations; the loop has neither
-rewards nor terminations. A long run of the last model shows that memory stays constant.
+More expensive outputs and inputs are timed, too, by the lowest CPU time of several runs: the contact table, columns
+that are read instant by instant, a table of controls, noise, and a controller called at every step, beside the loop
+that a user would write for it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. The traces
+have more columns, energy and exact CSV; "alike" has the columns of the loop, in npz. Of the other two controllers one
+passes its data on to a function, and one keeps it, so that it must get a copy. An episode of the standing humanoid is
+compared with the same loop around the same policy, a network in ONNX and a function in Python, on the same
+observations; the loop has neither rewards nor terminations. A long run of the last model shows that memory stays
+constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -22,7 +23,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -170,7 +171,7 @@ def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
 
 
 def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
-    """Prints the CPU time per row of more expensive traces, of a plain one and of a loop in Python in the same run."""
+    """Prints the lowest CPU times per row of more expensive traces, of a plain one and of a loop in Python."""
     controllers = {"controller": CONTROLLER, "passing": PASSING, "keeping": KEEPING}
     for name, text in controllers.items():
         (folder / f"{name}.py").write_text(text)
@@ -197,21 +198,15 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
         loop.write_text(f"{CONTROLLER}\n{LOOP}")
         cases["loop"] = lambda count: run(sys.executable, str(loop), str(model), str(count))
 
-    costs: dict[str, list[float]] = {name: [] for name in cases}
-    for _ in range(repeats):
-        for name, case in cases.items():
-            idle, busy = case(FEW), case(steps)
-            costs[name].append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
-    medians = {name: statistics.median(each) for name, each in costs.items()}
-    texts = [f"{name} {cost:.1f} us ({cost / medians['plain']:.2f} x)" for name, cost in medians.items()]
+    costs = lowest_costs(cases, steps, repeats)
+    texts = [f"{name} {cost:.1f} us ({cost / costs['plain']:.2f} x)" for name, cost in costs.items()]
     print(f"{model.stem:12} {'   '.join(texts)}")
     for name in [*controllers, "alike"] if actuated(model) else ():
-        ratio = statistics.median(one / other for one, other in zip(costs[name], costs["loop"], strict=True))
-        print(f"{'':12} {name} / loop in Python: {ratio:.2f}")
+        print(f"{'':12} {name} / loop in Python: {costs[name] / costs['loop']:.2f}")
 
 
 def policies(steps: int, repeats: int, folder: Path) -> None:
-    """Prints the CPU time per step of an episode, and its ratio to that of the loop, for each policy and output."""
+    """Prints the lowest CPU times per step of an episode and of the loop, for each policy and output."""
     model, code, loop = ROOT / "scenes/humanoid.xml", folder / "weights.py", folder / "policy_loop.py"
     code.write_text(FUNCTION)
     loop.write_text(f"{FUNCTION}\n{POLICY_LOOP}")
@@ -225,22 +220,32 @@ def policies(steps: int, repeats: int, folder: Path) -> None:
             ours = [*MJRUN, *command, str(TASK), "--policy", policy, "-q", "--steps"]
             theirs = [sys.executable, str(loop), str(model)]
             gl = {"MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")} if command is video else {}
+            cases = {"ours": partial(run_steps, ours, []), "loop": partial(run_steps, theirs, [str(noise), *network])}
             with environment(gl):
-                rows = [
-                    (per_step(ours, [], count), per_step(theirs, [str(noise), *network], count)) for _ in range(repeats)
-                ]
-            one, other = (statistics.median(column) for column in zip(*rows, strict=True))
+                costs = lowest_costs(cases, count, repeats)
+            one, other = costs["ours"], costs["loop"]
             print(
                 f"{TASK.stem}, {command[0]}{' alike' * (command is alike)}, policy {name}: {one:.1f} us/step   "
-                f"loop in Python {other:.1f} us/step   "
-                f"ratio {statistics.median(a / b for a, b in rows):.2f}"
+                f"loop in Python {other:.1f} us/step   ratio {one / other:.2f}"
             )
 
 
-def per_step(command: Sequence[str], options: Sequence[str], steps: int) -> float:
-    """Returns the CPU time of a step [us], without that of the start, of a command before their number and options."""
-    idle, busy = (run(*command, str(count), *options) for count in (FEW, steps))
-    return 1e6 * (busy.cpu - idle.cpu) / (steps - FEW)
+def lowest_costs(cases: Mapping[str, Callable[[int], Run]], steps: int, repeats: int) -> dict[str, float]:
+    """Returns the CPU time of a step [us] of each case, which runs a number of steps, without that of its start.
+
+    All run alternately, and both the whole run and the start count with their lowest times.
+    """
+    times = {name: ([], []) for name in cases}
+    for _ in range(repeats):
+        for name, case in cases.items():
+            for each, count in zip(times[name], (FEW, steps), strict=True):
+                each.append(case(count).cpu)
+    return {name: 1e6 * (min(busy) - min(idle)) / (steps - FEW) for name, (idle, busy) in times.items()}
+
+
+def run_steps(command: Sequence[str], options: Sequence[str], steps: int) -> Run:
+    """Runs a command with a number of steps before its options."""
+    return run(*command, str(steps), *options)
 
 
 @contextmanager
