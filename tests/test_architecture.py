@@ -397,6 +397,12 @@ def test_help_version_and_completion_load_no_slow_module(code: str) -> None:
     assert loaded.isdisjoint({"mujoco", "numpy", *SLOW_MODULES})
 
 
+def test_completion_does_not_load_what_wraps_help() -> None:
+    loaded = loaded_by(COMPLETION + command_line(""))
+    assert "mjrun.cli.click_command" in loaded
+    assert "textwrap" not in loaded
+
+
 def test_a_run_of_tables_starts_without_images_and_plots(tmp_path: Path) -> None:
     document = tmp_path / "run.yaml"
     document.write_text("{model: scene:pendulum, steps: 1, traces: [{output: t.csv}]}")

@@ -6,7 +6,6 @@ click calls `SectionedCommand.invoke`, which calls the function that `command` h
 import faulthandler
 import gc
 import sys
-import textwrap
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field
@@ -229,6 +228,8 @@ class SectionedCommand(click.Command):
 
 def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:
     """Formats an option with its text beside it, or below a long spelling; examples are not broken."""
+    import textwrap  # which compiles patterns that only help needs
+
     column = " " * (indent + TERM_WIDTH)
     lines = textwrap.wrap(text, width - len(column), break_on_hyphens=False, break_long_words=False)
     first = f"{'':{indent}}{spelling}"
