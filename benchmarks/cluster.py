@@ -41,9 +41,9 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.study import executors
-from mjrun.study.chunk_files import ChunkFiles, PartWriter
+from mjrun.study.chunk_files import PartFiles, PartWriter
 from mjrun.study.job_plan import task_blocks, task_points
-from mjrun.study.leases import BEAT, POLL, LeasedPoints, Leases
+from mjrun.study.leases import BEAT, POLL, Leases, PointLeaser
 from mjrun.study.range_folders import SIZES
 from mjrun.study.spec import PointResult
 
@@ -190,7 +190,7 @@ class _Cluster:
 
     def _task(self, node: int) -> Iterator[float]:
         """Executes a task, and yields after each step how long it takes [s]."""
-        files = ChunkFiles(self.folder, [METRIC], STUDY, self.points)
+        files = PartFiles(self.folder, [METRIC], STUDY, self.points)
         if self._is_shared:
             points = np.arange(self.points)
         else:
@@ -203,7 +203,7 @@ class _Cluster:
         missing = known.points[known.is_missing]
         leases = CountedLeases(files.ranges)
         parts = PartWriter(files, executors.INTERVAL, leases.publish)
-        leased = LeasedPoints(missing, known, files, leases, executors.QUEUED)
+        leased = PointLeaser(missing, known, files, leases, executors.QUEUED)
         sizes, beat = executors.ChunkSizes(None, executors.QUEUED), self.clock.now
         self.task_bytes = max(self.task_bytes, _bytes(known) + _bytes(leased))
         steps = np.broadcast_to(np.int64(1), len(missing))
@@ -254,7 +254,7 @@ def simulated(
         with patch("mjrun.study.leases.time", cluster.clock), patch("mjrun.study.chunk_files.time", cluster.clock):
             end = cluster.run()
         counts, start = cluster.counts.copy(), time.process_time()
-        files = ChunkFiles(cluster.folder, [METRIC], STUDY, points)
+        files = PartFiles(cluster.folder, [METRIC], STUDY, points)
         known = files.read(np.arange(points), _keys)
         cpu, names = time.process_time() - start, files.ranges.names(".parquet")
         expected = np.arange(points, dtype=float)

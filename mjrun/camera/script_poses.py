@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
-from mjrun.camera.rigs.auto import BoundAutoRig, MotionSurvey
+from mjrun.camera.rigs.auto import BoundAutoRig, OutermostPoints
 from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.settings import ShakeNoise, blend_weight
@@ -84,15 +84,17 @@ class BoundCameraScript:
         Args:
           states, times, spans: as in `poses`.
         """
-        surveys = {i: survey for i, shot in enumerate(self._shots) if (survey := shot.survey(self._size))}
-        if not surveys:
+        collections = {
+            i: outermost for i, shot in enumerate(self._shots) if (outermost := shot.outermost_points(self._size))
+        }
+        if not collections:
             return []
         for state, time in zip(states, times, strict=True):
             restore(self._model, self._data, state)
             compute_positions(self._model, self._data)
-            for i in surveys.keys() & set(_visible(self._weights(time, spans))):
-                surveys[i].add(self._data)
-        remarks = [self._shots[i].aim_at_motion(survey) for i, survey in surveys.items()]
+            for i in collections.keys() & set(_visible(self._weights(time, spans))):
+                collections[i].add(self._data)
+        remarks = [self._shots[i].aim_at_motion(outermost) for i, outermost in collections.items()]
         return [f"{text}; {option('camera')} free stays where MuJoCo puts it" for text in remarks if text]
 
     def pose(self, state: np.ndarray) -> Pose:
@@ -164,16 +166,16 @@ class _BoundShot:
     rig: BoundRig
     bounds: BoundingBoxes | None
 
-    def survey(self, size: tuple[int, int]) -> MotionSurvey | None:
-        """Returns an empty survey of the motion for a camera that shows all of it; None for other cameras."""
+    def outermost_points(self, size: tuple[int, int]) -> OutermostPoints | None:
+        """Returns an empty collection of points for a camera that shows all of it; None for other cameras."""
         if not isinstance(self.rig, BoundAutoRig):
             return None
         fovy, frustum = self.shot.fovy, self.rig.frustum
-        return self.rig.survey(frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum, size)
+        return self.rig.outermost_points(frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum, size)
 
-    def aim_at_motion(self, survey: MotionSurvey) -> str:
+    def aim_at_motion(self, outermost: OutermostPoints) -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
-        return self.rig.aim_at_motion(survey) if isinstance(self.rig, BoundAutoRig) else ""
+        return self.rig.aim_at_motion(outermost) if isinstance(self.rig, BoundAutoRig) else ""
 
     def pose(self, data: mujoco.MjData, at: ShotTime, size: tuple[int, int]) -> Pose:
         pose = self.rig.pose(data, at)

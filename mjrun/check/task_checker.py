@@ -174,7 +174,7 @@ def place_of(problem: DocumentProblem, path: Path) -> Place:
 
 
 class TaskChecker(Checker):
-    """The check of one task."""
+    """A checker of one task."""
 
     def __init__(self, task: CheckRequest, channel: TextIO) -> None:
         super().__init__(task, channel)

@@ -125,7 +125,7 @@ def _checker(task: CheckRequest, channel: TextIO) -> "Checker":
 
 
 class Checker(ABC):
-    """A check of one model or task, which writes its findings to `channel`."""
+    """A checker of one model or task, which writes its findings to `channel`."""
 
     def __init__(self, task: CheckRequest, channel: TextIO) -> None:
         self.task, self.channel = task, channel
@@ -159,7 +159,7 @@ class Checker(ABC):
 
 
 class ModelChecker(Checker):
-    """The check of one model."""
+    """A checker of one model."""
 
     def __init__(self, task: CheckRequest, channel: TextIO) -> None:
         super().__init__(task, channel)

@@ -42,7 +42,7 @@ TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
 @dataclass(frozen=True)
 class CheckRequest:
-    """A check for one process.
+    """A request of a check by one process.
 
     Attributes:
       path: the path of the model.
@@ -94,7 +94,7 @@ class CheckProcessOutput:
 
 
 class CheckQueue:
-    """The requests that are left, for use from any thread.
+    """The queue of the requests that are left, for use from any thread.
 
     Models in one folder often share meshes, which the process of a thread still holds after the first of them.
     """

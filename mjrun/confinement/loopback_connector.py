@@ -18,7 +18,7 @@ NOTICE, FIRST_ARGUMENT = 80, 32  # the size of a notice, and the offset of the f
 HOST = "127.0.0.1"
 
 
-class Connector:
+class LoopbackConnector:
     """A process that makes connections for this one; it is started before this one is confined.
 
     Attributes:

@@ -81,9 +81,9 @@ def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
     if os.path.isdir(TASKS) and len(os.listdir(TASKS)) > 1:  # noqa: PTH112, PTH208
         raise RuntimeError("a process with several threads cannot be confined")
     _close_inherited()
-    from mjrun.confinement.loopback_connector import Connector
+    from mjrun.confinement.loopback_connector import LoopbackConnector
 
-    connector = Connector() if serves and seccomp.is_known() else None
+    connector = LoopbackConnector() if serves and seccomp.is_known() else None
     if connector:
         made = replace(made, own_port=connector.bound.detach())
     if landlock.version():

@@ -72,7 +72,7 @@ Skip = Callable[[], int]
 
 
 class RowStream:
-    """The rows of a table from the first one that is not merged yet.
+    """A stream of the rows of a table, from the first one that is not merged yet.
 
     Args:
       columns: the columns to compare.

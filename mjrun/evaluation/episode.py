@@ -84,7 +84,7 @@ class PolicyChoice:
 
 @dataclass(frozen=True)
 class EpisodeGroupSpec:
-    """Everything that the episodes of a group share: all but their seeds.
+    """The specification of a group of episodes: everything that they share, that is, all but their seeds.
 
     Attributes:
       task: task to play.

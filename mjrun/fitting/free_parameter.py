@@ -175,7 +175,7 @@ def _inertia(mass: float, factor: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """A number to estimate. Optimizers see it as a coordinate from 0 to 1 between its bounds.
+    """A parameter to estimate. Optimizers see it as a coordinate from 0 to 1 between its bounds.
 
     Attributes:
       path: path of an override, `delay:COLUMN` [s], with wildcards, or a number of the inertia of a body, such as

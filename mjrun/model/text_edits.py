@@ -54,7 +54,7 @@ class _Attribute(NamedTuple):
 
 
 class ElementEditor:
-    """Edits of elements in the texts of files.
+    """An editor of elements in the texts of files.
 
     Args:
       texts: the bytes of each file, as they were parsed.

@@ -236,7 +236,7 @@ class OpenBlockOutput(OpenOutput[R_co]):
 
 @dataclass(frozen=True, kw_only=True)
 class OutputPlan(ABC, Generic[R_co]):
-    """An output for a model, with every name resolved and every number checked; nothing is open yet.
+    """A planned output for a model, with every name resolved and every number checked; nothing is open yet.
 
     Attributes:
       preview: description of the output.

@@ -94,7 +94,7 @@ class SpooledRows:
 
 
 class StateBuffer(SpooledRows):
-    """A list of integration states `(nstate,)` of one model."""
+    """A buffer of integration states `(nstate,)` of one model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         super().__init__(state.size(model))

@@ -31,7 +31,7 @@ _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
 
 @dataclass(frozen=True)
 class CurveSpec:
-    """A curve over the columns of a table.
+    """The specification of a curve over the columns of a table.
 
     Attributes:
       name: name in the legend.
@@ -48,7 +48,7 @@ class CurveSpec:
 
 @dataclass(frozen=True)
 class PanelSpec:
-    """A panel: its title and unit, if specified, and its curves."""
+    """The specification of a panel: its title and unit, if specified, and its curves."""
 
     title: str | None
     unit: str | None

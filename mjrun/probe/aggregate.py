@@ -175,7 +175,7 @@ class MomentAccumulator:
 
 
 class QuantileAccumulator:
-    """The value below which a fraction of all values lies, interpolated linearly like numpy's. It stores all values."""
+    """An accumulator of all values, for a quantile, which is interpolated linearly like numpy's."""
 
     def __init__(self, fraction: float) -> None:
         self._fraction = fraction

@@ -208,7 +208,7 @@ class FilamentScene:
         return mesh
 
 
-class LightIntensity(NamedTuple):
+class LightIntensityAndRange(NamedTuple):
     """The intensity [cd] and the range [m] of a light."""
 
     candela: float
@@ -223,7 +223,7 @@ def _tendons_in_groups(options: mujoco.MjvOption) -> mujoco.MjvOption:
     return filament_options
 
 
-def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity], float]:
+def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensityAndRange], float]:
     """Returns the intensities of spot and point lights, by index, and that of the headlight [lux].
 
     Filament gives lights without an intensity the same number of candela, however far away they are, and a range of
@@ -244,7 +244,7 @@ def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity],
         lux = LIGHTS / model.nlight * model.light_diffuse[light].max()
         distance = lit_distance(model, data, light)
         reach = max(float(model.light_range[light]), 5 * distance)
-        intensities[light] = LightIntensity(float(lux * distance**2), reach)
+        intensities[light] = LightIntensityAndRange(float(lux * distance**2), reach)
     return intensities, headlight
 
 

@@ -158,7 +158,7 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
     return hashed
 
 
-class ChunkFiles:
+class PartFiles:
     """The part files in the folder of a study.
 
     The name of a part states the study and the range of points of its rows: `STUDY-FIRST-LAST-HASH.parquet`. Parts are
@@ -422,7 +422,7 @@ class PartPublisher:
 
     Attributes:
       folder: absolute path of the folder of the study, or its URL.
-      metrics, study, points: see `ChunkFiles`.
+      metrics, study, points: see `PartFiles`.
       witness: name of a file of this folder alone: a lease of the points of the chunk.
       keys: keys of these points.
       versions: versions that they are to be simulated with.
@@ -442,7 +442,7 @@ class PartPublisher:
             return result
         try:
             folder = folder_at(self.folder, delays=())  # to return results is faster than to try again
-            files = ChunkFiles(folder, self.metrics, self.study, self.points)
+            files = PartFiles(folder, self.metrics, self.study, self.points)
             if not files.folder.has(self.witness):
                 return result
             rows = ResultRows.of(result.results, files.width, result.hosts)
@@ -480,10 +480,10 @@ class PartWriter:
     """
 
     def __init__(
-        self, files: ChunkFiles, interval: float, published: Callable[[Sequence[int]], None] = lambda _: None
+        self, files: PartFiles, interval: float, published: Callable[[Sequence[int]], None] = lambda _: None
     ) -> None:
         self._files, self._interval, self._published = files, interval, published
-        # Points, keys and results by block, see `ChunkFiles.bounds`, and host.
+        # Points, keys and results by block, see `PartFiles.bounds`, and host.
         self._waiting = dict[tuple[int, str], tuple[list[int], list[str], list[PointResult]]]()
         self._levels = dict[tuple[int, int], list[str]]()  # parts, by block and the number of their merges
         self._written = time.monotonic()

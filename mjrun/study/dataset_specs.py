@@ -28,7 +28,7 @@ FOLDER = "episodes"  # of the episodes that have not joined the dataset
 
 @dataclass(frozen=True)
 class ImageSpec:
-    """The images of each point of a dataset.
+    """The specification of the images of each point of a dataset.
 
     Attributes:
       options: their content and labels.
@@ -106,7 +106,7 @@ def record_path(index: int) -> str:
 
 @dataclass(frozen=True)
 class EpisodeSpec:
-    """Everything that determines the files of an episode, except its simulation.
+    """The specification of the files of an episode: everything that determines them, except its simulation.
 
     Attributes:
       view: cameras, and what they show.

@@ -26,7 +26,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.local_and_remote_folders import Folder
 from mjrun.platform import system
-from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.chunk_files import PartFiles
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.range_folders import NAME, PointRange, RangeFolders
 
@@ -266,8 +266,8 @@ class Leases:
         return f"{json.dumps({**values, 'seconds': seconds, 'losses': self.losses})}\n".encode()
 
 
-class LeasedPoints:
-    """Missing points, of which this process leases one range after the other.
+class PointLeaser:
+    """A leaser of missing points, which takes one range after the other for this process.
 
     Args:
       points: numbers of the points, ascending.
@@ -283,7 +283,7 @@ class LeasedPoints:
         self,
         points: Sequence[int] | np.ndarray,
         known: ResultColumns,
-        files: ChunkFiles,
+        files: PartFiles,
         leases: Leases,
         ahead: int,
     ) -> None:

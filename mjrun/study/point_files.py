@@ -71,7 +71,7 @@ class PointFileMaker:
     def __init__(self, options: KeptFileOptions, prepared: PreparedStudy) -> None:
         self._prepared = prepared
         self._options = replace(keep_options(options), probe=_probes(options, prepared))
-        self._choice = PointChoice(options, prepared.points.names, [name for name, _ in prepared.spec.metrics])
+        self._choice = PointSelection(options, prepared.points.names, [name for name, _ in prepared.spec.metrics])
         kinds = {*options.keep, *(["video"] if options.contact_sheet is not None else [])}
         self.kinds = tuple(kind for kind in NAMES if kind in kinds)
         if self.kinds and not isinstance(prepared.folder, LocalFolder):
@@ -179,8 +179,8 @@ def _probes(options: KeptFileOptions, prepared: PreparedStudy) -> Sequence[str]:
     return [*options.probe, *(name for name in prepared.columns if name not in names)]
 
 
-class PointChoice:
-    """The choice of points by conditions and ranks. The options are checked before there are any results.
+class PointSelection:
+    """The selection of points by conditions and ranks. The options are checked before there are any results.
 
     Args:
       parameters: names of the parameters.
@@ -247,7 +247,7 @@ def _count_and_metric(name: str, index: int, text: str, metrics: Sequence[str]) 
 
 @dataclass(frozen=True)
 class PointFileRequest:
-    """Files to make of a point: a picklable value.
+    """A request to make files of a point: a picklable value.
 
     Attributes:
       folder: folder of the point.

@@ -21,10 +21,10 @@ from mjrun.formats.local_and_remote_folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
-from mjrun.study.chunk_files import ChunkFiles, PartPublisher, PartWriter
+from mjrun.study.chunk_files import PartFiles, PartPublisher, PartWriter
 from mjrun.study.clusters import LostJobError
 from mjrun.study.columnar_results import ResultColumns, ResultRows
-from mjrun.study.leases import LeasedPoints, Leases
+from mjrun.study.leases import Leases, PointLeaser
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
     ChunkResult,
@@ -83,7 +83,7 @@ class PreparedPoints(ABC):
         self, spec: SimulatorSpec, points: Design, shipped: ShippedStudy, folder: str | Path, metrics: Sequence[str]
     ) -> None:
         self._spec, self.points, self.shipped, self.folder = spec, points, shipped, folder_at(folder)
-        self.files = ChunkFiles(self.folder, metrics, self._digest(), len(points.points))
+        self.files = PartFiles(self.folder, metrics, self._digest(), len(points.points))
 
     @cached_property
     def numbers(self) -> np.ndarray:
@@ -158,7 +158,7 @@ class PreparedPoints(ABC):
 
     def chunks(
         self,
-        leased: LeasedPoints,
+        leased: PointLeaser,
         options: ExecutionOptions,
         sizes: executors.ChunkSizes,
         shared: Callable[[Sequence[int]], PartPublisher | None] = lambda _: None,
@@ -217,7 +217,7 @@ class PreparedPoints(ABC):
             executor, ahead = executors.open_executor(
                 options.engine, options.jobs, Path(self.folder.path()), stack, options.slurm, reporter.note
             )
-            leased = LeasedPoints(indices, self.known, self.files, leases, ahead)
+            leased = PointLeaser(indices, self.known, self.files, leases, ahead)
             is_shared = not isinstance(executor, ThreadPoolExecutor) and publish is None
             for arrived in self._completed(executor, leased, leases, ahead, options, limits, reporter, is_shared):
                 for chunk, result in arrived:
@@ -263,7 +263,7 @@ class PreparedPoints(ABC):
     def _completed(
         self,
         executor: Executor,
-        leased: LeasedPoints,
+        leased: PointLeaser,
         leases: Leases,
         ahead: int,
         options: ExecutionOptions,
@@ -324,7 +324,7 @@ class PreparedPoints(ABC):
 class _Chunks(Iterator[PointChunk | None]):
     """Chunks of leased points; it ends while none is left."""
 
-    def __init__(self, leased: LeasedPoints, next_chunk: Callable[[], PointChunk | None]) -> None:
+    def __init__(self, leased: PointLeaser, next_chunk: Callable[[], PointChunk | None]) -> None:
         self._leased, self._next_chunk = leased, next_chunk
 
     def __next__(self) -> PointChunk | None:

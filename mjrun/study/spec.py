@@ -60,7 +60,7 @@ ENDED = "ended"  # metric of studies with a condition `until`
 
 @dataclass(frozen=True)
 class StudySpec:
-    """Everything that all points of a study share.
+    """The specification of a study: everything that all its points share.
 
     Attributes:
       base: simulation that the points vary.

@@ -19,7 +19,7 @@ from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER, PageWriter
-from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.chunk_files import PartFiles
 from mjrun.study.clusters import FOLDER as SLURM
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
@@ -116,7 +116,7 @@ def study_status(folder: str | Path) -> StudyStatus:
     """
     place = folder_at(folder, delays=())
     points, metrics, study = study_facts(place)
-    files, known = ChunkFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
+    files, known = PartFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
     leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease
     files.update(known, 0, points - 1)
     running, rates, lost = list[RunningRange](), dict[str, float](), dict[str, int]()
@@ -164,7 +164,7 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
             raise FileError(path, "does not describe a running study; continue the study with this version of mjrun")
 
 
-def _leases(files: ChunkFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
+def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
     """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
     for name in files.ranges.names(SUFFIX):
         try:
@@ -256,7 +256,7 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     """
     place = folder_at(folder)
     points, metrics, study = study_facts(place)
-    files, known = ChunkFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
+    files, known = PartFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
     leases = _ended_leases(files.ranges)
     files.update(known, 0, points - 1)
     missing = int(known.is_missing.sum())

@@ -36,7 +36,7 @@ class DrivenActuator:
 
 
 class ActionMap:
-    """The actuators that the numbers of an action drive, and the processing of these numbers.
+    """A map from the numbers of an action to the actuators that they drive, with the processing of these numbers.
 
     Attributes:
       driven: the actuator of each number.

@@ -10,7 +10,7 @@ from mjrun.probe.expression_evaluation import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 from mjrun.task.batch_columns import NumberSource
 from mjrun.task.episode import Endings
-from mjrun.task.single_world_expressions import RowProgram
+from mjrun.task.single_world_expressions import RowFunctionBuilder
 from mjrun.task.task import TIMED_OUT, UNSTABLE, Task
 
 ACTION, COMMAND, TIME = "action/", "command/", "time"  # columns of a task in addition to those of its model
@@ -130,7 +130,7 @@ class TaskExpressions:
           holds; a function of an observation and the time that writes measured numbers and observed values into it; and
           whether both must be called within `np.errstate(all="ignore")`.
         """
-        judging = RowProgram(columns, is_first)
+        judging = RowFunctionBuilder(columns, is_first)
         values = [judging.value(each) for each in self._rewards]
         for index, (value, weight) in enumerate(zip(values, self._weights, strict=True)):
             judging.add(f"t{index} = float({value}) * {weight!r}")
@@ -140,7 +140,7 @@ class TaskExpressions:
             "time", f"{' + '.join(['0.0', *terms])}, [{', '.join(terms)}], {''.join(holds)}{RUNNING}"
         )
 
-        filling = RowProgram(columns, is_first)
+        filling = RowFunctionBuilder(columns, is_first)
         filling.copy(measured, "values")
         for place, each in zip(places, self._values.values(), strict=True):
             filling.add(f"values[{place}] = {filling.value(each)}")

@@ -42,8 +42,8 @@ FEW = 7  # the most numbers that NumPy adds in order; it adds more of them pairw
 ADJACENT, SCATTERED = 2, 9
 
 
-class RowProgram:
-    """A function of the time [s] and the columns of one world, built line by line.
+class RowFunctionBuilder:
+    """A builder of a function of the time [s] and the columns of one world, line by line.
 
     Args:
       columns: the source of each column by name; the function reads them at every call.

@@ -13,7 +13,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_files import ChunkFiles, PartWriter, point_keys, study_identity
+from mjrun.study.chunk_files import PartFiles, PartWriter, point_keys, study_identity
 from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import Leases
 from mjrun.study.spec import PointResult, StudySpec
@@ -29,8 +29,8 @@ KEYS = [f"{index:032x}" for index in range(1, 9)]
 STUDY = "ab" * 32
 
 
-def files_in(folder: Path, study: str = STUDY, metrics: Sequence[str] = ("a", "b")) -> ChunkFiles:
-    files = ChunkFiles(folder, metrics, study)
+def files_in(folder: Path, study: str = STUDY, metrics: Sequence[str] = ("a", "b")) -> PartFiles:
+    files = PartFiles(folder, metrics, study)
     files.create()
     return files
 
@@ -39,12 +39,12 @@ def keys_of(points: np.ndarray) -> list[str]:
     return [KEYS[point] for point in points]
 
 
-def write(files: ChunkFiles, points: Sequence[int], results: Sequence[PointResult]) -> Path:
+def write(files: PartFiles, points: Sequence[int], results: Sequence[PointResult]) -> Path:
     name = files.write(points, keys_of(np.array(points)), ResultRows.of(results, files.width, "host"))
     return Path(files.folder.path(name))
 
 
-def read(files: ChunkFiles, points: range = range(len(KEYS))) -> dict[int, str]:
+def read(files: PartFiles, points: range = range(len(KEYS))) -> dict[int, str]:
     """Returns the status of each known point."""
     known = files.read(points, keys_of)
     return {result.index: result.status for result in known if result.status != "missing"}
@@ -63,18 +63,18 @@ def test_results_read_back(tmp_path: Path, name: str) -> None:
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> ChunkFiles:
+def files(tmp_path: Path) -> PartFiles:
     return files_in(tmp_path)
 
 
-def test_a_good_result_wins_over_a_failed_one(files: ChunkFiles) -> None:
+def test_a_good_result_wins_over_a_failed_one(files: PartFiles) -> None:
     for order in ([0, 1], [1, 0]):
         for each in order:
             write(files, [each, 2 + each, 4], [RESULTS[each]] * 3)
     assert read(files) == {0: "ok", 1: "crashed", 2: "ok", 3: "crashed", 4: "ok"}
 
 
-def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFiles, tmp_path: Path) -> None:
+def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: PartFiles, tmp_path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table({"x": [1]}), tmp_path / "parts" / "mine.parquet")
     assert read(files) == {}
     part = write(files, [0], RESULTS[:1])
@@ -86,7 +86,7 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(files: ChunkFil
     assert {*files.damaged} == {"broken.parquet", cut.name}
 
 
-def test_a_part_with_any_wrong_byte_in_its_pages_is_damaged(files: ChunkFiles, tmp_path: Path) -> None:
+def test_a_part_with_any_wrong_byte_in_its_pages_is_damaged(files: PartFiles, tmp_path: Path) -> None:
     part = write(files, [0, 1], RESULTS)
     content = part.read_bytes()
     footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
@@ -97,7 +97,7 @@ def test_a_part_with_any_wrong_byte_in_its_pages_is_damaged(files: ChunkFiles, t
         assert fresh.damaged == [part.name] or [*map(str, known)] == [*map(str, RESULTS)]
 
 
-def test_a_part_with_a_wrong_bit_in_its_metadata_has_its_results_or_none(files: ChunkFiles, tmp_path: Path) -> None:
+def test_a_part_with_a_wrong_bit_in_its_metadata_has_its_results_or_none(files: PartFiles, tmp_path: Path) -> None:
     part = write(files, [0, 1], RESULTS)
     content = part.read_bytes()
     footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
@@ -108,7 +108,7 @@ def test_a_part_with_a_wrong_bit_in_its_metadata_has_its_results_or_none(files: 
         assert all(each.status == "missing" or str(each) == str(RESULTS[each.index]) for each in known)
 
 
-def test_a_part_is_opened_only_for_its_points(files: ChunkFiles) -> None:
+def test_a_part_is_opened_only_for_its_points(files: PartFiles) -> None:
     parts = [write(files, [point, point + 1], [RESULTS[0]] * 2) for point in (0, 2, 4, 6)]
     for part in (parts[0], parts[3]):
         part.write_text("damaged")
@@ -138,7 +138,7 @@ def test_points_with_one_key_have_one_result(tmp_path: Path) -> None:
     assert known.counts == {"ok": 3}
 
 
-def test_merged_parts_have_the_same_results(files: ChunkFiles, tmp_path: Path) -> None:
+def test_merged_parts_have_the_same_results(files: PartFiles, tmp_path: Path) -> None:
     parts = [write(files, [point, 7], [RESULTS[point % 2], RESULTS[0]]) for point in range(6)]
     other = write(files_in(tmp_path, "cd" * 32), [0], RESULTS[:1])
     before = read(files)
@@ -153,7 +153,7 @@ def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mjrun.study.range_folders.SIZES", (4, 2))
-    files = ChunkFiles(tmp_path, ["a", "b"], STUDY, len(KEYS))
+    files = PartFiles(tmp_path, ["a", "b"], STUDY, len(KEYS))
     files.create()
     parts = [write(files, points, [RESULTS[0]] * len(points)) for points in ([0, 1], [2], [3, 4], [5, 6])]
     assert [len(part.relative_to(tmp_path).parts) for part in parts] == [4, 4, 2, 3]
@@ -164,8 +164,8 @@ def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
     assert read(files) == known
     assert files.damaged == [str(parts[1].relative_to(tmp_path / "parts"))]
     parts[1].unlink()
-    assert read(ChunkFiles(tmp_path, ["a", "b"], STUDY)) == known
-    other = ChunkFiles(tmp_path, ["a", "b"], "cd" * 32)
+    assert read(PartFiles(tmp_path, ["a", "b"], STUDY)) == known
+    other = PartFiles(tmp_path, ["a", "b"], "cd" * 32)
     assert len([*filter(None, other.read(range(8), keys_of).wall.tolist())]) == 7  # by keys
     files.merge_all()
     assert len([*(tmp_path / "parts").iterdir()]) == 1
@@ -174,7 +174,7 @@ def test_parts_of_a_large_study_are_read_from_folders_and_beside_them(
 
 def test_parts_and_leases_of_a_hundred_million_points_are_in_three_levels_of_folders(tmp_path: Path) -> None:
     points = [2, 2**16, 2**24 - 1, 2**24, 3 * 2**24 + 5, 10**8 - 1]
-    files, other = (ChunkFiles(tmp_path, ["a", "b"], STUDY, 10**8) for _ in range(2))
+    files, other = (PartFiles(tmp_path, ["a", "b"], STUDY, 10**8) for _ in range(2))
     files.create()
     for some in [*([point] for point in points), [2**24 - 1, 2**24]]:
         results = ResultRows.of([RESULTS[0]] * len(some), 2, "host")
@@ -192,7 +192,7 @@ def test_parts_and_leases_of_a_hundred_million_points_are_in_three_levels_of_fol
     assert not files.read(points, broken_keys).is_missing.any()
 
 
-def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: ChunkFiles, tmp_path: Path) -> None:
+def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: PartFiles, tmp_path: Path) -> None:
     with PartWriter(files, 0) as parts:
         for point in range(100):
             parts.add([point], [f"{point:032x}"], RESULTS[:1], "host")
@@ -217,7 +217,7 @@ def test_the_number_of_parts_grows_with_the_logarithm_of_their_points(files: Chu
         ("wall", ["long"]),
     ],
 )
-def test_rows_that_mjrun_never_writes_are_passed_over(files: ChunkFiles, name: str, values: object) -> None:
+def test_rows_that_mjrun_never_writes_are_passed_over(files: PartFiles, name: str, values: object) -> None:
     path = write(files, [0], RESULTS[:1])
     table = pyarrow.parquet.ParquetFile(path).read()
     table = table.set_column(table.column_names.index(name), name, pyarrow.array(values))
@@ -262,7 +262,7 @@ def test_environments_with_one_model_are_told_apart() -> None:
     assert len(set(keys(specs[0], ("model",), [(name,) for name in names]))) == 3
 
 
-def test_a_part_that_would_fill_the_memory_is_refused(files: ChunkFiles, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_that_would_fill_the_memory_is_refused(files: PartFiles, monkeypatch: pytest.MonkeyPatch) -> None:
     part = write(files, [0, 1], [RESULTS[0], RESULTS[0]])
     table = pyarrow.parquet.read_table(part)
     pyarrow.parquet.write_table(pyarrow.concat_tables([table] * 2**13), part, compression="zstd")

@@ -19,7 +19,7 @@ from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import ChunkSizes
 from mjrun.study.job_plan import MOST_RANGES, JobPlan, JobTaskResult, plan, ranges_of, run_task, task_points
-from mjrun.study.leases import LeasedPoints, Leases
+from mjrun.study.leases import Leases, PointLeaser
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.study import Study, StudyPreview
 from tests.reporters import RecordingReporter
@@ -186,7 +186,7 @@ def test_chunks_contain_every_missing_point_once(study: Study) -> None:
     assert [result.status for result in prepared.known] == ["missing"] * 10
     prepared.files.create()
     with Leases(prepared.files.ranges) as leases:
-        leased = LeasedPoints(prepared.missing(), prepared.known, prepared.files, leases, 1)
+        leased = PointLeaser(prepared.missing(), prepared.known, prepared.files, leases, 1)
         chunks = [chunk for chunk in prepared.chunks(leased, study, ChunkSizes(4, 1)) if chunk]
     assert [point.index for chunk in chunks for point in chunk.points] == [*range(10)]
     assert [chunk.points[0].values for chunk in chunks] == [("0.2", "0"), ("0.6", "0"), ("1", "0")]

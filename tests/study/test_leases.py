@@ -19,9 +19,9 @@ from mjrun.errors import FileError
 from mjrun.platform import system
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.chunk_files import PartFiles
 from mjrun.study.columnar_results import ResultColumns, ResultRows
-from mjrun.study.leases import BEAT, EXPIRY, POLL, LeasedPoints, Leases
+from mjrun.study.leases import BEAT, EXPIRY, POLL, Leases, PointLeaser
 from mjrun.study.range_folders import SIZES
 from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
@@ -50,12 +50,12 @@ class Process:
     """One of several processes that simulate all points of a study, in chunks of `size`."""
 
     def __init__(self, folder: Path, count: int, size: int, *, retry: bool = False) -> None:
-        self._files = ChunkFiles(folder, ["square"], STUDY, count)
+        self._files = PartFiles(folder, ["square"], STUDY, count)
         self._files.create()
         self.known: ResultColumns = self._files.read(range(count), lambda _: [])
         missing = np.flatnonzero(~self.known.is_final if retry else self.known.is_missing)
         self.leases, self._size = Unrenewed(self._files.ranges), size
-        self.points = LeasedPoints(missing, self.known, self._files, self.leases, ahead=2)
+        self.points = PointLeaser(missing, self.known, self._files, self.leases, ahead=2)
         self._chunks = list[np.ndarray]()
 
     def begin(self) -> bool:
@@ -180,7 +180,7 @@ def test_a_lease_that_is_not_renewed_expires_whatever_its_time(tmp_path: Path, c
     assert other.begin()
     assert other.end() == [0, 1]
     assert dead.end() == [0, 1]  # it was only suspended, and its results are the same
-    assert [*ChunkFiles(tmp_path, ["square"], STUDY).read(range(6), lambda _: []).counts] == ["ok"]
+    assert [*PartFiles(tmp_path, ["square"], STUDY).read(range(6), lambda _: []).counts] == ["ok"]
     assert not [*tmp_path.rglob("*.lease")]
 
 
@@ -219,13 +219,13 @@ def test_a_range_begins_and_ends_with_a_block_of_a_task(tmp_path: Path, clock: C
     process = Process(tmp_path, 100, 8)
     process._files.bounds = np.array([10, 20])
     leases = Leases(process._files.ranges)
-    points = LeasedPoints([*range(5, 10), *range(20, 30)], process.known, process._files, leases, 1)
+    points = PointLeaser([*range(5, 10), *range(20, 30)], process.known, process._files, leases, 1)
     assert [points.take(lambda _: 8).tolist() for _ in range(3)] == [[*range(5, 10)], [*range(20, 28)], [28, 29]]
 
 
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be written"):
-        Leases(ChunkFiles(tmp_path / "missing", [], STUDY).ranges).claim(0, 1, 2)
+        Leases(PartFiles(tmp_path / "missing", [], STUDY).ranges).claim(0, 1, 2)
 
 
 STUCK = """
@@ -234,7 +234,7 @@ from mjrun.study import executors, leases, study
 from mjrun.simulation.simulation import Simulation
 
 executors.INTERVAL = 0  # a part for each point
-take = leases.LeasedPoints.take
+take = leases.PointLeaser.take
 
 def stuck(points, size):
     if points.points[0] + 24 - points.left > 5:
@@ -242,7 +242,7 @@ def stuck(points, size):
         time.sleep(600)
     return take(points, size)
 
-leases.LeasedPoints.take = stuck
+leases.PointLeaser.take = stuck
 options = dict(vary={"perturb": "uniform(0,2)"}, samples=24, metric={"low": "min(qpos/ball/z)"}, jobs=1, chunk=1)
 study.Study(Simulation(sys.argv[1], steps=20), sys.argv[2], **options).run()
 """

@@ -16,7 +16,7 @@ from mjrun.options.sweep import KEPT, KeptFileOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_files
-from mjrun.study.point_files import PointChoice, PointFileRequest, keep_options, make_isolated, up_to
+from mjrun.study.point_files import PointFileRequest, PointSelection, keep_options, make_isolated, up_to
 from mjrun.study.study import Study
 
 
@@ -182,7 +182,7 @@ FRAME: Any = pd.DataFrame(COLUMNS).assign(status=STATUS)[ABLE]
 
 def points(**options: object) -> list[int]:
     kept = KeptFileOptions(**{"keep": ("trace",), **options})  # type: ignore[arg-type]
-    return PointChoice(kept, ["geom/box.mass", "model"], ["drift"]).points(COLUMNS, np.array(STATUS), ABLE)
+    return PointSelection(kept, ["geom/box.mass", "model"], ["drift"]).points(COLUMNS, np.array(STATUS), ABLE)
 
 
 def test_points_are_chosen_by_conditions_that_all_hold() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.errors import FailedPointsError, FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.chunk_files import PartFiles
 from mjrun.study.leases import Leases
 from mjrun.study.status import REFRESH, span_of_time, study_status, write_status_page
 from mjrun.study.study import Study
@@ -40,7 +40,7 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Pa
     digest = json.loads((folder / "study.json").read_text())["digest"]
     for part in (folder / "parts").iterdir():
         part.unlink()
-    with Leases(ChunkFiles(folder, [], digest).ranges) as one, Leases(ChunkFiles(folder, [], digest).ranges) as other:
+    with Leases(PartFiles(folder, [], digest).ranges) as one, Leases(PartFiles(folder, [], digest).ranges) as other:
         assert one.claim(0, 1, 2)
         assert other.claim(4, 5, 2)
         content, lease = {"process": ""}, folder
@@ -65,7 +65,7 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Pa
 def test_a_page_loads_itself_again_while_the_study_runs(folder: Path, tmp_path: Path) -> None:
     digest, page = json.loads((folder / "study.json").read_text())["digest"], tmp_path / "page.html"
     (folder / "parts" / "other.lease").write_text("{}")
-    with Leases(ChunkFiles(folder, [], digest).ranges) as leases:
+    with Leases(PartFiles(folder, [], digest).ranges) as leases:
         assert leases.claim(0, 5, 6)
         write_status_page(str(page), study_status(folder))
         assert "refresh" not in page.read_text()  # all points are known

@@ -25,7 +25,7 @@ from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors, isolation
-from mjrun.study.chunk_files import ChunkFiles, PartPublisher
+from mjrun.study.chunk_files import PartFiles, PartPublisher
 from mjrun.study.executors import open_executor
 from mjrun.study.isolation import run_chunk
 from mjrun.study.job_plan import plan, run_task
@@ -254,7 +254,7 @@ def test_processes_that_see_the_folder_publish_their_results_and_others_return_t
     def run(chunk: PointChunk) -> ChunkResult:
         with pytest.MonkeyPatch.context() as patch:
             if view == "full":
-                patch.setattr(ChunkFiles, "write", refused)
+                patch.setattr(PartFiles, "write", refused)
             return run_chunk(chunk)
 
     process = factories.Neighbour(seen)

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats.temporary_output import TemporaryOutput
-from mjrun.study.chunk_files import ChunkFiles
+from mjrun.study.chunk_files import PartFiles
 from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import EXPIRY, Leases
 from mjrun.study.spec import PointResult
@@ -20,7 +20,7 @@ STUDY, OTHER = "ab" * 32, "cd" * 32
 
 def write(folder: Path, study: str, points: range, metric: str = "m") -> Path:
     """Writes a part of a study."""
-    files = ChunkFiles(folder, [metric], study)
+    files = PartFiles(folder, [metric], study)
     results = ResultRows.of([PointResult(point, "ok", (1.0,), 1) for point in points], 1)
     return folder / "parts" / files.write(points, [f"{point:032x}" for point in points], results)
 
@@ -68,7 +68,7 @@ def test_only_what_the_table_does_not_use_is_removed(tmp_path: Path, used: set[P
 
 def test_nothing_is_removed_while_a_process_works_on_the_study(tmp_path: Path, used: set[Path]) -> None:
     other = write(tmp_path, OTHER, range(2))
-    with Leases(ChunkFiles(tmp_path, [], OTHER).ranges) as leases:
+    with Leases(PartFiles(tmp_path, [], OTHER).ranges) as leases:
         assert leases.claim(0, 1, 2)
         (lease,) = tmp_path.rglob("*.lease")
         elsewhere = json.loads(lease.read_text()) | {"host": "node", "process": ""}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
-from mjrun.task.single_world_expressions import RowProgram
+from mjrun.task.single_world_expressions import RowFunctionBuilder
 from tests.task.test_worlds import MODEL
 
 NAMES = [*(f"action/{i}" for i in range(20)), "command/goal/0", "command/goal/1", "qpos/slide", "qpos/hinge"]
@@ -62,7 +62,7 @@ def test_a_world_alone_gets_the_same_bits(is_condition: bool) -> None:
         alone = [each.evaluator(1) for each in expressions]
         programs = []
         for is_first in (True, False):
-            program = RowProgram(sources, is_first)
+            program = RowFunctionBuilder(sources, is_first)
             values = [program.value(each) for each in alone]
             programs.append(program.function("time", f"[{', '.join(values)}]"))
         for instant, columns in enumerate(SERIES[:, world]):
@@ -101,7 +101,7 @@ def test_numbers_are_copied_to_their_places(seed: int) -> None:
         if seed % 2
         else [*range(len(sources))]
     )
-    program = RowProgram({}, False)
+    program = RowFunctionBuilder({}, False)
     program.copy(dict(zip(places, sources, strict=True)), "values")
     copy = program.function("values, time", "None")
     for array in arrays:
@@ -116,7 +116,7 @@ def test_numbers_are_copied_to_their_places(seed: int) -> None:
 def test_only_arithmetic_needs_no_numpy() -> None:
     def uses_numpy(text: str) -> bool:
         row = np.zeros(len(NAMES))
-        program = RowProgram({name: (row, place) for place, name in enumerate(NAMES)}, False)
+        program = RowFunctionBuilder({name: (row, place) for place, name in enumerate(NAMES)}, False)
         program.value(parse_task_value(text, COLUMNS, "value").evaluator(1))
         return program.uses_numpy
 

@@ -67,25 +67,25 @@ class BoundAutoRig:
             return self._pose
         return replace(self._pose, position=self._pose.position + self._parts.center(data) - self._followed)
 
-    def survey(self, frustum: Frustum, size: tuple[int, int]) -> "MotionSurvey | None":
-        """Returns an empty survey of the motion for images of `size` with this frustum; None if nothing can move."""
+    def outermost_points(self, frustum: Frustum, size: tuple[int, int]) -> "OutermostPoints | None":
+        """Returns an empty collection of points for images of `size` with this frustum; None if nothing can move."""
         if self._parts is None or self._shown is None:
             return None
         free, least = replace(self._free, frustum=frustum), 0.0 if self._is_framed else 1.0
-        return MotionSurvey(self._parts, self._shown, free, size, least)
+        return OutermostPoints(self._parts, self._shown, free, size, least)
 
-    def aim_at_motion(self, survey: "MotionSurvey") -> str:
+    def aim_at_motion(self, outermost: "OutermostPoints") -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
-        if survey.fits() and not self._is_framed:
+        if outermost.fits() and not self._is_framed:
             return ""
-        if still := survey.still():
+        if still := outermost.still():
             self._pose = still
             return "" if self._is_framed else "the camera is moved so that the whole motion is in view"
-        self._pose, self._followed = survey.following(), survey.start
+        self._pose, self._followed = outermost.following(), outermost.start
         return "the camera follows the model, which moves far away"
 
 
-class MotionSurvey:
+class OutermostPoints:
     """The outermost points of what is to be seen, over the instants that are added.
 
     Only the points that are farthest in the directions of the sides of the image matter, and the one nearest to the
