@@ -42,7 +42,9 @@ MODULES = {
 }
 OWNER = os.getpid()
 EXECUTABLE, SEARCHED = sys.executable, [*sys.path]  # which tests change
-WITHOUT_EFFECT = ("PYTEST_CURRENT_TEST",)
+# Variables that tests or libraries set, and that no module above reads while it is imported.
+WITHOUT_EFFECT = ("PYTEST_CURRENT_TEST", "COLUMNS", "TERM", "NO_COLOR", "DISPLAY", "WAYLAND_DISPLAY", "MJRUN_CACHE")
+WITHOUT_EFFECT += ("GITHUB_STEP_SUMMARY", "KMP_DUPLICATE_LIB_OK", "ORT_DISABLE_TELEMETRY")
 MOST = 6  # interpreters at a time
 REQUEST = 2**17  # bytes, at most
 DESCRIPTORS = 64  # in a request, at most
