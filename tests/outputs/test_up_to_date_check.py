@@ -1,5 +1,6 @@
 """A run is omitted exactly while everything that its outputs depend on is unchanged."""
 
+import functools
 import json
 import os
 import subprocess
@@ -44,12 +45,14 @@ traces:
   - {output: run.csv, probe: qpos, golden: gold.csv}
   - {output: fast.csv, probe: qvel, manifest: fast.json}
 """
+metadata = functools.cache(packages._metadata)  # every run asks for that of all packages
 
 
 @pytest.fixture(autouse=True)
 def _files(mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder with a model of several files, and a cache for one test."""
     monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setattr(packages, "_metadata", metadata)
     for name, text in {
         "model.xml": MODEL,
         "parts/arm.xml": ARM,
