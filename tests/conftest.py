@@ -72,8 +72,10 @@ OF_ALL |= {"workers_are_copies_of_prepared_interpreters", "warp_compiles_without
 def pytest_pycollect_makeitem(collector: pytest.Module, name: str, obj: object) -> object:
     """Merges the cases of a test, unless the command line selects some."""
     options = collector.config.option
+    if not isinstance(obj, types.FunctionType) or hasattr(obj, "hypothesis"):
+        return None
     marks = [*getattr(obj, "pytestmark", ())]
-    if not marks or not isinstance(obj, types.FunctionType) or hasattr(obj, "hypothesis"):
+    if not marks:
         return None
     if options.keyword or "[" in "".join(options.file_or_dir) or collector.get_closest_marker("slow"):
         return None
@@ -85,6 +87,11 @@ def pytest_pycollect_makeitem(collector: pytest.Module, name: str, obj: object) 
         setattr(collector.obj, name, obj)  # another fixture may have filled the folder
         return None
     return item
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts the tests of Warp side by side, so that one worker imports it and loads its kernels."""
+    items.sort(key=lambda item: item.get_closest_marker("warp") is None)
 
 
 def pytest_collection_finish() -> None:

@@ -224,6 +224,7 @@ def pushed(warp: WarpSettings) -> tuple[RolloutInputs, WarpRolloutTimer]:
 
 @pytest.mark.parametrize("steps", [FALLEN, FALLING])
 @pytest.mark.slow
+@pytest.mark.warp
 def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
     pushed: tuple[RolloutInputs, WarpRolloutTimer], steps: int
 ) -> None:
@@ -236,6 +237,7 @@ def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
     assert abs(bare(run, steps)[7] - bare(run, steps, 1)[7]) > 1e-3  # the worlds are told apart by that
 
 
+@pytest.mark.warp
 def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(
     pushed: tuple[RolloutInputs, WarpRolloutTimer],
 ) -> None:
@@ -244,6 +246,7 @@ def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(
     assert clock.readings == 6
 
 
+@pytest.mark.warp
 def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, WarpRolloutTimer]) -> None:
     run, worlds = pushed
     data, contacts, constraints = run.data(), 0, 0
@@ -258,6 +261,7 @@ def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, W
     assert list(worlds.overflows()) == []
 
 
+@pytest.mark.warp
 def test_what_does_not_fit_is_reported_with_what_was_needed(warp: WarpSettings) -> None:
     narrow = WarpSettings("cpu", WORLDS, njmax=2).open(run_of())
     narrow.profile(FALLEN)
@@ -265,10 +269,12 @@ def test_what_does_not_fit_is_reported_with_what_was_needed(warp: WarpSettings) 
     assert spelled(message).endswith(": raise njmax to 4")  # a pyramid of 4 sides
 
 
+@pytest.mark.warp
 def test_worlds_that_leave_all_bounds_are_unstable(warp: WarpSettings) -> None:
     with pytest.raises(SimulationError, match=r"unstable in 2 of 2 worlds within 2 steps, 0\.02 s"):
         warp.open(run_of(speed=1e12)).profile(2)
 
 
+@pytest.mark.warp
 def test_on_a_cpu_there_are_eight_worlds_if_nobody_says_how_many(warp: WarpSettings) -> None:
     assert (warp.device, warp.worlds, WarpSettings("cpu").worlds) == ("cpu", WORLDS, 8)

@@ -14,6 +14,8 @@ from mjrun.errors import DamagedPackageError, MissingExtraError, UnknownNameErro
 from mjrun.physics import warp_device
 from mjrun.physics.warp_device import UNUSED, PerWorldFields, WarpDevice
 
+pytestmark = pytest.mark.warp
+
 
 @pytest.fixture
 def cpu() -> WarpDevice:

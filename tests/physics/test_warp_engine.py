@@ -24,6 +24,7 @@ MODEL = """
   <sensor><jointpos joint="x"/></sensor>
 </mujoco>
 """
+pytestmark = pytest.mark.warp
 FIELDS = ("qpos", "qvel", "ctrl", "xpos", "xmat", "energy", "ncon", "sensordata")
 STEPS, N = 30, 3
 

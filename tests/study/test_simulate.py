@@ -231,6 +231,7 @@ def test_a_metric_that_a_model_does_not_have_fails_this_point(tmp_path: Path) ->
     assert "qpos/ball/z" in results[1].message
 
 
+@pytest.mark.warp
 def test_warp_simulates_the_same_in_single_precision(tmp_path: Path) -> None:
     names = ("qpos/ball/z", "qvel/ball/vx", "geom/ball.size[0]", "ctrl_noise")
     spec = spec_of(tmp_path, names, every=10, steps=60)
@@ -243,6 +244,7 @@ def test_warp_simulates_the_same_in_single_precision(tmp_path: Path) -> None:
         assert other.metrics != one.metrics
 
 
+@pytest.mark.warp
 def test_warp_simulates_points_whose_models_differ_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco_warp")
     counts: list[int] = []
@@ -262,6 +264,7 @@ def test_warp_simulates_points_whose_models_differ_at_once(tmp_path: Path, monke
     assert len({result.metrics for result in warped}) == 3
 
 
+@pytest.mark.warp
 def test_points_that_do_not_fit_on_a_gpu_together_run_in_smaller_groups(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

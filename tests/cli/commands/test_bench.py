@@ -216,6 +216,7 @@ def test_an_engine_that_is_not_installed_is_named_with_its_extra(mjrun_here: Com
     assert b"pip install 'mjrun[warp]'" in done.stderr
 
 
+@pytest.mark.warp
 def test_many_worlds_are_timed_and_standard_output_is_the_document_alone(mjrun_here: Command) -> None:
     pytest.importorskip("mujoco_warp")
     model = mjrun_here.folder / "model.xml"
