@@ -30,8 +30,8 @@ from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.xml_source import scan
 from mjrun.options.check import EXTRAS, CheckOptions
 from mjrun.options.number_kinds import AUTO
-from mjrun.options.option import options
-from mjrun.options.policy import PolicyOptions
+from mjrun.options.option import Requirement, options
+from mjrun.options.policy import NORMALIZE_REQUIREMENT, PolicyOptions
 from mjrun.packages import computing_versions, installed_version
 from mjrun.platform.cores import available_cores
 from mjrun.platform.mirrored_paths import with_original_paths
@@ -106,6 +106,11 @@ class ModelCheck(PolicyOptions, CheckOptions):
       UsageError: a code, severity or number is invalid.
     """
 
+    requirements: ClassVar[tuple[Requirement, ...]] = (
+        NORMALIZE_REQUIREMENT,
+        Requirement("dry_run", "fix", "whose changes it counts"),
+        Requirement("update_baseline", "baseline", "which it replaces"),
+    )
     task_reader: ClassVar[str] = ""
 
     models: Sequence[str | Path] = field(kw_only=False)
@@ -117,13 +122,9 @@ class ModelCheck(PolicyOptions, CheckOptions):
             matching_codes([code])
             if severity not in SEVERITIES:
                 raise BadValueError(option("severity"), f"{code}={severity}", f"one of {', '.join(SEVERITIES)}")
-        if self.update_baseline and self.baseline is None:
-            raise UsageError(f"{option('update_baseline')} requires {option('baseline')}")
         if self.update_baseline and self.changed_since is not None:
             reason = "a baseline contains the findings of all models"
             raise UsageError(f"{option('update_baseline')} excludes {option('changed_since')}: {reason}")
-        if self.dry_run and not self.fix:
-            raise UsageError(f"{option('dry_run')} requires {option('fix')}")
         if self.policy is not None and not isinstance(self.policy, str):
             raise UsageError(f"{option('policy')}: each task is checked in a separate process; give the policy as text")
 

@@ -17,7 +17,7 @@ import click
 
 from mjrun.cli.console import Console, HelpContext, flag, shown_help
 from mjrun.dataclass import dataclass
-from mjrun.errors import UsageError, near, quoted, suggestion
+from mjrun.errors import UsageError, listing, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
 from mjrun.options.kinds import AnyKind, ChoiceKind, FlagKind, OneOrMoreKind
@@ -184,7 +184,7 @@ class SectionedCommand(click.Command):
             names = [param.name for param in self.params if isinstance(param, click.Option) and param.name]
             others = OTHER_NAMES[typed] if typed in OTHER_NAMES else near(typed.replace("-", "_"), names)
             meant = [name for name in others if name in names]
-            hint = suggestion(typed, (), *map(flag, meant))
+            hint = suggestion(typed, (), *map(flag, meant)) or _commands_with(error.option_name, ctx)
             raise click.UsageError(f"No such option {quoted(error.option_name)}{hint}.", ctx) from None
 
         if extra and not ctx.resilient_parsing:
@@ -224,6 +224,16 @@ class SectionedCommand(click.Command):
             with formatter.section(name):
                 for spelling, text in records:
                     formatter.write(_help_entry(spelling, text, formatter.current_indent, formatter.width))
+
+
+def _commands_with(spelling: str, ctx: click.Context) -> str:
+    """Returns a remark on the other commands that have an option, or an empty text."""
+    group = ctx.parent.command if ctx.parent else None
+    if not isinstance(group, click.Group):
+        return ""
+    commands = [command for name in group.list_commands(ctx) if (command := group.get_command(ctx, name))]
+    having = [each.name or "" for each in commands if any(spelling in param.opts for param in each.params)]
+    return f" (an option of {listing([f'mjrun {name}' for name in having])})" if having else ""
 
 
 def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:

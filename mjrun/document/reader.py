@@ -373,7 +373,8 @@ class _Reader:
         elif node is not None and not isinstance(node, tree.MappingNode | tree.ReportedFaultNode):
             # Its content is not quoted: it may be a file other than a document, with secrets.
             form = "text" if isinstance(node, tree.ScalarNode) and node.text else tree.described(node)
-            self.faults.append(tree.Fault(node.mark, "", f"expected a mapping, got {form}"))
+            hint = "" if is_yaml(path) else f"; documents end in {' or '.join(YAML)}"
+            self.faults.append(tree.Fault(node.mark, "", f"expected a mapping, got {form}{hint}"))
         return node if isinstance(node, tree.MappingNode) else None
 
     def with_defaults(self, root: tree.MappingNode) -> tree.MappingNode | None:

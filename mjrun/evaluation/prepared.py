@@ -13,12 +13,13 @@ from mjrun.evaluation.summaries import IQM, OWN, RETURN, REWARD, PassCriteria, s
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.experiment.samplers import SAMPLES
-from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
+from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of, paths_of_field
 from mjrun.model.source import ModelSource
 from mjrun.options.disturbance import NOISE_REQUIREMENT, DisturbanceOptions, Disturbances
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.task import TaskOptions
 from mjrun.packages import require_all
 from mjrun.python_code import memory_warning, module_sources
 from mjrun.simulation.input_snapshot import InputSnapshot
@@ -216,9 +217,19 @@ def task_at(task: ModelSource, values: Mapping[str, str], rewritten: Rewritten |
             overrides.append(Override(SHORT_PATHS.get(name, name), text))
         else:
             changes[name] = text
+            _require_known(name)
     if changes:
         task = replace(rewritten(changes), overrides=task.overrides) if rewritten else _with_times(task, changes)
     return replace(task, overrides=(*task.overrides, *overrides)) if overrides else task
+
+
+def _require_known(name: str) -> None:
+    """Refuses a parameter that is a field of the model without its path, such as `friction`."""
+    own = {each.key for each in options_of(TaskOptions)}
+    if "." not in name and name.partition("[")[0] not in own and (meant := paths_of_field(name)):
+        with concerning("vary", name):
+            valid = [POLICY, *DISTURBANCES, *SHORT_PATHS, "opt.FIELD", "KIND/NAME.FIELD", "keys of the task"]
+            raise UnknownNameError("parameter", name, valid, where=option("vary"), meant=meant)
 
 
 def policy_at(chosen: PolicyChoice, values: Mapping[str, str]) -> PolicyChoice:

@@ -5,7 +5,7 @@ from os import PathLike, fspath
 from typing import ClassVar, cast
 
 from mjrun.options.kinds import FlagKind, Kind, ReadingContext, optional
-from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.option import FrontEnd, Options, Requirement, option, options
 from mjrun.options.schema_validation import (
     TEXT,
     InvalidValueError,
@@ -94,6 +94,9 @@ class PolicyOptions(TrustOptions):
         help="Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz with mean, var, "
         "epsilon and clip. Use none for a Stable-Baselines3 policy that was trained without them.",
     )
+
+
+NORMALIZE_REQUIREMENT = Requirement("normalize", "policy", "whose observations it normalizes")
 
 
 def is_code(text: str) -> bool:

@@ -9,7 +9,7 @@ from mjrun.options.kinds import ChoiceKind, FlagKind, NameOrIndexKind, PathKind,
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Numbers, RealKind
 from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
-from mjrun.options.policy import PolicyOptions, TrustOptions
+from mjrun.options.policy import NORMALIZE_REQUIREMENT, PolicyOptions, TrustOptions
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, JointNumbersKind, NamedNumbersKind
 
 INTERPOLATIONS = ("hold", "linear")
@@ -76,6 +76,8 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
             for name in PHYSICS
         ),
     )
+
+    requirements: ClassVar[tuple[Requirement, ...]] = (NORMALIZE_REQUIREMENT,)
 
     key: str | None = option(
         converter=optional(NameOrIndexKind()), default=None, help="Keyframe to start from, by name or index."

@@ -79,8 +79,6 @@ class Simulation(SimulationOptions):
             if demonstration and option("replay") in error.args[0]:
                 error.add_note(f"{clean(demonstration)} is a demonstration, whose states are replayed")
             raise
-        if self.normalize is not None and self.policy is None:
-            raise UsageError(f"{option('normalize')} requires {option('policy')}, whose observations it normalizes")
 
     @property
     def start(self) -> InitialState:

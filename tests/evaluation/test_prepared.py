@@ -88,6 +88,13 @@ def test_what_no_task_has_is_reported_with_what_can_vary(tmp_path: Path) -> None
         task_at(cart_task(tmp_path), {"control_dt": "soon"}, None)
 
 
+def test_the_name_of_a_field_alone_suggests_its_paths_and_keys_of_the_task_vary(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"did you mean 'geom/\*.friction'") as caught:
+        task_at(cart_task(tmp_path), {"friction": "0.3"}, lambda changes: cart_task(tmp_path))
+    assert caught.value.path == ("vary", "friction")
+    assert task_at(cart_task(tmp_path), {"timestep": "0.01", "duration": "2"}, lambda changes: cart_task(tmp_path))
+
+
 def test_a_policy_may_vary() -> None:
     chosen = PolicyChoice(None, trust=True)
     assert policy_at(chosen, {"policy": "a.onnx"}) == PolicyChoice("a.onnx", trust=True)

@@ -122,6 +122,13 @@ def test_the_document_holds_all_models_in_order(models: Command) -> None:
     ]
 
 
+def test_fixes_that_are_not_made_are_not_extended(models: Command) -> None:
+    done = models("check", "warned.xml", "--unsafe-fixes")
+    assert done.returncode == 2
+    assert b"--unsafe-fixes requires --fix, " in done.stderr
+    assert models("check", "warned.xml", "--unsafe-fixes", "--diff").returncode in (0, 1)
+
+
 def test_a_file_after_the_option_of_a_report_is_not_taken_for_a_model(models: Command) -> None:
     done = models("check", "warned.xml", "--sarif", "out.sarif")
     assert (done.returncode, done.stdout) == (2, b"")
