@@ -26,6 +26,7 @@ from mjrun.probe.vocabularies import TableVocabulary
 
 CURVES = 12  # maximum number of curves in a panel that the user did not choose
 _TIMES = ("time", "t")  # names of the x axis
+NUMBERING = ("point", "seed")  # columns that number simulations: each row of such a table is the result of one
 _GROUPS = DATA_UNITS | {
     "energy": "J",
     "xpos": "m",
@@ -362,6 +363,7 @@ class TableCollector:
     def __init__(self, plan: FigurePlan, table: int, events: Sequence[MarkedCondition]) -> None:
         self._plan, self._name = plan, plan.tables[table].name
         names = set(plan.tables[table].units)
+        self._is_path = time_column(plan.tables[table].units) is not None or names.isdisjoint(NUMBERING)
         x = plan.x.expression if plan.x else None
         known = x is None or names.issuperset(x.columns)
         self._curves = {
@@ -414,6 +416,8 @@ class TableCollector:
             usable &= x > 0
         if not usable.all():
             x, y = x[usable], y[usable]
+        if not self._is_path:
+            x, y = _separated(x, y)
         self._envelope.feed(*(self._window.feed(x, y) if self._window else (x, y)))
 
     def points(self) -> dict[tuple[int, int], CurvePoints]:
@@ -451,6 +455,13 @@ class TableCollector:
             self.marks += [
                 curve_syntax.ReferenceLine(event.label, float(place), vertical=True) for place in places[:room]
             ]
+
+
+def _separated(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inserts a gap after each row, so that a dot shows it, and no line joins it to the next."""
+    gaps = np.full((2 * len(y), y.shape[1]), np.nan)
+    gaps[::2] = y
+    return np.repeat(x, 2), gaps
 
 
 def _are(count: int, noun: str, which: str) -> str:

@@ -51,6 +51,22 @@ def test_without_a_time_the_rows_are_counted_and_that_is_reported() -> None:
     assert "no column is called time" in notes[0]
 
 
+@pytest.mark.parametrize("name", ["point", "seed"])
+def test_rows_that_are_results_of_simulations_are_dots_and_no_line_joins_them(name: str) -> None:
+    values = {name: np.arange(6.0), "a": np.array([1.0, 1, 2, 2, 1, 3]), "b": np.arange(6.0) ** 2}
+    for x in ("a", name):
+        drawing, _ = drawn(FigureOptions(x=x, y="b"), values)
+        points = drawing.panels[0].curves[0].points
+        shown = np.isfinite(points.y)
+        assert not (shown[1:] & shown[:-1]).any()
+        assert sorted(zip(points.x[shown], points.y[shown], strict=True)) == sorted(
+            zip(values[x], values["b"], strict=True)
+        )
+
+    drawing, _ = drawn(FigureOptions(x="a", y="b"), {**values, "time": np.arange(6.0)})
+    assert np.isfinite(drawing.panels[0].curves[0].points.y).all()
+
+
 def test_events_are_marked_where_a_condition_begins_to_hold() -> None:
     drawing, notes = drawn(FigureOptions(mark_event=["hit=contact/ncon > 1", "qpos/a > 99"]), rows())
     assert [(mark.label, mark.value) for mark in drawing.marks] == [("hit", 0.2), ("hit", 0.6)]
