@@ -29,7 +29,7 @@ from tests.bench.bench_clocks import MODEL, FakeClock, bench
 
 @pytest.mark.gl
 def test_a_whole_video_and_trace_are_a_second_of_simulation(path: Path) -> None:
-    trace, film = bench(path, whole=True, size=(64, 48)).run(clock=FakeClock()).whole
+    trace, film = bench(path, whole=True, size=(64, 48), repeats=1, threads=()).run(clock=FakeClock()).whole
     assert (trace.what, trace.count, trace.unit, trace.simulated, trace.seconds) == ("trace", 101, "rows", 1.0, 1.0)
     assert (film.what, film.count, film.unit, film.simulated, film.seconds) == ("video", 30, "frames", 1.0, 1.0)
     assert film.simulation is not None

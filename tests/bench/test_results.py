@@ -68,8 +68,8 @@ def keys_of(value: Any, where: str = "") -> dict[str, list[str]]:
 @pytest.mark.slow
 def test_the_document_has_these_keys(path: Path) -> None:
     base = str(path.with_name("base.json"))
-    bench(path, save=base, threads=(1, 2, 3)).run(clock=FakeClock())
-    job = bench(path, accuracy=True, render=True, size=(64, 48), whole=True, compare=base)
+    bench(path, save=base, threads=(1, 2, 3), repeats=2).run(clock=FakeClock())
+    job = bench(path, accuracy=True, render=True, size=(64, 48), whole=True, compare=base, repeats=2)
     result = json.loads(json.dumps(asdict(job.run(clock=FakeClock()))))
     assert result["schema"] == "mjrun-bench-1"
     assert keys_of(result) == KEYS
