@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, UnknownNameError, UsageError, clean, counted, listing, option
+from mjrun.fitting.angle_units import degree_remarks
 from mjrun.model.names import control_names
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import FieldProbe
@@ -255,6 +256,11 @@ def read_measurements(
     remarks: list[str] = []
     for table in tables:
         segments += table.segments(signals, constant, remarks)
+    for segment in segments:
+        columns = dict(zip(signals, segment.values.T, strict=True))
+        for remark in degree_remarks(model, segment.times, columns):
+            remarks.append(f"{clean(segment.source)}: {remark}")
+    remarks = list(dict.fromkeys(remarks))
     available = ModelVocabulary(model).names
     varies = [_varies([segment.values[:, i] for segment in segments]) for i in range(len(signals))]
     for group in rotations(signals, available):
