@@ -111,7 +111,7 @@ def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -
         if path in sources or name == "__main__" or not _is_users(path):
             continue
         with contextlib.suppress(OSError, SyntaxError, ValueError):  # of a file that cannot be imported either
-            source = by_path.get(path) or ModuleSource(name, path, _content(path))
+            source = by_path.get(path) or ModuleSource(name, path, _content(name, path))
             waiting += [(each, "") for each in _imported(source.content, name)]
             sources[path] = source
     return tuple(sources[path] for path in sorted(sources))
@@ -183,12 +183,13 @@ def _installed() -> tuple[str, ...]:
     return tuple(f"{folder}/" for folder in (*folders, site.getusersitepackages(), Path(__file__).parent))
 
 
-def _content(path: str) -> bytes:
-    """Returns the source of a module: as this process has executed it, where it was imported by `load_code`."""
+def _content(name: str, path: str) -> bytes:
+    """Returns the source of a module: as this process has executed it, if it was imported by `load_code`."""
     pickled = _pickled_source(path)
     if pickled:
         return pickled.content
-    return _executed[path] if path in _executed else Path(path).read_bytes()
+    is_loaded = getattr(sys.modules.get(name), "__file__", None) == path
+    return _executed[path] if is_loaded and path in _executed else Path(path).read_bytes()
 
 
 def _pickled_source(path: str) -> ModuleSource | None:
