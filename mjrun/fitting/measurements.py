@@ -266,13 +266,25 @@ def read_measurements(
     for group in rotations(signals, available):
         for i in group:
             varies[i] = any(varies[j] for j in group)
-    measured = [name for name, is_moving in zip(signals, varies, strict=True) if is_moving]
+    still = [name for name, is_moving in zip(signals, varies, strict=True) if not is_moving]
+    relative = [name for name in _relative_to_the_start(model, signals) if name not in still]
+    measured = [name for name in signals if name not in still and name not in relative]
     if not measured:
         raise UsageError(f"nothing varies in the measurements: {listing(signals)}")
-    if still := [name for name in signals if name not in measured]:
+    if still:
         remarks.append(f"constant, so left out: {listing(still)}")
-    parts = [replace(each, values=each.values[:, np.array(varies)]) for each in segments]
+    if relative:
+        remarks.append(f"measured from the start of the log, so left out: {listing(relative)}")
+    places = [signals.index(name) for name in measured]
+    parts = [replace(each, values=each.values[:, places]) for each in segments]
     return Measurements(measured, parts, remarks, rotations(measured, available))
+
+
+def _relative_to_the_start(model: mujoco.MjModel, signals: Sequence[str]) -> list[str]:
+    """Returns the signals that refer to the first instant of a simulation, which a segment of a log lacks."""
+    probes = [probe for probe in select(model, signals) if isinstance(probe, FieldProbe)]
+    relative = {name for probe in probes for name in probe.relative}
+    return [name for name in signals if name in relative]
 
 
 def _varies(parts: Sequence[np.ndarray]) -> bool:

@@ -14,7 +14,7 @@ from mjrun.fitting.measurements import CONTROLS, LogSegment, align, commands, ro
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import VariantLoader
-from mjrun.physics.c_engine import AUTORESET, CEngine
+from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
@@ -139,7 +139,8 @@ class Predictor:
         self._source, self._parameters = simulation.source, parameters
         self.failures, self.rollouts, self.has_impacts = _SimulationFailures(), 0, False
         self._linear = simulation.ctrl_interpolation == "linear"
-        self._variants = VariantLoader(_without_resets)
+        self._needs_energy = any(name.startswith("energy/") for name in signals)
+        self._variants = VariantLoader(self._set_flags)
         self._engine = CEngine()
         self.model = self._variants.load(self._source).model
         self.timestep = float(self.model.opt.timestep)
@@ -159,6 +160,11 @@ class Predictor:
         self.rotations = rotations(self._signals, ModelVocabulary(self.model).names)
         longest = max([parameters[i].high for i in self._late_signals.values()], default=0.0)
         self.lead = math.ceil(longest / self.timestep)
+
+    def _set_flags(self, model: mujoco.MjModel) -> None:
+        model.opt.disableflags |= AUTORESET
+        if self._needs_energy:
+            model.opt.enableflags |= ENERGY
 
     def model_with(self, values: Sequence[float] | None) -> mujoco.MjModel:
         """Returns the model with these values of the parameters, or the original one; callers must not change it."""
@@ -265,10 +271,6 @@ def _alike(places: Sequence[int], steps: Sequence[int]) -> list[list[int]]:
         else:
             groups.append([place])
     return groups
-
-
-def _without_resets(model: mujoco.MjModel) -> None:
-    model.opt.disableflags |= AUTORESET
 
 
 class ChunkInitialStates:

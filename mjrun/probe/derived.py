@@ -38,7 +38,7 @@ def energy(model: mujoco.MjModel) -> FieldProbe:
     meanings = ("potential energy", "kinetic energy", "potential + kinetic", "total energy less that of the first row")
     parts = ("potential", "kinetic", "total", "drift")
     columns = [Column(f"energy/{part}", "J", meaning) for part, meaning in zip(parts, meanings, strict=True)]
-    return FieldProbe(columns, ("energy",), compute, needs_initial=True)
+    return FieldProbe(columns, ("energy",), compute, relative=("energy/drift",))
 
 
 def contact(model: mujoco.MjModel) -> FieldProbe:

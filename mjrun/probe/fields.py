@@ -5,7 +5,7 @@ The meaning of a field, and the kind of object that indexes it, are read from Mu
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from itertools import product
@@ -61,7 +61,7 @@ class FieldProbe:
       fields: fields of MjData that it reads; all of them must belong to one instant.
       compute: returns `(*instants, len(columns))`, given fields `{name: (*instants, …)}`, whose leading axes are any
         number of instants, and the same fields at step 0 of each simulation, which broadcast against them.
-      needs_initial: whether it uses the latter.
+      relative: names of the columns that use the latter.
       reads_model: whether `compute` also reads numbers of the model, such as masses.
       places: the places of the columns in the only field, where they are its numbers unchanged; None otherwise.
     """
@@ -69,9 +69,14 @@ class FieldProbe:
     columns: Sequence[Column]
     fields: Sequence[str]
     compute: Callable[[Fields, Fields], np.ndarray]
-    needs_initial: bool = False
+    relative: Collection[str] = ()
     reads_model: bool = False
     places: Sequence[int] | None = None
+
+    @property
+    def needs_initial(self) -> bool:
+        """Whether `compute` reads the fields at step 0."""
+        return bool(self.relative)
 
     def only(self, indices: Sequence[int]) -> "FieldProbe":
         """Returns the probe with only these of its columns."""

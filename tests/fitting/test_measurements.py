@@ -113,6 +113,12 @@ def test_signals_that_never_change_are_left_out(tmp_path: Path) -> None:
         read(tmp_path, {"time": TIMES, "qpos/hinge": 0 * TIMES})
 
 
+def test_signals_that_refer_to_the_start_of_a_log_are_left_out(tmp_path: Path) -> None:
+    found = read(tmp_path, {"time": TIMES, "energy/drift": TIMES, "energy/total": TIMES})
+    assert found.signals == ["energy/total"]
+    assert found.remarks == ["measured from the start of the log, so left out: energy/drift"]
+
+
 def test_the_last_part_of_the_time_is_held_out(tmp_path: Path) -> None:
     times = np.arange(100) * 0.01
     first, last = read(tmp_path, {"time": times, "qpos/hinge": np.sin(times)}).split(0.2)

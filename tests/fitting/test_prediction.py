@@ -16,7 +16,7 @@ from mjrun.model import state
 from mjrun.options.fit import FitOptions
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
-from tests.fitting.logs import TRUTH, simulate, write_model
+from tests.fitting.logs import NOMINAL, TRUTH, simulate, write_model
 
 
 def segment(times: np.ndarray, values: np.ndarray, controls: np.ndarray | None = None) -> LogSegment:
@@ -24,10 +24,10 @@ def segment(times: np.ndarray, values: np.ndarray, controls: np.ndarray | None =
     return LogSegment("log", times, values[:, None], commanded)
 
 
-def predictor(folder: Path, *texts: tuple[str, str]) -> Predictor:
+def predictor(folder: Path, *texts: tuple[str, str], signal: str = "qpos/hinge") -> Predictor:
     simulation = Simulation(str(write_model(folder)))
-    parameters = free_parameters(texts, simulation.source, ["qpos/hinge", "ctrl/motor"])
-    return Predictor(simulation, ["qpos/hinge"], parameters)
+    parameters = free_parameters(texts, simulation.source, [signal, "ctrl/motor"])
+    return Predictor(simulation, [signal], parameters)
 
 
 def start(model: mujoco.MjModel, angle: float) -> np.ndarray:
@@ -43,6 +43,23 @@ def test_a_prediction_with_the_truth_is_the_truth(tmp_path: Path) -> None:
     (chunk,) = chunks([segment(times, angles)], 1000, each.timestep)
     (predicted,) = each.predict([ChunkRolloutInputs(chunk, tuple(TRUTH.values()), start(each.model, 2.5))])
     np.testing.assert_array_equal(predicted[:, 0], angles)
+
+
+def test_energies_are_predicted_for_a_model_that_leaves_them_out(tmp_path: Path) -> None:
+    each = predictor(tmp_path, ("joint/hinge.damping", "0..1"), signal="energy/total")
+    bare = mujoco.MjModel.from_xml_path(str(write_model(tmp_path)))
+    bare.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data = mujoco.MjData(bare)
+    data.qpos[0] = 2.5
+    energies = []
+    for _ in range(100):
+        mujoco.mj_forward(bare, data)
+        energies.append(data.energy.sum())
+        mujoco.mj_step(bare, data)
+    times = np.arange(100) * bare.opt.timestep
+    (chunk,) = chunks([segment(times, np.array(energies))], 1000, each.timestep)
+    (predicted,) = each.predict([ChunkRolloutInputs(chunk, (NOMINAL["damping"],), start(each.model, 2.5))])
+    np.testing.assert_allclose(predicted[:, 0], energies, rtol=1e-12)
 
 
 def test_samples_between_steps_lie_between_them(tmp_path: Path) -> None:
