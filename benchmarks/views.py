@@ -17,7 +17,7 @@ import mujoco
 
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.rendering.backend import Backend, BackendDetector
+from mjrun.rendering.backend import BackendDetector, WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -35,7 +35,7 @@ CASES = {
 
 
 def costs(
-    model: mujoco.MjModel, size: tuple[int, int], backend: Backend, frames: int
+    model: mujoco.MjModel, size: tuple[int, int], backend: WorkingBackend, frames: int
 ) -> dict[str, list[tuple[float, float]]]:
     """Times cases alternately, after a frame that compiles shaders: seconds of wall time and of all cores per frame."""
     state = Simulation(model).stepper(model).state()

@@ -187,13 +187,13 @@ class _OpenGL:
     variables: Mapping[str, str]
 
 
-def _opengl(results: Mapping[str, backend.Backend | str]) -> _OpenGL:
+def _opengl(results: Mapping[str, backend.WorkingBackend | str]) -> _OpenGL:
     """Yields the state of the tested backends, and the one that mjrun would use."""
     variables = {name: os.environ[name] for name in (backend.GL, backend.DEVICE) if os.environ.get(name)}
     names, error = _requested()
     if names == backend.candidates():
         variables.pop(backend.GL, None)
-    used = next((name for name in names if isinstance(results.get(name), backend.Backend)), None)
+    used = next((name for name in names if isinstance(results.get(name), backend.WorkingBackend)), None)
     failed = (
         []
         if used
@@ -217,10 +217,12 @@ def _nothing(variables: Mapping[str, str]) -> str:
     return f"nothing draws with {settings or 'OpenGL'}"
 
 
-def _backends(results: Mapping[str, backend.Backend | str], used: str | None, default: bool) -> list[ComponentState]:
+def _backends(
+    results: Mapping[str, backend.WorkingBackend | str], used: str | None, default: bool
+) -> list[ComponentState]:
     findings = list[ComponentState]()
     for name, result in results.items():
-        if isinstance(result, backend.Backend):
+        if isinstance(result, backend.WorkingBackend):
             kind = "software" if result.software else "GPU"
             mark = "" if name != used else ", used by default" if default else f", used by {backend.GL}"
             findings.append(ComponentState("opengl", name, OK, f"{result.renderer} ({kind}{mark}), {result.version}"))
@@ -241,7 +243,7 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[ComponentState]:
         result, cuda = trial.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
         where = f"MUJOCO_EGL_DEVICE_ID={number}{cuda}" + (f", {device['file']}" if device["file"] else "")
         name = f"device {device['index']}"
-        if isinstance(result, backend.Backend):
+        if isinstance(result, backend.WorkingBackend):
             findings.append(ComponentState("egl devices", name, OK, f"{result.renderer} ({where})"))
         else:
             findings.append(
@@ -250,7 +252,7 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[ComponentState]:
     return findings
 
 
-def _filament(vulkan: backend.Backend | str, used: str | None) -> ComponentState:
+def _filament(vulkan: backend.WorkingBackend | str, used: str | None) -> ComponentState:
     renderer = f"{errors.option('renderer')} filament"
     if isinstance(vulkan, str):
         advice = backend.install_advice(backend.VULKAN)
@@ -263,9 +265,9 @@ def _filament(vulkan: backend.Backend | str, used: str | None) -> ComponentState
     return ComponentState("vulkan", "filament", OK, f"{vulkan.renderer} ({kind}, Vulkan {vulkan.version})", remedy)
 
 
-def _window(glfw: backend.Backend | str) -> ComponentState:
+def _window(glfw: backend.WorkingBackend | str) -> ComponentState:
     """Returns whether `mjrun view` can open a window, which requires GLFW."""
-    if isinstance(glfw, backend.Backend):
+    if isinstance(glfw, backend.WorkingBackend):
         return ComponentState("view", "window", OK, f"{glfw.renderer} draws on this display")
     displays = [f"{name}={os.environ[name]}" for name in DISPLAYS if os.environ.get(name)]
     where = (

@@ -33,7 +33,7 @@ class Reporter(Protocol):
 PAUSE = 0.2  # [s] between two updates of a bar in a notebook
 
 
-class WarningReporter:
+class PythonApiReporter:
     """The reporter of the Python API: warnings and requests become Python warnings, and notebooks show progress."""
 
     def __init__(self) -> None:

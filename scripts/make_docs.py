@@ -481,8 +481,8 @@ def rule_pages() -> dict[str, str]:
     from mjrun.cli.simulation_command import import_mujoco
 
     import_mujoco()
-    from mjrun.check.catalogue import TOPICS, explanation, topic
-    from mjrun.check.rule_table import RULES
+    from mjrun.check.rule_catalogue import TOPICS, explanation, topic
+    from mjrun.check.rule_runner import RULES
 
     rules = list(RULES.values())
     lines = [

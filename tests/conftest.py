@@ -38,7 +38,7 @@ from mjrun.formats.ffmpeg import working_codecs
 from mjrun.physics import warp_device
 from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
-from mjrun.rendering.backend import Backend, BackendDetector, VulkanDetector
+from mjrun.rendering.backend import BackendDetector, VulkanDetector, WorkingBackend
 from tests.backend_trials import RememberedTrial
 from tests.merged_cases import merged
 from tests.prepared_interpreters import PreparedPopen
@@ -236,13 +236,13 @@ def warp_compiles_without_optimization() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def backend() -> Backend:
+def backend() -> WorkingBackend:
     """A renderer that works here; a test that needs one fails where there is none."""
     return BackendDetector("auto").result()
 
 
 @pytest.fixture(scope="session")
-def vulkan() -> Backend:
+def vulkan() -> WorkingBackend:
     """A Vulkan that Filament draws with; skipped only where the set-up could not install one."""
     try:
         return VulkanDetector().result()

@@ -10,11 +10,11 @@ import mjrun.doctor
 from mjrun.doctor import examine, extras
 from mjrun.errors import UnknownNameError
 from mjrun.packages import PACKAGES, PackageRequirement
-from mjrun.rendering.backend import DEVICE, GL, Backend
+from mjrun.rendering.backend import DEVICE, GL, WorkingBackend
 
 ROOT = Path(__file__).parents[1]
-GPU = Backend("egl", "NVIDIA H100", "NVIDIA", "4.6", 16384)
-SOFTWARE = Backend("osmesa", "llvmpipe", "Mesa", "4.5", 8192)
+GPU = WorkingBackend("egl", "NVIDIA H100", "NVIDIA", "4.6", 16384)
+SOFTWARE = WorkingBackend("osmesa", "llvmpipe", "Mesa", "4.5", 8192)
 
 
 @pytest.fixture(autouse=True)

@@ -7,13 +7,13 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from mjrun.errors import MjrunWarning, option
-from mjrun.reporter import WarningReporter, is_notebook, pass_on
+from mjrun.reporter import PythonApiReporter, is_notebook, pass_on
 
 
 def test_warnings_become_pythons_with_options_in_its_spelling_and_the_rest_is_silent(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    reporter = WarningReporter()
+    reporter = PythonApiReporter()
     with pytest.warns(MjrunWarning, match="^trail_span is long$"):
         reporter.warn(f"{option('trail_span')} is long")
     with warnings.catch_warnings():
@@ -25,7 +25,7 @@ def test_warnings_become_pythons_with_options_in_its_spelling_and_the_rest_is_si
 
 def test_mujocos_warnings_are_passed_on_in_a_line_each_and_cleaned() -> None:
     with pytest.warns(MjrunWarning) as caught:
-        pass_on(["one\ntwo", "a\x1b[31m"], WarningReporter())
+        pass_on(["one\ntwo", "a\x1b[31m"], PythonApiReporter())
     assert [str(warning.message) for warning in caught] == ["MuJoCo: one; two", r"MuJoCo: a\x1b[31m"]
     assert {warning.filename for warning in caught} == {__file__}  # not the line of mjrun that warns
 
@@ -49,7 +49,7 @@ def test_a_notebook_shows_a_bar_that_disappears_at_the_end(monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "IPython.display", displays)
     monkeypatch.setattr("mjrun.reporter.PAUSE", 0)
     assert is_notebook()
-    bar = WarningReporter()
+    bar = PythonApiReporter()
     for done in (1, 2, 3):
         bar.progress("frames", done, 3)
     assert shown == [
@@ -57,7 +57,7 @@ def test_a_notebook_shows_a_bar_that_disappears_at_the_end(monkeypatch: pytest.M
         "<progress value='2' max='3'></progress> 2 of 3 frames",
         "",
     ]
-    WarningReporter().progress("frames", 3, 3)  # needs no bar
+    PythonApiReporter().progress("frames", 3, 3)  # needs no bar
     assert len(shown) == 3
     vars(library).update(get_ipython=lambda: None)  # in a script that imports IPython
     assert not is_notebook()

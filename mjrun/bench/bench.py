@@ -33,8 +33,8 @@ from mjrun.options.option import is_given, options
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import RenderingResources
 from mjrun.platform.cores import available_cores
-from mjrun.rendering.backend import Backend
-from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.rendering.backend import WorkingBackend
+from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation
 
@@ -132,7 +132,7 @@ class Bench(BenchOptions):
           SimulationError: every point of the grid is unstable.
           MjrunError: the benchmark failed; nothing is saved.
         """
-        reporter, begun = reporter or WarningReporter(), clock()
+        reporter, begun = reporter or PythonApiReporter(), clock()
         with collected_warnings() as warnings, ExitStack() as stack:
             target = None if self.save is None else StagedFile(Path(self.save))
             if target:
@@ -187,7 +187,7 @@ class Bench(BenchOptions):
         note = f"wall times are compared directly, regardless of other load of the machine: {obstacle}"
         return replace(result, comparison=comparison, notes=[*result.notes, note])
 
-    def _backends(self) -> list[Backend]:
+    def _backends(self) -> list[WorkingBackend]:
         """Detects the backend of each drawing before anything is timed."""
         drawings = self.drawings if self.render else self.drawings[:1] if self.whole else []
         with closing(RenderingResources()) as rendering:
@@ -226,7 +226,7 @@ class Bench(BenchOptions):
         )
 
     def _frames(
-        self, model: mujoco.MjModel, setup: grid_timing.RolloutStart, backends: Sequence[Backend], clock: Clock
+        self, model: mujoco.MjModel, setup: grid_timing.RolloutStart, backends: Sequence[WorkingBackend], clock: Clock
     ) -> list[output_timing.FrameTiming]:
         """Times a frame of each drawing, over the first frames of a video."""
         states = setup.first_frames(model, output_timing.FPS, output_timing.LEAST) if self.render else []

@@ -30,11 +30,11 @@ from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, SingleSampleFramebuffer
 from mjrun.rendering.compositor import FrameStream, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import XML
 
@@ -250,7 +250,7 @@ class FrameTiming:
 def timed_frames(
     drawing: ViewOptions,
     model: mujoco.MjModel,
-    backend: Backend,
+    backend: WorkingBackend,
     states: Sequence[np.ndarray],
     budget: float,
     clock: Clock,
@@ -355,7 +355,7 @@ def _encoded(path: str, stream: FrameStream, frames: Sequence[np.ndarray], view:
 # --- whole outputs -----------------------------------------------------------------------------------
 
 
-class _SilentReporter(WarningReporter):
+class _SilentReporter(PythonApiReporter):
     """A reporter that ignores warnings, which `bench` reports itself."""
 
     def warn(self, text: str) -> None:

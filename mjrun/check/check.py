@@ -12,8 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from mjrun.check.catalogue import codes, matching_codes, threshold_values
 from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelResult
+from mjrun.check.rule_catalogue import codes, matching_codes, threshold_values
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import (
     FIX_TIME,
@@ -35,7 +35,7 @@ from mjrun.options.policy import NORMALIZE_REQUIREMENT, PolicyOptions
 from mjrun.packages import computing_versions, installed_version
 from mjrun.platform.cores import available_cores
 from mjrun.platform.mirrored_paths import with_original_paths
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.suffixes import ARCHIVES, CHECKED, COMPILED, XML, is_yaml
 from mjrun.version import __version__
 
@@ -179,7 +179,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         Raises:
           UsageError: `models` are folders without any model.
         """
-        reporter = reporter or WarningReporter()
+        reporter = reporter or PythonApiReporter()
         known = self._known_findings()
         paths, skipped = find_models(self.models, skip_other=self.skip_other)
         if not paths and all(is_folder(path) for path in self.models):

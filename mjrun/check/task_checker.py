@@ -10,7 +10,7 @@ from typing import TextIO, cast
 
 import numpy as np
 
-from mjrun.check import rule_table
+from mjrun.check import rule_runner
 from mjrun.check.rule import Finding, Place
 from mjrun.check.rules import task_episodes
 from mjrun.check.worker import ARENAS, Checker
@@ -231,7 +231,7 @@ class TaskChecker(Checker):
     def _of_model(self, error: ModelError, source: ModelSource) -> list[Finding]:
         """Returns findings that explain why the model of a task does not load."""
         if source.main_file is not None:
-            return rule_table.explain(error, read_xml(source.main_file))
+            return rule_runner.explain(error, read_xml(source.main_file))
         message, _, remedy = str(error).partition("\n")
         return [task_episodes.MISTAKE.in_model(self.path, message, remedy)]
 
@@ -283,6 +283,6 @@ class TaskChecker(Checker):
             by_code.setdefault(finding.code, []).append(finding)
         for code, group in by_code.items():
             if code in self.task.codes:
-                news = [finding for finding in rule_table.capped(group) if finding not in self._written]
+                news = [finding for finding in rule_runner.capped(group) if finding not in self._written]
                 self._written += news
                 self.write_findings(news)

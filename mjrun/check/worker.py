@@ -22,10 +22,10 @@ from typing import Any, NoReturn, TextIO
 
 import mujoco
 
-from mjrun.check import rule_table
-from mjrun.check.catalogue import Thresholds
+from mjrun.check import rule_runner
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding
+from mjrun.check.rule_catalogue import Thresholds
 from mjrun.check.rules import check_itself, compile_errors, simulation
 from mjrun.check.rules.check_itself import IgnoreComments
 from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, CheckRequest
@@ -186,10 +186,10 @@ class ModelChecker(Checker):
             self.write(changes=changed_fields(Path(self.task.original), context.model))
         limit_this_process(memory=self.task.memory * MIB + ARENAS * context.model.narena)
         self.comments = IgnoreComments(source.comments)
-        self.write_findings(rule_table.ignored_xml(source))
+        self.write_findings(rule_runner.ignored_xml(source))
 
         with collected_warnings():
-            for code, rule in rule_table.RULES.items():
+            for code, rule in rule_runner.RULES.items():
                 if rule.violations and code in self.task.codes:
                     self.write(stage=f"applying {code}, {rule.title}")
                     self._apply(code, context)
@@ -202,7 +202,7 @@ class ModelChecker(Checker):
 
         self.write(suppressed=self.comments.suppressed)
         applied -= set() if self.task.steps else simulation.CODES
-        self.write_findings(self.comments.unused(applied, rule_table.RULES))
+        self.write_findings(self.comments.unused(applied, rule_runner.RULES))
 
     def write_findings(self, findings: Iterable[Finding]) -> None:
         super().write_findings(self.comments.remaining(findings))
@@ -213,7 +213,7 @@ class ModelChecker(Checker):
                 context = CheckContext.load(self.path, source, Thresholds(**self.task.thresholds))
         except ModelError as error:
             limit_this_process(memory=math.inf)
-            self.write_findings(rule_table.explain(error, source))
+            self.write_findings(rule_runner.explain(error, source))
             return None
         lines = ("; ".join(text.split("\n")) for text in warnings if "'meaninertia' is deprecated" not in text)  # MJ116
         self.write_findings(compile_errors.WARNING.in_model(self.path, f"MuJoCo warns: {line}") for line in lines)
@@ -222,7 +222,7 @@ class ModelChecker(Checker):
     def _apply(self, code: str, context: CheckContext) -> None:
         """Applies one rule; if MuJoCo or a bug in mjrun aborts it, the other rules still run."""
         try:
-            self.write_findings(rule_table.apply(code, context, self.comments.remaining))
+            self.write_findings(rule_runner.apply(code, context, self.comments.remaining))
         except MemoryError:
             raise
         except mujoco.FatalError as error:

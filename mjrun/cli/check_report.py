@@ -10,9 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
-from mjrun.check.catalogue import explanation, local_page, published_page, topic
 from mjrun.check.check import CheckResult, ModelResult, worst_first
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repeats
+from mjrun.check.rule_catalogue import explanation, local_page, published_page, topic
 from mjrun.cli.console import CiVerdict, Report, linked, shows_links
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import clean
@@ -158,7 +158,7 @@ def sarif(result: CheckResult) -> dict[str, object]:
 def rule_table() -> Mapping[str, Rule]:
     """Returns the rules by code; their modules import MuJoCo."""
     import_mujoco()
-    from mjrun.check.rule_table import RULES
+    from mjrun.check.rule_runner import RULES
 
     return RULES
 

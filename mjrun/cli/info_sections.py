@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from mjrun.model.description.actuators_sensors import Actuator
     from mjrun.model.description.assets import Asset
     from mjrun.model.description.bodies import Body, Camera, Geom, Light
-    from mjrun.model.description.constraints import Tendon, TendonPathPoint
+    from mjrun.model.description.constraints import Tendon, TendonPathElement
     from mjrun.model.description.declaration import ModelObject
     from mjrun.model.description.non_default_settings import NonDefaultSetting, Value
     from mjrun.model.info import ModelDescription, ModelStatistics, ModelSummary
@@ -140,7 +140,7 @@ def _mode(row: "Camera | Light") -> str:
     return f"{row.mode} {clean(row.target)}" if row.target else row.mode
 
 
-def _point(point: "TendonPathPoint") -> str:
+def _point(point: "TendonPathElement") -> str:
     if point.kind == "pulley":
         return f"pulley /{number(point.coefficient)}"
     name = clean(point.name or "")

@@ -51,7 +51,7 @@ from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.plotting.table_figure import Table
 from mjrun.probe.verdict import Verdict
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.study.executors import WARP, check_engine
 from mjrun.version import __version__
 
@@ -136,7 +136,7 @@ class _VideoMaker:
     def __init__(self, options: EpisodeVideoOptions, prepared: PreparedEvaluation, seed: int) -> None:
         self._options, self._prepared = options, prepared
         if options.videos:
-            preview([self._video(prepared.groups[0].spec, seed, "video.mp4")], WarningReporter())
+            preview([self._video(prepared.groups[0].spec, seed, "video.mp4")], PythonApiReporter())
 
     def make(
         self, groups: Sequence[PlayedEpisodes], folder: Path, reporter: Reporter
@@ -164,7 +164,7 @@ class _VideoMaker:
         return Video(spec.simulation(seed), path, **values_of(self._options, PointOrEpisodeVideoOptions))
 
 
-class _DistinctWarnings(WarningReporter):
+class _DistinctWarnings(PythonApiReporter):
     """A reporter that forwards each kind of warning once, and nothing else, since videos are reported together."""
 
     def __init__(self, reporter: Reporter) -> None:
@@ -212,7 +212,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
           PartlyDoneError: videos could not be made; the tables are written nevertheless.
           MjrunError: no episode could be played.
         """
-        reporter, start = reporter or WarningReporter(), time.perf_counter()
+        reporter, start = reporter or PythonApiReporter(), time.perf_counter()
         if self.html is not None:
             from mjrun.experiment.results_page_parts import check_page  # which imports matplotlib
 

@@ -28,7 +28,7 @@ from mjrun.model.table_column import Column
 from mjrun.options.fit import EXTRAS
 from mjrun.packages import require_all
 from mjrun.probe.fields import field_probe
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 
 FREQUENCIES = (0.1, 10.0)  # [Hz]
 SWEEP = 3.0  # least ratio of the two frequencies of a chirp
@@ -238,7 +238,7 @@ def excite(fit: Fit, reporter: Reporter | None = None) -> ExcitationResult:
       MjrunError: no input is possible.
     """
     with collected_warnings():  # of unstable simulations, which are reported with their parameters
-        return _Excitation(fit, reporter or WarningReporter()).best()
+        return _Excitation(fit, reporter or PythonApiReporter()).best()
 
 
 class _Excitation:

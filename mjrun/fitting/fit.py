@@ -35,7 +35,7 @@ from mjrun.model.table_column import Column
 from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
 from mjrun.packages import require_all
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_without
 
 MISFIT = 2.0  # reduced χ² above which the user is warned
@@ -218,7 +218,7 @@ class Fit(FitOptions):
         assert copied.snapshot
         # Warnings concern unstable simulations, which are reported with their parameters.
         with copied.snapshot.original_names_in_errors(), collected_warnings():
-            run = _Run(replace(self, simulation=copied), reporter or WarningReporter())
+            run = _Run(replace(self, simulation=copied), reporter or PythonApiReporter())
             try:
                 return run.all()
             except (KeyboardInterrupt, EndRequestedError):

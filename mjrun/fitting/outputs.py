@@ -47,7 +47,7 @@ from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
 from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name
 from mjrun.probe.fields import field_probe
 from mjrun.probe.scanner import spelled
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import is_yaml
 
@@ -124,7 +124,7 @@ class VideoStretch:
     positions: np.ndarray
 
 
-class _Progress(WarningReporter):
+class _Progress(PythonApiReporter):
     """A reporter that passes on progress but no warnings, which would concern temporary tables."""
 
     def __init__(self, reporter: Reporter) -> None:
@@ -157,7 +157,7 @@ class FitVideo:
         if "%" in options.video or not Path(options.video).suffix:
             raise UsageError(f"{option('video')} {clean(options.video)}: give a single file such as fit.mp4")
         with concerning("video"):
-            preview([self._video(Simulation(model, duration=1), options.video)], WarningReporter())
+            preview([self._video(Simulation(model, duration=1), options.video)], PythonApiReporter())
 
     def writer(
         self, model: mujoco.MjModel, stretches: Sequence[VideoStretch], delays: Sequence[float], reporter: Reporter

@@ -26,7 +26,7 @@ from mjrun.model.fields import floats
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import BALL, enum_name, names
 from mjrun.model.sources import ModelLike, source_of
-from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 from mjrun.shared_status import doing
 
 SIZES = (
@@ -300,7 +300,7 @@ class Info:
           UnknownNameError: a section does not exist; the model is not loaded.
           ModelError: the model cannot be loaded.
         """
-        reporter = reporter or WarningReporter()
+        reporter = reporter or PythonApiReporter()
         for name in self.sections:
             if name not in SECTIONS:
                 raise UnknownNameError("section", name, SECTIONS)

@@ -159,7 +159,7 @@ class EvaluationOptions(
 
 
 @options
-class EvaluationCommandOptions(Options):
+class EvaluationReportOptions(Options):
     """Output of the command itself."""
 
     section: ClassVar[str] = "Report"

@@ -353,7 +353,7 @@ class CommandTermOptions(Options):
 
 
 @options
-class RewardOptions(Options):
+class RewardTermOptions(Options):
     """A term of the reward for each control period."""
 
     section: ClassVar[str] = "Reward"
@@ -384,6 +384,6 @@ PARTS: dict[str, tuple[str, type[Options]]] = {
     "observations": ("[]", ObservationOptions),
     "actions": ("[]", ActionOptions),
     "commands": (".NAME", CommandTermOptions),
-    "rewards": (".NAME", RewardOptions),
+    "rewards": (".NAME", RewardTermOptions),
     "terminations": (".NAME", TerminationOptions),
 }

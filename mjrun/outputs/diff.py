@@ -40,7 +40,7 @@ from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name, origi
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write
-from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 
 if TYPE_CHECKING:
     from mjrun.diff.images_and_videos import WorstFramePair
@@ -136,7 +136,7 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
 
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)
     model = compare_models(source_of(a), source_of(b), tolerances)
-    pass_on(model.warnings, reporter or WarningReporter())
+    pass_on(model.warnings, reporter or PythonApiReporter())
     return DiffResult(MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
 
 

@@ -175,7 +175,7 @@ class TimelineMark:
     text: str
 
 
-class TimelineMarkDetector(ConditionDetector):
+class EventAndAssertionDetector(ConditionDetector):
     """A detector that also evaluates assertions at every step.
 
     Args:

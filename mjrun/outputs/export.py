@@ -22,7 +22,7 @@ from mjrun.options.export import ExportOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
-from mjrun.outputs.event_detection import TimelineMark, TimelineMarkDetector
+from mjrun.outputs.event_detection import EventAndAssertionDetector, TimelineMark
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import (
@@ -165,11 +165,13 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         values = values_of(self, SceneOptions)
         return plan_frames(VideoInMemory(self.simulation, "images/", separate=True, **values), context)
 
-    def _detector(self, context: output.PassContext) -> TimelineMarkDetector | None:
+    def _detector(self, context: output.PassContext) -> EventAndAssertionDetector | None:
         """Parses the events and the assertions, if any."""
         if not (self.mark_event or self.assert_):
             return None
-        return TimelineMarkDetector(context.model, context.timeline, self.mark_event, self.assert_, context.episode)
+        return EventAndAssertionDetector(
+            context.model, context.timeline, self.mark_event, self.assert_, context.episode
+        )
 
     def _table(self, context: output.PassContext) -> tuple[ProbeSampler | None, Sequence[int] | None]:
         """Plans the measured values; their rows are at the frames unless a rate is set."""
@@ -434,7 +436,7 @@ class ExportPlan(output.OutputPlan[ExportResult]):
     schedule: FrameSchedule | None
     table: ProbeSampler | None
     rows: Sequence[int] | None
-    detector: TimelineMarkDetector | None
+    detector: EventAndAssertionDetector | None
 
     def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenExport":
         return OpenExport(self, stack, backends)

@@ -41,7 +41,7 @@ from mjrun.platform.cores import available_cores
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, split
 from mjrun.rendering.added_geoms import Decoration
-from mjrun.rendering.backend import Backend, lacks_gpu
+from mjrun.rendering.backend import WorkingBackend, lacks_gpu
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.compositor import FrameCosts, FrameStream, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
@@ -325,7 +325,7 @@ class OpenFrames:
     files: Sequence[VideoOrImageFile]
     states: SceneStates
     values: list[FrameValues]
-    backend: Backend
+    backend: WorkingBackend
     processes: "DrawingProcesses"
 
     @property
@@ -382,7 +382,7 @@ def open_frames(
     return OpenFrames(plan, schedule, files, states, [], backend, processes)
 
 
-def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: Backend) -> list[str]:
+def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: WorkingBackend) -> list[str]:
     """Returns warnings about what the renderer omits, and about options without effect."""
     request, context = plan.request, plan.scene.context
     replay_remarks = context.simulation.replay_remarks(context.model)
@@ -427,7 +427,7 @@ def check_view(options: ViewOptions) -> None:
 def scene_compositor(
     options: ViewOptions,
     model: mujoco.MjModel,
-    backend: Backend,
+    backend: WorkingBackend,
     streams: Sequence[FrameStream],
     poses: Sequence[Sequence[Pose]],
     decorations: Sequence[Decoration] = (),
@@ -448,7 +448,7 @@ def scene_compositor(
     )
 
 
-def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: Backend) -> list[str]:
+def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: WorkingBackend) -> list[str]:
     """Checks that the renderer can render this, and returns warnings about what it omits.
 
     Raises:
@@ -502,7 +502,7 @@ class DrawingProcesses:
             self.count = jobs_for(self._asked, software, frames, cost or self._cost, cores)
             self.others = self._backends.workers(self.count) if self.count > 1 else None
 
-    def report_costs(self, backend: Backend, frames: int, costs: FrameCosts, *, alone: bool) -> None:
+    def report_costs(self, backend: WorkingBackend, frames: int, costs: FrameCosts, *, alone: bool) -> None:
         """Reports the cost of slow software rendering: of a frame, of all, and of a draft."""
         whole = frames * costs.frame
         if whole < LONG:

@@ -42,7 +42,7 @@ from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
     from mjrun.options.rendering import RendererOptions
-    from mjrun.rendering.backend import Backend, BackendDetector
+    from mjrun.rendering.backend import BackendDetector, WorkingBackend
     from mjrun.rendering.compositor_pool import CompositorProcesses
 
 # The steps at which each condition becomes true.
@@ -132,7 +132,7 @@ class RenderingResources:
         """
         self._detection(options)
 
-    def backend(self, options: "RendererOptions") -> "Backend":
+    def backend(self, options: "RendererOptions") -> "WorkingBackend":
         """Returns the detected backend, whose driver rendering processes load in advance.
 
         Raises:

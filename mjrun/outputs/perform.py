@@ -29,7 +29,7 @@ from mjrun.outputs.output import (
 )
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
-from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 from mjrun.shared_status import doing
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation
@@ -68,7 +68,7 @@ def perform(
       SimulationError: the simulation became unstable; only outputs that keep partial results are published.
       MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
-    reporter, start = reporter or WarningReporter(), time.perf_counter()
+    reporter, start = reporter or PythonApiReporter(), time.perf_counter()
     with ExitStack() as stack:
         with doing("simulating"), collected_warnings() as warnings, without_timers():
             backends = stack.enter_context(closing(RenderingResources()))
@@ -110,7 +110,7 @@ def preview(requests: Sequence[OutputRequest[OutputResult]], reporter: Reporter 
       MjrunError: the pass would fail before its first step.
     """
     with collected_warnings(), closing(RenderingResources()) as backends:
-        plan = plan_pass(requests, reporter or WarningReporter(), backends)
+        plan = plan_pass(requests, reporter or PythonApiReporter(), backends)
     timeline = plan.context.timeline
     outputs = [each.preview for each in plan.outputs]
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)

@@ -34,7 +34,7 @@ from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.perform import open_pass, plan_pass
 from mjrun.outputs.recorded_scene import RecordedScene, ScenePlan
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.reporter import WarningReporter, pass_on
+from mjrun.reporter import PythonApiReporter, pass_on
 
 
 @options
@@ -315,7 +315,7 @@ def video_frames(video: VideoInMemory) -> Generator[np.ndarray]:
     Raises:
       MjrunError: as `Video.run`.
     """
-    reporter = WarningReporter()
+    reporter = PythonApiReporter()
     with ExitStack() as stack:
         with collected_warnings() as warnings, without_timers():
             backends = stack.enter_context(closing(output.RenderingResources()))

@@ -23,7 +23,7 @@ from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_statistics import TableSummarizer
 from mjrun.probe.verdict import Verdict
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 
 SCHEMA = "mjrun-plot-1"  # schema of the report
 OF_TABLES = ("mark_event", "assert", "label")  # options that do not apply to a study
@@ -52,7 +52,7 @@ class TablePlot(TablePlotOptions):
           FailedAssertionError: an assertion fails; everything is published nevertheless.
           MjrunError: nothing was published, and existing outputs are unchanged.
         """
-        reporter = reporter or WarningReporter()
+        reporter = reporter or PythonApiReporter()
         _check_outputs(self)
         with ExitStack() as stack:
             if self.label and len(self.label) != len(self.paths):
@@ -121,7 +121,7 @@ class StudyPlot(TablePlot):
         Raises:
           MjrunError: nothing was published, and existing outputs are unchanged.
         """
-        reporter = reporter or WarningReporter()
+        reporter = reporter or PythonApiReporter()
         _check_outputs(self)
         if len(self.paths) != 1:
             raise UsageError(f"a plot shows one study, or tables, not {listing(self.paths)}")

@@ -27,7 +27,7 @@ class ColumnStatistics:
     missing: int
 
 
-class ColumnStatisticsAccumulator:
+class TableStatisticsAccumulator:
     """An accumulator of a table's statistics, block by block, whose memory does not grow with the rows."""
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -88,7 +88,7 @@ class TableSummarizer:
         self.path = path
         self.names = [name for name in units if columns is None or name in columns or name in read]
         self._units = [units[name] for name in self.names]
-        self._counter = ColumnStatisticsAccumulator(self.names)
+        self._counter = TableStatisticsAccumulator(self.names)
         self._checkers = [assertion.checker() for assertion in parse_all(assertions, self.names)]
 
     def feed(self, columns: Mapping[str, np.ndarray]) -> None:

@@ -69,7 +69,7 @@ class OpenGLContext(Protocol):
 
 
 @dataclass(frozen=True)
-class Backend:
+class WorkingBackend:
     """A backend that works on this machine.
 
     Attributes:
@@ -218,10 +218,10 @@ class BackendTrialProcess:
                 last = self._log.read().decode(errors="replace").strip().rpartition("\n")[2]
                 return {"error": f"its process {ending}{last and f' ({last})'}"}
 
-    def result(self) -> Backend | str:
+    def result(self) -> WorkingBackend | str:
         """Returns the backend, or the reason why it does not work."""
         answer = self.answer()
-        return answer["error"] if "error" in answer else Backend(self.name, **answer)
+        return answer["error"] if "error" in answer else WorkingBackend(self.name, **answer)
 
     def cancel(self) -> None:
         """Ends the child."""
@@ -236,7 +236,7 @@ def _report(name: str) -> NoReturn:
 
 
 # The backends that worked in this process, by name and environment variables: Python code renders again and again.
-_working: dict[tuple[str, frozenset[tuple[str, str]]], Backend] = {}
+_working: dict[tuple[str, frozenset[tuple[str, str]]], WorkingBackend] = {}
 # Trials that wait for the first `BackendDetector` in the same environment, which takes them over.
 _started_early: dict[tuple[str, frozenset[tuple[str, str]]], BackendTrialProcess] = {}
 
@@ -274,7 +274,7 @@ class BackendDetector:
         key = names[0], self._environment
         self._first = None if key in _working else _started_early.pop(key, None) or BackendTrialProcess(names[0])
 
-    def result(self, require_gpu: bool = False) -> Backend:
+    def result(self, require_gpu: bool = False) -> WorkingBackend:
         """Returns the first backend that works.
 
         Raises:
@@ -282,7 +282,7 @@ class BackendDetector:
           SoftwareRendererError: `require_gpu` is set, and only software renders.
         """
         reasons: dict[str, str] = {}
-        software: Backend | None = None
+        software: WorkingBackend | None = None
         for name in self._names:
             answer = self._answer(name)
             if isinstance(answer, str):
@@ -295,7 +295,7 @@ class BackendDetector:
             raise SoftwareRendererError(software.renderer)
         raise NoRendererError(reasons, self._advice(reasons))
 
-    def _answer(self, name: str) -> Backend | str:
+    def _answer(self, name: str) -> WorkingBackend | str:
         """Returns a backend, or the reason why it does not work."""
         key = name, self._environment
         if key not in _working:
@@ -334,7 +334,7 @@ def alternative(tried: Collection[str], requested: str | None = None) -> str:
       requested: as in `requested_backends`.
     """
     for name in candidates():
-        if name not in tried and isinstance(BackendTrialProcess(name).result(), Backend):
+        if name not in tried and isinstance(BackendTrialProcess(name).result(), WorkingBackend):
             unset = f"unset {GL}, or " if is_from_environment(requested) else ""
             return f"{name} draws: {unset}give {option('gl')} {name}"
     if _draws_on_another_device():
@@ -354,7 +354,7 @@ def repair_advice(name: str) -> str:
 
 def _draws_on_another_device() -> bool:
     """Returns whether EGL works on a device other than the one that the environment selects."""
-    return DEVICE in os.environ and isinstance(BackendTrialProcess("egl", unset=(DEVICE,)).result(), Backend)
+    return DEVICE in os.environ and isinstance(BackendTrialProcess("egl", unset=(DEVICE,)).result(), WorkingBackend)
 
 
 def install_advice(packages: Mapping[str, str] = OPENGL) -> str:

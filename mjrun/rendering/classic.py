@@ -15,7 +15,7 @@ from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
-from mjrun.rendering.backend import Backend, OpenGLContext, require_own_opengl
+from mjrun.rendering.backend import OpenGLContext, WorkingBackend, require_own_opengl
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
@@ -49,7 +49,7 @@ class ClassicRenderer:
         self,
         model: mujoco.MjModel,
         size: tuple[int, int],
-        backend: Backend,
+        backend: WorkingBackend,
         visual: Visual,
         segmentation: Segmentation | None = None,
         decorations: Sequence[Decoration] = (),
@@ -196,7 +196,7 @@ def _segments(colors: np.ndarray, most: int) -> np.ndarray:
     return segments
 
 
-def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
+def check_size(size: tuple[int, int], backend: WorkingBackend, visual: Visual) -> None:
     """Raises UsageError if the size exceeds the backend's maximum."""
     if max(size) * visual.samples > backend.max_size:
         raise UsageError(
@@ -205,7 +205,7 @@ def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
         )
 
 
-def _check_shadows(model: mujoco.MjModel, backend: Backend) -> None:
+def _check_shadows(model: mujoco.MjModel, backend: WorkingBackend) -> None:
     """Raises DrawError if the model's shadow maps exceed the backend's maximum, which crashes some drivers."""
     if (size := model.vis.quality.shadowsize) > backend.max_size:
         raise DrawError(

@@ -18,7 +18,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import widened
 from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.added_geoms import Decoration
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
 from mjrun.rendering.filament import FilamentRenderer
@@ -142,7 +142,7 @@ class SceneCompositor:
     """
 
     model: mujoco.MjModel
-    backend: Backend
+    backend: WorkingBackend
     size: tuple[int, int]
     visual: Visual
     names: Sequence[str]

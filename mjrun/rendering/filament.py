@@ -17,7 +17,7 @@ from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.added_geoms import Decoration
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -64,7 +64,7 @@ class FilamentRenderer:
         self,
         model: mujoco.MjModel,
         size: tuple[int, int],
-        backend: Backend,
+        backend: WorkingBackend,
         visual: Visual,
         segmentation: Segmentation | None = None,
         decorations: Sequence[Decoration] = (),

@@ -17,7 +17,7 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.physics.recorded_states import RecordedStates, ReplayStepper
 from mjrun.probe.fields import state_columns
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation, require_whole
 
@@ -105,7 +105,7 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
       FileError: the recording cannot be read.
       FailedStepError: MuJoCo could not complete a step.
     """
-    reporter = reporter or WarningReporter()
+    reporter = reporter or PythonApiReporter()
     require_whole(simulation, "a verification")
     if simulation.replay is None:
         raise UsageError(f"{option('verify')} requires a recording: name it with {option('replay')}")

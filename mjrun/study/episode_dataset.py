@@ -44,7 +44,7 @@ from mjrun.packages import require
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import AUTO, GL, BackendDetector
 from mjrun.rendering.drawn_model import drawn_model
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.dataset_specs import FOLDER, NEARLY, EpisodeSpec, camera_keys
 from mjrun.study.episode_files import observed_columns
@@ -103,7 +103,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
           UsageError: the name of the folder ends like that of a file of another format.
           MjrunError: nothing could be simulated.
         """
-        reporter, start = reporter or WarningReporter(), time.perf_counter()
+        reporter, start = reporter or PythonApiReporter(), time.perf_counter()
         export_format(self.output, self.format)
         libraries, use = EXTRAS[self.format]
         require(use, self.format, *libraries)

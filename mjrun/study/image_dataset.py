@@ -30,7 +30,7 @@ from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
 from mjrun.rendering.drawn_model import stage_parts, stage_remark
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.executors import WARP, check_engine
@@ -72,7 +72,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
           FailedPointsError: points failed; everything else is written nevertheless.
           MjrunError: nothing could be rendered.
         """
-        reporter, start = reporter or WarningReporter(), time.perf_counter()
+        reporter, start = reporter or PythonApiReporter(), time.perf_counter()
         require_all(EXTRAS)
         with reported_warnings(reporter):
             model = self.simulation.load()

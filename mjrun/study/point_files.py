@@ -30,7 +30,7 @@ from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
 from mjrun.python_code import PickledWithCode
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.columnar_results import STATUSES, ResultColumns
@@ -87,7 +87,7 @@ class PointFileMaker:
             from mjrun.outputs.perform import preview
 
             first = self._outputs(0, PointResult(0, "ok", (), 0))
-            preview(replace(first, simulation=prepared.first).requests(self.kinds), WarningReporter())
+            preview(replace(first, simulation=prepared.first).requests(self.kinds), PythonApiReporter())
 
     def keep(
         self, columns: Mapping[str, np.ndarray], results: ResultColumns, jobs: int | str, reporter: Reporter

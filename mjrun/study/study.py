@@ -38,7 +38,7 @@ from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOp
 from mjrun.physics.warp_device import COMPILES
 from mjrun.platform.cores import available_cores
 from mjrun.probe.verdict import Verdict
-from mjrun.reporter import Reporter, WarningReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study.chunk_files import part_bytes
 from mjrun.study.columnar_results import STATUSES
@@ -107,7 +107,7 @@ class Study(StudyOptions, ExecutionOptions):
           FailedPointsError: points failed; the table is written nevertheless.
           MjrunError: nothing could be simulated.
         """
-        reporter, start = reporter or WarningReporter(), time.perf_counter()
+        reporter, start = reporter or PythonApiReporter(), time.perf_counter()
         with reported_warnings(reporter):
             if self.html is not None:
                 from mjrun.experiment.results_page_parts import check_page  # which imports matplotlib
@@ -147,7 +147,7 @@ class Study(StudyOptions, ExecutionOptions):
           FailedAssertionError: a requirement does not hold.
           FailedPointsError: points failed, or are not simulated yet.
         """
-        reporter, start = reporter or WarningReporter(), time.perf_counter()
+        reporter, start = reporter or PythonApiReporter(), time.perf_counter()
         prepared = PreparedStudy(self, self.spec)
         if not prepared.files.exist():
             raise FileError(self.output, "contains no results of a study")

@@ -114,7 +114,7 @@ class Command(options_of_tasks.CommandTermOptions):
 
 
 @options
-class Reward(options_of_tasks.RewardOptions):
+class Reward(options_of_tasks.RewardTermOptions):
     """A term of the reward."""
 
 

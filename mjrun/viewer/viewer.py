@@ -24,7 +24,7 @@ from mjrun.options.viewer import ViewerOptions
 from mjrun.outputs.output import ReservedFiles
 from mjrun.physics.recorded_states import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
-from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
@@ -287,7 +287,7 @@ class Viewer(ViewerOptions):
           NoWindowError: neither a window nor a page can be opened.
           MjrunError: an input is invalid.
         """
-        reporter = reporter or WarningReporter()
+        reporter = reporter or PythonApiReporter()
         start = time.perf_counter()
         with ExitStack() as stack:
             warnings = stack.enter_context(collected_warnings())

@@ -19,7 +19,7 @@ from mjrun.errors import ModelError
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 from mjrun.model.state import save
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.rendering.segmentation import Segmentation
@@ -63,7 +63,7 @@ def test_a_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.gl
 @pytest.mark.parametrize(("view", "quality"), [("rgb", "high"), ("depth", "model"), ("seg", "model")])
 def test_a_frames_parts_make_up_its_time_and_the_clock_is_asked_where_they_change(
-    path: Path, backend: Backend, view: str, quality: str
+    path: Path, backend: WorkingBackend, view: str, quality: str
 ) -> None:
     settings = {"size": (64, 48), "view": view, "quality": quality}
     (result,) = bench(path, render=True, repeats=1, **settings).run(clock=FakeClock()).frames
@@ -80,7 +80,7 @@ def test_a_frames_parts_make_up_its_time_and_the_clock_is_asked_where_they_chang
 
 
 @pytest.mark.gl
-def test_filament_does_not_tell_drawing_from_reading(path: Path, vulkan: Backend) -> None:
+def test_filament_does_not_tell_drawing_from_reading(path: Path, vulkan: WorkingBackend) -> None:
     (result,) = bench(path, render=True, size=(64, 48), renderer="filament", repeats=1).run(clock=FakeClock()).frames
     assert (result.renderer, result.device, result.read) == ("filament", vulkan.renderer, None)
     # One look at the clock lies between any two parts: composing comes before, between and after the others.
@@ -159,7 +159,7 @@ def test_a_part_that_fails_has_taken_its_time_and_ends() -> None:
     assert watch.spent == {"outer": 6, "inner": 3, "next": 6}
 
 
-def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, backend: Backend) -> dict:
+def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, backend: WorkingBackend) -> dict:
     """What a renderer draws of a model's first instant."""
     model = mujoco.MjModel.from_xml_path(str(path))
     state = save(model, mujoco.MjData(model))
@@ -171,7 +171,7 @@ def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, b
 
 
 @pytest.mark.gl
-def test_a_timed_image_is_the_image(swing: Path, backend: Backend) -> None:
+def test_a_timed_image_is_the_image(swing: Path, backend: WorkingBackend) -> None:
     watch = Stopwatch(TickingClock())
     timed = views(partial(TimedClassicRenderer, watch=watch), swing, backend)
     for name, expected in views(ClassicRenderer, swing, backend).items():
@@ -180,7 +180,7 @@ def test_a_timed_image_is_the_image(swing: Path, backend: Backend) -> None:
 
 
 @pytest.mark.gl
-def test_a_timed_image_of_filament_is_the_image_up_to_its_noise(swing: Path, vulkan: Backend) -> None:
+def test_a_timed_image_of_filament_is_the_image_up_to_its_noise(swing: Path, vulkan: WorkingBackend) -> None:
     watch = Stopwatch(TickingClock())
     timed = views(partial(TimedFilamentRenderer, watch=watch), swing, vulkan)
     expected = views(FilamentRenderer, swing, vulkan)

@@ -10,7 +10,7 @@ import pytest
 from mjrun.camera.pose import Frustum, lens, metric_depth, pose_of
 from mjrun.errors import ModelError
 from mjrun.model.rendered_view import CameraCalibration
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 
 FRAME = 'pos=".3 -3 1.2" xyaxes="1 .1 0 -.05 .3 1"'
 SENSOR = 'resolution="320 240" sensorsize=".0064 .0048"'
@@ -54,7 +54,12 @@ class Drawn:
 
 
 def draw(
-    backend: Backend, camera: str, size: tuple[int, int], others: str = "", orthographic: bool = False, planes: str = ""
+    backend: WorkingBackend,
+    camera: str,
+    size: tuple[int, int],
+    others: str = "",
+    orthographic: bool = False,
+    planes: str = "",
 ) -> Drawn:
     settings = {"others": others, "orthographic": str(orthographic).lower(), "planes": planes}
     text = SCENE.format(camera=CAMERAS[camera], **settings)
@@ -106,7 +111,7 @@ def outside(pixels: np.ndarray, points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_the_projected_corners_of_a_box_are_the_outline_of_its_pixels(
-    backend: Backend, camera: str, size: tuple[int, int]
+    backend: WorkingBackend, camera: str, size: tuple[int, int]
 ) -> None:
     drawn = draw(backend, camera, size)
     hull = drawn.lens.project(corners(drawn))[:, :2]
@@ -132,7 +137,7 @@ def rays(drawn: Drawn) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_depth_and_object_of_a_pixel_are_those_that_a_ray_through_its_centre_meets(
-    backend: Backend, camera: str
+    backend: WorkingBackend, camera: str
 ) -> None:
     drawn = draw(backend, camera, (101, 77), OTHERS)
     depth = metric_depth(drawn.buffer, drawn.frustum)
@@ -150,7 +155,7 @@ def test_depth_and_object_of_a_pixel_are_those_that_a_ray_through_its_centre_mee
 
 @pytest.mark.parametrize("planes", ["", 'znear=".0005" zfar="400"', 'znear=".0001" zfar="10000"'])
 def test_the_depth_of_something_far_away_is_right_wherever_the_clipping_planes_are(
-    backend: Backend, planes: str
+    backend: WorkingBackend, planes: str
 ) -> None:
     drawn = draw(backend, "fovy", (101, 77), OTHERS.replace("40 3", "39 3"), planes=planes)
     far = drawn.ids == 3
@@ -160,7 +165,7 @@ def test_the_depth_of_something_far_away_is_right_wherever_the_clipping_planes_a
     assert points[:, 1] + 3 == pytest.approx(41, rel=error)  # its near face is 41 m before the camera
 
 
-def test_intrinsics_of_a_camera_are_kept_to_the_picture_s_size(backend: Backend) -> None:
+def test_intrinsics_of_a_camera_are_kept_to_the_picture_s_size(backend: WorkingBackend) -> None:
     of = {camera: draw(backend, camera, (640, 480)).lens for camera in CAMERAS}
     focal = 480 / (2 * np.tan(np.deg2rad(40) / 2))
     assert (of["fovy"].fx, of["fovy"].fy) == pytest.approx((focal, focal))
@@ -174,14 +179,14 @@ def test_intrinsics_of_a_camera_are_kept_to_the_picture_s_size(backend: Backend)
     assert of["free"].fy == pytest.approx(480 / (2 * np.tan(np.deg2rad(45) / 2)))
 
 
-def test_a_sensor_of_another_aspect_is_stretched_over_the_picture_as_mujoco_does(backend: Backend) -> None:
+def test_a_sensor_of_another_aspect_is_stretched_over_the_picture_as_mujoco_does(backend: WorkingBackend) -> None:
     seen = draw(backend, "pixels", (64, 120)).lens
     assert (seen.fx, seen.fy) == pytest.approx((350 / 5, 380 / 2))
     assert (seen.cx, seen.cy) == pytest.approx((32 + 20 / 5, 60 - 15 / 2))
 
 
 @pytest.mark.parametrize("camera", ["fovy", "orthographic"])
-def test_the_pose_is_the_camera_s_own_with_y_down_and_z_forward(backend: Backend, camera: str) -> None:
+def test_the_pose_is_the_camera_s_own_with_y_down_and_z_forward(backend: WorkingBackend, camera: str) -> None:
     drawn = draw(backend, camera, (64, 48))
     pose = drawn.lens.pose
     assert pose[:3, 3] == pytest.approx(drawn.data.cam_xpos[0])
@@ -191,20 +196,20 @@ def test_the_pose_is_the_camera_s_own_with_y_down_and_z_forward(backend: Backend
     assert list(pose[3]) == [0, 0, 0, 1]
 
 
-def test_the_clipping_planes_are_the_model_s(backend: Backend) -> None:
+def test_the_clipping_planes_are_the_model_s(backend: WorkingBackend) -> None:
     drawn = draw(backend, "fovy", (64, 48))
     planes = drawn.model.vis.map
     assert (drawn.lens.near, drawn.lens.far) == pytest.approx((planes.znear * 2, planes.zfar * 2))
 
 
-def test_a_free_camera_may_be_orthographic(backend: Backend) -> None:
+def test_a_free_camera_may_be_orthographic(backend: WorkingBackend) -> None:
     drawn = draw(backend, "free", (101, 77), orthographic=True)
     assert not drawn.lens.perspective
     assert (drawn.lens.fx, drawn.lens.fy) == pytest.approx((77 / 45, 77 / 45))  # fovy is a length
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_projecting_undoes_unprojecting(backend: Backend, orthographic: bool) -> None:
+def test_projecting_undoes_unprojecting(backend: WorkingBackend, orthographic: bool) -> None:
     seen = draw(backend, "orthographic" if orthographic else "focal", (64, 48)).lens
     depth = np.random.default_rng(0).uniform(0.5, 9, (48, 64))
     back = seen.project(seen.unproject(depth).reshape(-1, 3))

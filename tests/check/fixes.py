@@ -7,7 +7,7 @@ from mjrun.check.check import _of_original
 from mjrun.check.context import CheckContext
 from mjrun.check.fixing import ModelFixer, changed_fields
 from mjrun.check.rule import FixedModelCopy, FixResult, ModelResult
-from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
+from mjrun.check.rule_runner import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.errors import ModelError
 from mjrun.model.mujoco_globals import collected_warnings

@@ -5,7 +5,7 @@ from io import StringIO
 from pathlib import Path
 
 from mjrun.check.rule import Finding
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_runner import RULES
 from mjrun.check.task_checker import TaskChecker
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.document.task import read_task

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from mjrun.check import check as check_module
-from mjrun.check.catalogue import matching_codes
 from mjrun.check.check import CheckResult, ModelCheck, ModelResult, find_models, root_tag
 from mjrun.check.rule import Finding
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_catalogue import matching_codes
+from mjrun.check.rule_runner import RULES
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.errors import UsageError
 from tests.check.models import PASSIVE, checked, codes, write

@@ -13,7 +13,7 @@ from mjrun.check.check import CheckResult, ModelCheck
 from mjrun.check.check_page import FindingCards, PicturedModel, write_check_page
 from mjrun.check.rule import Finding, ModelResult
 from mjrun.errors import NoRendererError, UsageError
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from tests.check.models import hinged, keyed, mjcf, write
 from tests.check.rules.test_meshes import TRAY, TRAY_FACES, asset
 
@@ -29,7 +29,7 @@ PAIR = mjcf(
 )
 
 
-class Warnings(WarningReporter):
+class Warnings(PythonApiReporter):
     """A reporter that keeps warnings."""
 
     def __init__(self) -> None:

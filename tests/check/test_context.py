@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.catalogue import Thresholds, threshold_values
 from mjrun.check.check import ModelCheck
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding
-from mjrun.check.rule_table import RULES, apply
+from mjrun.check.rule_catalogue import Thresholds, threshold_values
+from mjrun.check.rule_runner import RULES, apply
 from mjrun.errors import UsageError
 from mjrun.model.xml_source import read_xml
 from tests.check.models import MESH, arms, attaching, hinged, lint, mjcf, write

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import Violation
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_runner import RULES
 from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker import Checker, ModelChecker
 from mjrun.check.worker_pool import CheckRequest

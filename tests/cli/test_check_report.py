@@ -7,10 +7,10 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from mjrun.check.catalogue import explanation
 from mjrun.check.check import CheckResult, ModelResult
 from mjrun.check.rule import SEVERITIES, Finding, FixedFile
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_catalogue import explanation
+from mjrun.check.rule_runner import RULES
 from mjrun.cli import check_report
 from mjrun.cli.report_formats import github, junit, markdown
 
@@ -64,7 +64,7 @@ def test_a_code_links_to_the_page_of_its_rule_on_terminals_that_show_links(monke
     document: Any = check_report.sarif(linked)
     assert not any("helpUri" in rule for rule in document["runs"][0]["tool"]["driver"]["rules"])
 
-    monkeypatch.setattr("mjrun.check.catalogue.SITE", "https://example.org/mjrun/")
+    monkeypatch.setattr("mjrun.check.rule_catalogue.SITE", "https://example.org/mjrun/")
     assert "\x1b]8;;https://example.org/mjrun/rules/MJ301.html\x1b\\MJ301" in check_report.check_report(linked).text()
     document = check_report.sarif(linked)
     pages = {rule["id"]: rule["helpUri"] for rule in document["runs"][0]["tool"]["driver"]["rules"]}

@@ -15,14 +15,14 @@ from mjrun.evaluation.execution import PreparedEpisodes, play_all
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.sweep import ExecutionOptions
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.task.task import Task
 from tests.evaluation.tasks import cart_task, write_policies
 from tests.study.in_process import simulate_here
 from tests.study.slurm_stand_in import install
 
 
-class Progress(WarningReporter):
+class Progress(PythonApiReporter):
     def __init__(self) -> None:
         self.reported, self.notes = list[tuple[int, int]](), list[str]()
 
@@ -40,7 +40,7 @@ def prepared(folder: Path, policy: object, task: Task | None = None, **options: 
 
 
 def play(
-    some: PreparedEvaluation, seeds: Sequence[int], out: Path, reporter: WarningReporter | None = None, **options: Any
+    some: PreparedEvaluation, seeds: Sequence[int], out: Path, reporter: PythonApiReporter | None = None, **options: Any
 ) -> tuple[list[list[EpisodeRecord]], int]:
     """Returns the records of each group, and the number of episodes that were played."""
     groups, simulated = play_all(some, ExecutionOptions(**options), seeds, out, reporter or Progress())

@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import MjrunWarning, UnidentifiableError, UnimprovedFitError, UsageError
 from mjrun.fitting.fit import Fit
 from mjrun.model.sources.file import FileSource
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from tests.fitting.logs import NOISE, PENDULUM, TRUTH, noisy, simulate, write_log, write_model
 from tests.fitting.problems import THREE
@@ -87,7 +87,7 @@ def test_options_of_outputs_that_are_not_made_are_refused(
 
 @pytest.mark.slow
 def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Path, near: Simulation) -> None:
-    class Editor(WarningReporter):
+    class Editor(PythonApiReporter):
         def progress(self, what: str, done: int, total: int) -> None:
             write_model(tmp_path, damping=3.0, armature=0.5)
 

@@ -14,7 +14,7 @@ from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRolloutInpu
 from mjrun.formats.video_reader import read_video
 from mjrun.model import state
 from mjrun.options.fit import FitOptions
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from tests.fitting.logs import NOMINAL, TRUTH, simulate, write_model
 
@@ -143,7 +143,7 @@ def film(folder: Path, measured: np.ndarray, delay: float = 0.0) -> np.ndarray:
     times = np.arange(51) * 0.01
     logs = [LogSegment(name, times + 3, measured[:, None], np.zeros((51, 1))) for name in "ab"]
     stretches = [VideoStretch(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
-    with FitVideo(options, model, ["qpos/hinge"]).writer(model, stretches, [delay], WarningReporter()) as writer:
+    with FitVideo(options, model, ["qpos/hinge"]).writer(model, stretches, [delay], PythonApiReporter()) as writer:
         assert not path.exists()
         writer.publish()
     return np.stack([np.array(frame, int) for frame in read_video(str(path))])

@@ -3,7 +3,7 @@
 import re
 
 from mjrun.check import rule
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_runner import RULES
 from mjrun.options.check import SEVERITIES, CheckOptions
 from mjrun.options.option import options_of
 

@@ -21,7 +21,7 @@ from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.compositor import CameraPanel, TextAndLivePlots
 from mjrun.rendering.visual import Visual
@@ -184,7 +184,7 @@ def test_projected_corners_of_a_box_land_on_its_pixels(swing: Path, tmp_path: Pa
 
 
 def test_a_video_s_calibration_is_what_its_frames_were_drawn_through(
-    swing: Path, tmp_path: Path, backend: Backend
+    swing: Path, tmp_path: Path, backend: WorkingBackend
 ) -> None:
     orbit = "orbit:lookat=box,azimuth=0..90,distance=1.5"
     video = Video(

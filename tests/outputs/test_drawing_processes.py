@@ -15,10 +15,10 @@ from mjrun.outputs.frame_drawing import estimated_cost, jobs_for, open_frames, p
 from mjrun.outputs.output import PassContext, RenderingResources
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.compositor import FrameCosts, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
 
@@ -26,7 +26,7 @@ SIZE = (64, 48)
 FRAMES = 6
 
 
-class Notes(WarningReporter):
+class Notes(PythonApiReporter):
     """Keeps the notes."""
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ def pictures(folder: Path) -> np.ndarray:
 @pytest.mark.slow
 def test_an_estimate_starts_processes_early_and_a_measurement_late(
     make_video: Callable,
-    backend: Backend,
+    backend: WorkingBackend,
     tmp_path: Path,
     estimated: float,
     measured: float,
@@ -110,7 +110,7 @@ def test_an_estimate_starts_processes_early_and_a_measurement_late(
 
 
 def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
-    make_video: Callable, swing: Path, backend: Backend, tmp_path: Path
+    make_video: Callable, swing: Path, backend: WorkingBackend, tmp_path: Path
 ) -> None:
     keyframe = '<keyframe><key name="up" qpos="1 .6 0 .5 1 0 0 0"/></keyframe></mujoco>'
     swing.write_text(swing.read_text().replace("</mujoco>", keyframe))
@@ -123,7 +123,7 @@ def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
 
 
 @pytest.mark.parametrize("duration", [0.01, 0.05])
-def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: Backend, duration: float) -> None:
+def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: WorkingBackend, duration: float) -> None:
     result, note, groups = make_video(0.001, 60.0, duration=duration)
     assert (result.frames, result.jobs, groups) == (1 if duration < 0.02 else 2, 1, [])
     assert ("software rendering" in note) == (backend.software and result.frames == 2)
@@ -134,7 +134,7 @@ def test_drawing_that_takes_no_time_is_not_spoken_of(make_video: Callable, monke
     assert make_video(0.001, 0.001)[1] == ""
 
 
-def test_a_draft_is_recommended_where_there_is_none(make_video: Callable, backend: Backend) -> None:
+def test_a_draft_is_recommended_where_there_is_none(make_video: Callable, backend: WorkingBackend) -> None:
     assert ("quality draft" in make_video(0.001, 0.001)[1]) == backend.software
     assert "quality" not in make_video(0.001, 0.001, quality="draft")[1]
 
@@ -183,7 +183,7 @@ def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None
 def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     swing: Path, monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
 ) -> None:
-    def backend(backends: RenderingResources, choice: object) -> Backend:
+    def backend(backends: RenderingResources, choice: object) -> WorkingBackend:
         assert counts == started
         raise NoRendererError({}, "")
 
@@ -195,7 +195,7 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     simulation = Simulation(swing, duration=frames / 30)
     video = Video(simulation, "v.mkv", size=(640, 480), fps=30, camera="side", jobs=asked)
     model = simulation.load()
-    context = PassContext(simulation, model, simulation.timeline(model), WarningReporter())
+    context = PassContext(simulation, model, simulation.timeline(model), PythonApiReporter())
     plan = plan_frames(video, context)
     with ExitStack() as stack, pytest.raises(NoRendererError):
         open_frames(

@@ -24,12 +24,12 @@ from mjrun.outputs.output import PassContext, RenderingResources
 from mjrun.outputs.video import Video
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.compositor import RENDERERS
 from mjrun.rendering.live_plot import live_plot_size
 from mjrun.rendering.segmentation import check_segmentation_name, groupings
 from mjrun.rendering.visual import visual_of
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 
 SIZE = (64, 48)
@@ -54,7 +54,7 @@ def job_and_context(swing: Path, output: str = "v.mkv", steps: int = 50, **optio
     simulation = Simulation(swing, steps=steps)
     model = simulation.load()
     job = Video(simulation, output, size=SIZE, fps=50, **options)
-    return job, PassContext(simulation, model, simulation.timeline(model), WarningReporter())
+    return job, PassContext(simulation, model, simulation.timeline(model), PythonApiReporter())
 
 
 def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_a_missing_camera_is_named_by_its_place(swing: Path) -> None:
     assert caught.value.path == ("camera", 1)
 
 
-def test_a_picture_that_the_backend_cannot_hold_is_refused(swing: Path, backend: Backend) -> None:
+def test_a_picture_that_the_backend_cannot_hold_is_refused(swing: Path, backend: WorkingBackend) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
     assert check_drawing(ViewOptions(size=SIZE), model, backend) == []
     with pytest.raises(UsageError, match="too large"):

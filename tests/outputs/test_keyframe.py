@@ -18,7 +18,7 @@ from mjrun.outputs.keyframe import Keyframe, KeyframeResult
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
 
@@ -38,7 +38,7 @@ MOCAP = """<?xml version="1.0" encoding="UTF-8"?>
 KEY_FIELDS = ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")
 
 
-class Listener(WarningReporter):
+class Listener(PythonApiReporter):
     def __init__(self) -> None:
         self.warnings: list[str] = []
 

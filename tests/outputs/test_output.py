@@ -34,8 +34,8 @@ from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering import compositor_pool
-from mjrun.rendering.backend import Backend, BackendDetector
-from mjrun.reporter import WarningReporter
+from mjrun.rendering.backend import BackendDetector, WorkingBackend
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.worker import Worker
 
@@ -59,7 +59,7 @@ def visible(folder: Path) -> list[str]:
 
 def context_of(simulation: Simulation) -> PassContext:
     model = simulation.load()
-    return PassContext(simulation, model, simulation.timeline(model), WarningReporter())
+    return PassContext(simulation, model, simulation.timeline(model), PythonApiReporter())
 
 
 def simulate(output: OpenOutput[Any], stepper: Stepper, until: int) -> None:
@@ -191,7 +191,7 @@ def test_videos_of_one_pass_share_one_group_of_workers(
         assert all(np.array_equal(one, other) for one, other in pairs)
 
 
-def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
+def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: WorkingBackend) -> None:
     with closing(RenderingResources()) as backends:
         choice = ViewOptions(gl=backend.name)
         backends.detect(choice)

@@ -22,7 +22,7 @@ from mjrun.outputs.recorded_scene import (
     state_taps,
 )
 from mjrun.physics.simulation_loop import run_with_taps
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 
 
 def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> RecordedScene:
@@ -30,7 +30,7 @@ def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> Re
     simulation = mjrun.Simulation(model, duration=0.5)
     job = Export(simulation, "a.glb", fps=10, **options)  # type: ignore[arg-type]
     loaded = simulation.load()
-    context = PassContext(simulation, loaded, simulation.timeline(loaded), WarningReporter())
+    context = PassContext(simulation, loaded, simulation.timeline(loaded), PythonApiReporter())
     plan = plan_scene(job, context, job.cameras)
     schedule, states = job.schedule_frames(plan, {}), open_states(plan, stack)
     run_with_taps(simulation.stepper(loaded), state_taps(plan, schedule, states), until)
@@ -63,7 +63,7 @@ def test_a_floor_is_suggested_at_the_height_where_a_falling_model_begins(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     notes = list[str]()
-    monkeypatch.setattr(WarningReporter, "note", lambda _, text: notes.append(text))
+    monkeypatch.setattr(PythonApiReporter, "note", lambda _, text: notes.append(text))
     ball = '<body pos="0 0 .75"><freejoint/><geom size=".25"/></body>'
     (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
     with ExitStack() as stack:

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.outputs.event_detection import TimelineMarkDetector
+from mjrun.outputs.event_detection import EventAndAssertionDetector
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
@@ -25,9 +25,11 @@ def model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(BALL)
 
 
-def detected(model: mujoco.MjModel, events: list[str], assertions: list[str]) -> TimelineMarkDetector:
+def detected(model: mujoco.MjModel, events: list[str], assertions: list[str]) -> EventAndAssertionDetector:
     """Returns a detector that has observed the whole simulation."""
-    detector = TimelineMarkDetector(model, Timeline.of_steps(rational(model.opt.timestep), STEPS), events, assertions)
+    detector = EventAndAssertionDetector(
+        model, Timeline.of_steps(rational(model.opt.timestep), STEPS), events, assertions
+    )
     run_with_taps(PhysicsStepper(model, mujoco.MjData(model)), [detector.tap(STEPS)], STEPS)
     return detector
 
@@ -60,6 +62,6 @@ def test_marks_are_where_a_bare_loop_finds_them(model: mujoco.MjModel) -> None:
 def test_names_are_checked_before_the_first_step(model: mujoco.MjModel) -> None:
     timeline = Timeline.of_steps(rational(model.opt.timestep), STEPS)
     with pytest.raises(UnknownNameError, match="bal"):
-        TimelineMarkDetector(model, timeline, ["contact(bal, floor) > 0"], [])
+        EventAndAssertionDetector(model, timeline, ["contact(bal, floor) > 0"], [])
     with pytest.raises(UsageError, match="qpos"):
-        TimelineMarkDetector(model, timeline, [], ["qpos/ball/z <"])
+        EventAndAssertionDetector(model, timeline, [], ["qpos/ball/z <"])

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.plotting.table_statistics import ColumnStatisticsAccumulator, TableSummarizer
+from mjrun.plotting.table_statistics import TableStatisticsAccumulator, TableSummarizer
 
 UNITS = {"time": "s", "a": "m", "a/b": "", "c": "N"}
 ROWS = np.random.default_rng(0).normal(size=(50, 4))
@@ -44,8 +44,8 @@ def test_a_name_that_no_column_has_is_reported_with_those_there_are() -> None:
         summary(["c"], "max(a/bb) < 1")
 
 
-def counted(values: np.ndarray, cuts: list[int]) -> ColumnStatisticsAccumulator:
-    counter = ColumnStatisticsAccumulator([f"c{k}" for k in range(values.shape[1])])
+def counted(values: np.ndarray, cuts: list[int]) -> TableStatisticsAccumulator:
+    counter = TableStatisticsAccumulator([f"c{k}" for k in range(values.shape[1])])
     for block in np.split(values, sorted(cuts)):
         counter.feed(block)
     return counter

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import NoRendererError, UnstableError
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 
 HANG = 36000.0  # [s], longer than any wait, on however busy a machine
 OPENING, ASKED = -1, -2  # the frames of mischief done by `open` and when asked for the process
@@ -102,7 +102,7 @@ class Drawing:
     """Draws the qpos in a state with OpenGL, seen by the model's first camera."""
 
     model: Any
-    backend: Backend
+    backend: WorkingBackend
     size: tuple[int, int]
 
     def open(self) -> None:

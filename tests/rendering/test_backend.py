@@ -16,10 +16,10 @@ from mjrun.platform import system
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering import try_backend
 from mjrun.rendering.backend import (
-    Backend,
     BackendDetector,
     BackendTrialProcess,
     VulkanDetector,
+    WorkingBackend,
     candidates,
     install_advice,
     requested_backends,
@@ -56,7 +56,7 @@ def test_rendering_that_is_switched_off_is_reported_so(off: str) -> None:
     ],
 )
 def test_software_is_reported_from_a_gpu_by_the_renderer(renderer: str, name: str, software: bool) -> None:
-    assert Backend(name, renderer, "", "", 16384).software is software
+    assert WorkingBackend(name, renderer, "", "", 16384).software is software
 
 
 def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,13 +74,13 @@ def each_trial_takes_place(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", BackendTrialProcess)
 
 
-def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
+def test_a_renderer_is_found_without_being_told(backend: WorkingBackend) -> None:
     assert backend.name in candidates()
     assert backend.renderer
     assert backend.max_size >= 2048
 
 
-def test_a_requested_backend_is_the_only_one_tried(backend: Backend) -> None:
+def test_a_requested_backend_is_the_only_one_tried(backend: WorkingBackend) -> None:
     assert BackendDetector(backend.name).result() == backend
 
 
@@ -106,7 +106,9 @@ def test_shaders_are_cached_where_they_can_be(
     assert "MESA_SHADER_CACHE_DISABLE" not in variables
 
 
-def test_mujoco_gl_is_honoured_when_nothing_is_requested(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+def test_mujoco_gl_is_honoured_when_nothing_is_requested(
+    monkeypatch: pytest.MonkeyPatch, backend: WorkingBackend
+) -> None:
     monkeypatch.setenv("MUJOCO_GL", backend.name.upper())
     assert BackendDetector().result() == backend
 
@@ -136,7 +138,11 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
 )
 @pytest.mark.gl
 def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
-    monkeypatch: pytest.MonkeyPatch, backend: Backend, requested: str | None, variables: dict[str, str], cure: str
+    monkeypatch: pytest.MonkeyPatch,
+    backend: WorkingBackend,
+    requested: str | None,
+    variables: dict[str, str],
+    cure: str,
 ) -> None:
     if backend.name != "egl":
         pytest.skip("another backend draws")
@@ -149,7 +155,7 @@ def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
     assert "install" not in str(caught.value)
 
 
-def test_a_search_continues_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+def test_a_search_continues_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: WorkingBackend) -> None:
     monkeypatch.setattr(backend_module, "candidates", lambda: ("nonsense", backend.name))
     assert BackendDetector("auto").result() == backend
 
@@ -161,7 +167,7 @@ class Hardware:
     renderers: dict[str, str]
 
     def __call__(self, name: str) -> SimpleNamespace:
-        found = Backend(name, self.renderers[name], "", "", 16384)
+        found = WorkingBackend(name, self.renderers[name], "", "", 16384)
         return SimpleNamespace(name=name, result=lambda: found)
 
 
@@ -188,7 +194,7 @@ def test_a_backend_that_worked_is_tried_again_only_in_another_environment(monkey
     assert BackendDetector("egl").result().renderer == "NVIDIA"
 
 
-def test_vulkan_is_found_by_drawing_with_it(vulkan: Backend) -> None:
+def test_vulkan_is_found_by_drawing_with_it(vulkan: WorkingBackend) -> None:
     assert vulkan.name == "vulkan"
     assert vulkan.renderer
     assert vulkan.version.startswith("1.")
@@ -227,7 +233,7 @@ def test_a_search_for_vulkan_can_be_given_up() -> None:
     assert not search._first._process.running
 
 
-def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend: WorkingBackend) -> None:
     def no_folder(*_: object, **__: object) -> str:
         raise FileNotFoundError("No usable temporary directory found")
 
@@ -279,7 +285,7 @@ def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
-    backend: Backend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    backend: WorkingBackend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert BackendTrialProcess(backend.name, draw=True).result() == backend
     script = Path(try_backend.__file__).read_text()
@@ -291,7 +297,9 @@ def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
 
 
 @pytest.mark.skipif(not system.CAN_FORK_LATE, reason="no copies of processes")
-def test_a_trial_in_a_copy_of_the_process_that_starts_early_is_the_one_of_the_detection(backend: Backend) -> None:
+def test_a_trial_in_a_copy_of_the_process_that_starts_early_is_the_one_of_the_detection(
+    backend: WorkingBackend,
+) -> None:
     code = """
 import os, sys
 from mjrun.child_process import may_fork
@@ -311,7 +319,7 @@ print(backend.BackendTrialProcess("egl", is_fork=True).result())
     assert done.stdout.splitlines() == [str(backend), "its process was killed by SIGABRT"]
 
 
-def test_egl_tells_its_devices(backend: Backend) -> None:
+def test_egl_tells_its_devices(backend: WorkingBackend) -> None:
     devices = BackendTrialProcess("devices").answer()["devices"]
     assert [device["index"] for device in devices] == list(range(len(devices)))
     assert all(set(device) == {"index", "cuda", "file"} for device in devices)

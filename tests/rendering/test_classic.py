@@ -14,7 +14,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -52,7 +52,7 @@ def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
     return BoundCameraScript(parse_camera(camera, model), model, SIZE).pose(state_of(model, data))
 
 
-def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual: object) -> np.ndarray:
+def draw(path: Path, step: int, backend: WorkingBackend, camera: str = "side", **visual: object) -> np.ndarray:
     """What mjrun draws of a step."""
     model, data = at(path, step)
     with closing(ClassicRenderer(model, SIZE, backend, Visual(**visual))) as renderer:  # type: ignore[arg-type]
@@ -69,13 +69,13 @@ def picture(renderer: ClassicRenderer, model: mujoco.MjModel, data: mujoco.MjDat
 @pytest.mark.parametrize("camera", ["side", "free"])
 @pytest.mark.parametrize("step", [0, 300])
 def test_a_picture_is_mujoco_s_own_to_the_last_bit(
-    swing: Path, backend: Backend, still: Still, camera: str, step: int
+    swing: Path, backend: WorkingBackend, still: Still, camera: str, step: int
 ) -> None:
     expected = still(*at(swing, step), SIZE, -1 if camera == "free" else camera)
     assert np.array_equal(draw(swing, step, backend, camera), expected)
 
 
-def test_contact_forces_belong_to_the_state_that_is_shown(swing: Path, backend: Backend, still: Still) -> None:
+def test_contact_forces_belong_to_the_state_that_is_shown(swing: Path, backend: WorkingBackend, still: Still) -> None:
     option = mujoco.MjvOption()
     option.flags[mujoco.mjtVisFlag.mjVIS_CONTACTFORCE] = 1
     expected = still(*at(swing, 80), SIZE, "side", option)
@@ -84,7 +84,7 @@ def test_contact_forces_belong_to_the_state_that_is_shown(swing: Path, backend: 
     assert np.array_equal(draw(swing, 80, backend, show=["contactforce"]), expected)
 
 
-def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: Backend) -> None:
+def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: WorkingBackend) -> None:
     model, early = at(swing, 20)
     _, late = at(swing, 300)
     with closing(ClassicRenderer(model, SIZE, backend, Visual())) as renderer:
@@ -97,7 +97,7 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: B
         assert not np.array_equal(first, other)
 
 
-def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: Backend) -> None:
+def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: WorkingBackend) -> None:
     model, data = at(swing, 0)
     with closing(ClassicRenderer(model, (200, 100), backend, Visual(quality="draft"))) as renderer:
         assert picture(renderer, model, data, "free").shape == (100, 200, 3)
@@ -105,14 +105,16 @@ def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: Backend) -> No
     assert (model.vis.quality.offsamples, model.vis.quality.shadowsize) == (4, 256)
 
 
-def test_high_quality_is_the_average_of_a_picture_twice_the_size(swing: Path, backend: Backend, still: Still) -> None:
+def test_high_quality_is_the_average_of_a_picture_twice_the_size(
+    swing: Path, backend: WorkingBackend, still: Still
+) -> None:
     width, height = SIZE
     large = still(*at(swing, 0), (2 * width, 2 * height), "side").astype(int)
     average = large.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
     assert np.abs(draw(swing, 0, backend, quality="high") - average).max() <= 0.5
 
 
-def test_a_draft_has_no_shadow_where_the_model_has_one(swing: Path, backend: Backend) -> None:
+def test_a_draft_has_no_shadow_where_the_model_has_one(swing: Path, backend: WorkingBackend) -> None:
     model, draft = (draw(swing, 0, backend, quality=q).astype(int) for q in ("model", "draft"))
     darker = (draft - model).max(axis=2) > 30
     assert 0.005 < darker.mean() < 0.3
@@ -120,7 +122,7 @@ def test_a_draft_has_no_shadow_where_the_model_has_one(swing: Path, backend: Bac
 
 @pytest.mark.parametrize("show", [(), ("shadow",)])
 def test_a_draft_is_what_the_flags_of_mujoco_make_of_the_model(
-    swing: Path, backend: Backend, show: tuple[str, ...]
+    swing: Path, backend: WorkingBackend, show: tuple[str, ...]
 ) -> None:
     model, data = at(swing, 0)
     model.vis.quality.offsamples = 0
@@ -133,7 +135,7 @@ def test_a_draft_is_what_the_flags_of_mujoco_make_of_the_model(
     assert np.array_equal(draw(swing, 0, backend, quality="draft", show=show), expected)
 
 
-def test_hidden_things_are_not_drawn(swing: Path, backend: Backend) -> None:
+def test_hidden_things_are_not_drawn(swing: Path, backend: WorkingBackend) -> None:
     green = np.array([0, 1, 0])
 
     def greenness(picture: np.ndarray) -> int:
@@ -144,20 +146,22 @@ def test_hidden_things_are_not_drawn(swing: Path, backend: Backend) -> None:
 
 
 def test_a_scene_grows_until_everything_is_in_it(
-    swing: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch
+    swing: Path, backend: WorkingBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = draw(swing, 0, backend, show=["joint", "com"], hide=["shadow"])
     monkeypatch.setattr(classic, "GEOMS", 2)
     assert np.array_equal(draw(swing, 0, backend, show=["joint", "com"], hide=["shadow"]), expected)
 
 
-def test_a_size_beyond_the_renderer_s_is_refused(backend: Backend) -> None:
+def test_a_size_beyond_the_renderer_s_is_refused(backend: WorkingBackend) -> None:
     side = backend.max_size // 2
     with pytest.raises(UsageError, match=f"renders at most {side} pixels a side at quality high"):
         check_size((side + 1, 64), backend, Visual(quality="high"))
 
 
-def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side", **visual: object) -> RenderedView:
+def seen(
+    path: Path, backend: WorkingBackend, by: str = "object", camera: str = "side", **visual: object
+) -> RenderedView:
     """Depth and ids of the model where it begins."""
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
@@ -189,7 +193,7 @@ def rays(path: Path, picture: RenderedView) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("quality", ["model", "high"])
 @pytest.mark.parametrize("camera", ["side", "free"])
-def test_depth_and_ids_are_those_of_rays(swing: Path, backend: Backend, camera: str, quality: str) -> None:
+def test_depth_and_ids_are_those_of_rays(swing: Path, backend: WorkingBackend, camera: str, quality: str) -> None:
     picture = seen(swing, backend, camera=camera, quality=quality)
     assert picture.depth is not None
     assert picture.ids is not None
@@ -213,7 +217,7 @@ def test_depth_and_ids_are_those_of_rays(swing: Path, backend: Backend, camera: 
     assert np.array_equal(np.isinf(picture.depth), picture.ids < 0)
 
 
-def test_a_segmentation_has_no_colours_between_objects(swing: Path, backend: Backend) -> None:
+def test_a_segmentation_has_no_colours_between_objects(swing: Path, backend: WorkingBackend) -> None:
     picture = seen(swing, backend)
     assert picture.ids is not None
     shown = {picture.legend[i].name for i in np.unique(picture.ids) if i >= 0}
@@ -230,14 +234,14 @@ def test_a_segmentation_has_no_colours_between_objects(swing: Path, backend: Bac
     ],
 )
 def test_a_segmentation_tells_apart_what_it_is_asked_to(
-    swing: Path, backend: Backend, by: str, expected: set[tuple[str, str]]
+    swing: Path, backend: WorkingBackend, by: str, expected: set[tuple[str, str]]
 ) -> None:
     picture = seen(swing, backend, by)
     assert picture.ids is not None
     assert {(picture.legend[i].type, picture.legend[i].name) for i in np.unique(picture.ids) if i >= 0} == expected
 
 
-def test_a_tree_of_bodies_is_one_thing(tmp_path: Path, backend: Backend) -> None:
+def test_a_tree_of_bodies_is_one_thing(tmp_path: Path, backend: WorkingBackend) -> None:
     path = tmp_path / "tree.xml"
     path.write_text(
         '<mujoco><worldbody><camera name="side" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>'
@@ -257,7 +261,7 @@ def test_a_tree_of_bodies_is_one_thing(tmp_path: Path, backend: Backend) -> None
     assert found["site"] == {"tip"}
 
 
-def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backend: Backend) -> None:
+def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backend: WorkingBackend) -> None:
     path = tmp_path / "plane.xml"  # an infinite plane is drawn as a finite one, centred under a camera
     path.write_text(
         '<mujoco><worldbody><geom type="plane" size="0 0 .05"/><body pos="0 0 .3"><geom size=".3"/></body>'
@@ -275,7 +279,7 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
     assert np.array_equal(first.ids, later.ids)  # type: ignore[arg-type]
 
 
-def test_more_things_than_a_byte_can_number_are_reported_apart(tmp_path: Path, backend: Backend) -> None:
+def test_more_things_than_a_byte_can_number_are_reported_apart(tmp_path: Path, backend: WorkingBackend) -> None:
     path = tmp_path / "many.xml"
     path.write_text(
         '<mujoco><worldbody><camera name="side" pos="0 0 30" fovy="60"/>'
@@ -290,7 +294,7 @@ def test_more_things_than_a_byte_can_number_are_reported_apart(tmp_path: Path, b
     assert set(np.unique(ids[ids == picture.ids])) == {-1, *range(400)}
 
 
-def test_maps_of_shadows_that_the_driver_does_not_have_are_refused(backend: Backend) -> None:
+def test_maps_of_shadows_that_the_driver_does_not_have_are_refused(backend: WorkingBackend) -> None:
     quality = f'<visual><quality shadowsize="{2 * backend.max_size}"/></visual>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{quality}<worldbody><light/></worldbody></mujoco>")
     with pytest.raises(DrawError, match=f"shadowsize of the model, {2 * backend.max_size}, is too large"):

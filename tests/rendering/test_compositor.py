@@ -16,7 +16,7 @@ from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
 from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.added_geoms import Decoration, Ghost
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
 from mjrun.rendering.compositor import (
     CameraPanel,
@@ -39,7 +39,7 @@ RGB, DEPTH, SEG = CameraPanel(0, "rgb"), CameraPanel(0, "depth"), CameraPanel(0,
 class Swing:
     """Instants of a model, and what draws them."""
 
-    def __init__(self, path: Path, backend: Backend) -> None:
+    def __init__(self, path: Path, backend: WorkingBackend) -> None:
         self.model, self.backend = mujoco.MjModel.from_xml_path(str(path)), backend
         self.instants: list[mujoco.MjData] = []
         for angle in ANGLES:
@@ -66,7 +66,7 @@ class Swing:
 
 
 @pytest.fixture
-def scene(swing: Path, backend: Backend) -> Swing:
+def scene(swing: Path, backend: WorkingBackend) -> Swing:
     return Swing(swing, backend)
 
 

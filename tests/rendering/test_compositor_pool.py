@@ -19,7 +19,7 @@ import pytest
 
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.platform import system
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.compositor_pool import SLOTS, CompositorPool, CompositorProcesses
 from tests.processes import PATIENCE
 from tests.processes import children as children_of
@@ -485,7 +485,7 @@ def test_processes_end_with_their_parent_even_if_busy(
 
 
 def test_pixels_are_the_same_in_one_process_in_two_and_by_mujoco(
-    swing: Path, backend: Backend, still: Callable[..., np.ndarray]
+    swing: Path, backend: WorkingBackend, still: Callable[..., np.ndarray]
 ) -> None:
     size = (64, 48)
     model = mujoco.MjModel.from_xml_path(str(swing))

@@ -23,7 +23,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import save
 from mjrun.rendering import filament
 from mjrun.rendering.added_geoms import Ghost
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segmentation import Segmentation
@@ -104,7 +104,7 @@ class ReusedProcess:
 class Draw:
     """Draws a model after some steps. The first renderer without options stays open, and the last other one."""
 
-    def __init__(self, renderer: type, backend: Backend) -> None:
+    def __init__(self, renderer: type, backend: WorkingBackend) -> None:
         self._make = lambda model, visual: renderer(model, SIZE, backend, visual, Segmentation(model))
         self._open: dict[tuple[mujoco.MjModel, str], ClassicRenderer | FilamentRenderer] = {}
         self._plain: tuple[mujoco.MjModel, str] | None = None
@@ -142,13 +142,13 @@ class Draw:
 
 
 @pytest.fixture(scope="module")
-def draw(vulkan: Backend) -> Iterator[Draw]:
+def draw(vulkan: WorkingBackend) -> Iterator[Draw]:
     with closing(Draw(FilamentRenderer, vulkan)) as drawing:
         yield drawing
 
 
 @pytest.fixture(scope="module")
-def classic(backend: Backend) -> Iterator[Draw]:
+def classic(backend: WorkingBackend) -> Iterator[Draw]:
     with closing(Draw(ClassicRenderer, backend)) as drawing:
         yield drawing
 
@@ -245,7 +245,7 @@ def test_views_that_were_not_asked_for_are_not_there(room: mujoco.MjModel, draw:
     assert picture.ids is not None
 
 
-def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel, vulkan: Backend) -> None:
+def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel, vulkan: WorkingBackend) -> None:
     early, late = (save(room, after(room, steps)) for steps in (0, 60))
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room))) as renderer:
         view, pictures = pose("side", room, early), []
@@ -261,7 +261,7 @@ def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel
 
 
 def test_a_video_is_the_same_each_time_across_processes(
-    room: mujoco.MjModel, vulkan: Backend, monkeypatch: pytest.MonkeyPatch
+    room: mujoco.MjModel, vulkan: WorkingBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(filament, "LIFETIME", 2)
     videos, processes = [], set()
@@ -304,7 +304,7 @@ def test_a_flag_that_is_taken_has_an_effect(room: mujoco.MjModel, draw: Draw, vi
     assert changed.mean() > 0.003
 
 
-def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Backend, draw: Draw) -> None:
+def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: WorkingBackend, draw: Draw) -> None:
     plain = draw(room, ("rgb", *EXACT))
     offset = (0.15, 0.0, 0.2)
     ghost = Ghost(room, offset=offset, opacity=1)
@@ -320,7 +320,7 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Bac
         assert np.abs(colors(plain) - colors(shown))[int(v), int(u)].max() > 10
 
 
-def test_high_quality_is_the_average_of_a_picture_twice_the_size(room: mujoco.MjModel, vulkan: Backend) -> None:
+def test_high_quality_is_the_average_of_a_picture_twice_the_size(room: mujoco.MjModel, vulkan: WorkingBackend) -> None:
     width, height = SIZE
     state = save(room, after(room, 5))
     view = pose("side", room, state)
@@ -415,7 +415,7 @@ print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())
 """
 
 
-def test_mujoco_s_reflections_are_still_upside_down(vulkan: Backend) -> None:
+def test_mujoco_s_reflections_are_still_upside_down(vulkan: WorkingBackend) -> None:
     """When this fails, see whether MIRRORS can be true."""
     code = MIRROR.replace(".astype(int) for", ".copy().astype(int) for")
     path = os.pathsep.join(entry for entry in sys.path if entry)
@@ -427,13 +427,13 @@ def test_mujoco_s_reflections_are_still_upside_down(vulkan: Backend) -> None:
     assert row < 32  # of 64: the centre of the ball one metre below the floor is seen in row 41
 
 
-def test_nothing_is_printed(room: mujoco.MjModel, vulkan: Backend, capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_printed(room: mujoco.MjModel, vulkan: WorkingBackend, capfd: pytest.CaptureFixture[str]) -> None:
     with closing(Draw(FilamentRenderer, vulkan)) as draw:
         draw(room, ("rgb", *EXACT))
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_process_that_ends_is_reported_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
+def test_a_process_that_ends_is_reported_and_ends_nothing_else(room: mujoco.MjModel, vulkan: WorkingBackend) -> None:
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
         os.kill(renderer._worker.process.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
@@ -441,7 +441,7 @@ def test_a_process_that_ends_is_reported_and_ends_nothing_else(room: mujoco.MjMo
 
 
 def test_without_a_driver_the_process_says_why_it_ended(
-    room: mujoco.MjModel, vulkan: Backend, monkeypatch: pytest.MonkeyPatch
+    room: mujoco.MjModel, vulkan: WorkingBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for variable in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
         monkeypatch.setenv(variable, "/nonexistent.json")
@@ -449,7 +449,7 @@ def test_without_a_driver_the_process_says_why_it_ended(
         FilamentRenderer(room, SIZE, vulkan, Visual())
 
 
-def test_a_size_beyond_the_renderer_s_is_refused(room: mujoco.MjModel, vulkan: Backend) -> None:
+def test_a_size_beyond_the_renderer_s_is_refused(room: mujoco.MjModel, vulkan: WorkingBackend) -> None:
     side = vulkan.max_size // 2
     with pytest.raises(UsageError, match=f"renders at most {side} pixels a side at quality high"):
         FilamentRenderer(room, (side + 1, 64), vulkan, Visual(quality="high"))

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.filament_worker import HEADLIGHT, LIGHTS, fallback_lighting
 from tests.processes import PATIENCE
 
@@ -129,7 +129,7 @@ np.savez(sys.argv[1], **images)
 
 
 @pytest.fixture(scope="module")
-def images(vulkan: Backend, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+def images(vulkan: WorkingBackend, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     """What Filament draws, by name, as the ids of segments and as colours."""
     path = tmp_path_factory.mktemp("filament") / "images.npz"
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{DRAWING}"

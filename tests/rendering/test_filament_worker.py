@@ -12,7 +12,7 @@ from mjrun.camera.pose import Frustum
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.model.state import save
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.filament_worker import planar_depth
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -42,7 +42,7 @@ def test_depth_is_what_the_projection_maps_to_the_buffer(
     assert found[0, 1] == np.inf
 
 
-def test_a_state_is_drawn_as_rays_meet_it(vulkan: Backend) -> None:
+def test_a_state_is_drawn_as_rays_meet_it(vulkan: WorkingBackend) -> None:
     model = mujoco.MjModel.from_xml_string(MODEL)
     data = mujoco.MjData(model)
     data.qpos[:3] = 0.3, 0.2, 0.2

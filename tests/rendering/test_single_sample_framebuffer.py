@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import lens, metric_depth, pose_of
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import SingleSampleFramebuffer
 
 SIZE = (64, 48)
@@ -35,7 +35,7 @@ def posed(samples: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 @contextmanager
 def drawing(
-    model: mujoco.MjModel, data: mujoco.MjData, backend: Backend
+    model: mujoco.MjModel, data: mujoco.MjData, backend: WorkingBackend
 ) -> Iterator[tuple[mujoco.MjvScene, mujoco.MjrContext]]:
     """A scene seen by the model's camera, whose flags ask for ids as colours, in an OpenGL context."""
     gl = backend.context(*SIZE)
@@ -54,7 +54,7 @@ def drawing(
         gl.free()
 
 
-def drawn(samples: int, backend: Backend, size: tuple[int, int] = SIZE) -> tuple[np.ndarray, np.ndarray]:
+def drawn(samples: int, backend: WorkingBackend, size: tuple[int, int] = SIZE) -> tuple[np.ndarray, np.ndarray]:
     """Segment numbers and OpenGL's depth."""
     with drawing(*posed(samples), backend) as (scene, context):
         buffer = SingleSampleFramebuffer(size)
@@ -64,7 +64,7 @@ def drawn(samples: int, backend: Backend, size: tuple[int, int] = SIZE) -> tuple
     return colors[:, :, 0], depth
 
 
-def test_ids_and_depth_are_those_of_mujoco_s_renderer_without_multisampling(backend: Backend) -> None:
+def test_ids_and_depth_are_those_of_mujoco_s_renderer_without_multisampling(backend: WorkingBackend) -> None:
     model, data = posed(samples=0)
     with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
         renderer.update_scene(data, "side")
@@ -76,7 +76,7 @@ def test_ids_and_depth_are_those_of_mujoco_s_renderer_without_multisampling(back
     assert set(np.unique(geoms)) == {-1, 0, 1, 2}
 
 
-def test_depth_is_that_of_rays(backend: Backend) -> None:
+def test_depth_is_that_of_rays(backend: WorkingBackend) -> None:
     model, data = posed(samples=4)
     numbers, buffer = drawn(4, backend)
     with drawing(model, data, backend) as (scene, _):
@@ -105,18 +105,18 @@ def test_depth_is_that_of_rays(backend: Backend) -> None:
     assert compared > 100
 
 
-def test_multisampling_of_colours_changes_nothing(backend: Backend) -> None:
+def test_multisampling_of_colours_changes_nothing(backend: WorkingBackend) -> None:
     for image, same in zip(drawn(0, backend), drawn(8, backend), strict=True):
         assert np.array_equal(image, same)
 
 
-def test_a_framebuffer_has_its_own_size(backend: Backend) -> None:
+def test_a_framebuffer_has_its_own_size(backend: WorkingBackend) -> None:
     numbers, depth = drawn(4, backend, size=(33, 101))  # rows of a length that OpenGL would pad
     assert numbers.shape == depth.shape == (101, 33)
     assert set(np.unique(numbers)) == {0, 1, 2, 3}
 
 
-def test_drawing_exactly_leaves_mujoco_s_own_buffer_in_charge(backend: Backend) -> None:
+def test_drawing_exactly_leaves_mujoco_s_own_buffer_in_charge(backend: WorkingBackend) -> None:
     model, data = posed(samples=4)
     rect = mujoco.MjrRect(0, 0, *SIZE)
     with drawing(model, data, backend) as (scene, context):

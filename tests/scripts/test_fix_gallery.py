@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_runner import RULES
 from tests.conftest import Command
 
 sys.path.append(str(Path(__file__).parents[2]))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_runner import RULES
 from mjrun.cli.main import COMMANDS
 from tests.documentation import ROOT
 

@@ -12,7 +12,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import FailedEpisodesError, ModelError, UsageError
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def made(file: Path | str, folder: Path, **options: Any) -> EpisodeDatasetResult:
-    return EpisodeDataset(mjrun.Simulation(str(file)), str(folder), jobs=1, **options).run(WarningReporter())
+    return EpisodeDataset(mjrun.Simulation(str(file)), str(folder), jobs=1, **options).run(PythonApiReporter())
 
 
 def table(folder: Path) -> Any:

@@ -17,7 +17,7 @@ import mjrun.gym
 from mjrun.errors import FailedEpisodesError, FileError, MjrunWarning, UsageError
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.study.dataset_specs import camera_keys
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
 from mjrun.study.prepared import PreparedStudy
@@ -54,7 +54,7 @@ def simulation(task: Task, policy: str) -> mjrun.Simulation:
 
 def made(simulation: mjrun.Simulation, folder: Path, **options: Any) -> EpisodeDatasetResult:
     defaults: dict[str, Any] = {"episodes": 3, "jobs": 1, "size": (64, 48), "quality": "draft", "stage": "none"}
-    return EpisodeDataset(simulation, str(folder), **defaults | options).run(WarningReporter())
+    return EpisodeDataset(simulation, str(folder), **defaults | options).run(PythonApiReporter())
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -111,7 +111,7 @@ def test_episodes_are_those_of_the_environment_and_of_mjrun_eval(tmp_path: Path,
 
 
 def test_progress_counts_episodes(tmp_path: Path, simulation: mjrun.Simulation) -> None:
-    class Progress(WarningReporter):
+    class Progress(PythonApiReporter):
         def __init__(self) -> None:
             self.seen: list[tuple[str, int, int]] = []
 

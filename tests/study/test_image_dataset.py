@@ -12,7 +12,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import DrawError, FailedPointsError, UsageError
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.study.dataset_specs import camera_argument, part_of
 from mjrun.study.image_dataset import Dataset, DatasetResult
 from mjrun.study.point_images import PointImageMaker
@@ -40,7 +40,7 @@ def made(model: Path, folder: Path, **options: Any) -> DatasetResult:
     defaults: dict[str, Any] = {"size": (64, 48), "jobs": 1, "quality": "draft"}
     if "vary" not in options:
         defaults |= {"vary": VARY, "samples": 3}
-    return Dataset(mjrun.Simulation(model), str(folder), **defaults | options).run(WarningReporter())
+    return Dataset(mjrun.Simulation(model), str(folder), **defaults | options).run(PythonApiReporter())
 
 
 def contents(folder: Path) -> Mapping[str, bytes]:

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import FailedPointsError, FileError, UsageError
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import ChunkSizes
 from mjrun.study.job_plan import MOST_RANGES, JobPlan, JobTaskResult, plan, ranges_of, run_task, task_points
@@ -33,7 +33,7 @@ def study(ball: Simulation, tmp_path: Path) -> Study:
 
 
 def task(made: JobPlan, number: int, count: int) -> JobTaskResult:
-    return run_task(made, number, count, WarningReporter())
+    return run_task(made, number, count, PythonApiReporter())
 
 
 @pytest.mark.slow
@@ -214,7 +214,7 @@ def test_processes_that_share_a_gpu_share_the_points_unless_they_are_few(study: 
 def test_simulated_points_are_known(study: Study) -> None:
     prepared = PreparedStudy(study, study.spec)
     prepared.files.create()
-    assert prepared.simulate([1, 2], study, WarningReporter()) == {"unstable": 1, "ok": 1}
+    assert prepared.simulate([1, 2], study, PythonApiReporter()) == {"unstable": 1, "ok": 1}
     again = PreparedStudy(study, study.spec)
     assert (
         [*again.missing()] == [*again.missing(retry_failed=True)] == [0, *range(3, 10)]

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import FileError
 from mjrun.platform import system
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_files import PartFiles
 from mjrun.study.columnar_results import ResultColumns, ResultRows
@@ -257,7 +257,7 @@ def test_two_processes_share_a_study_and_one_finishes_it_when_the_other_is_kille
         vary, metric = {"perturb": "uniform(0,2)"}, {"low": "min(qpos/ball/z)"}
         return Study(ball, str(tmp_path / folder), vary=vary, samples=24, metric=metric, jobs=1, chunk=1)
 
-    class Killer(WarningReporter):
+    class Killer(PythonApiReporter):
         """Kills the other process once this one waits for it."""
 
         def note(self, text: str) -> None:

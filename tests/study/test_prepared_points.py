@@ -11,7 +11,7 @@ from mjrun.experiment.design import Design
 from mjrun.model.source import ModelSource
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.python_code import PickledWithCode
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.prepared_points import PreparedPoints
 from mjrun.study.spec import PointResult, ShippedStudy, StudyPoint
@@ -52,7 +52,7 @@ def test_points_are_computed_once_and_cost_no_other(tmp_path: Path, point_proces
     first = PreparedSquares(tmp_path, [1, 2, 3, 4])
     first.files.create()
     assert [*first.missing()] == [0, 1, 2, 3]
-    statuses = first.simulate(first.missing(), ExecutionOptions(jobs=1), WarningReporter())
+    statuses = first.simulate(first.missing(), ExecutionOptions(jobs=1), PythonApiReporter())
     assert statuses == {"ok": 3, "crashed": 1}
     more = PreparedSquares(tmp_path, [5, 4, 3, 2])
     assert [*more.missing()] == [0]

@@ -22,7 +22,7 @@ from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, Unk
 from mjrun.model.sources.file import FileSource
 from mjrun.options.sweep import EXTRAS
 from mjrun.outputs.trace import Trace
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors, isolation
 from mjrun.study.chunk_files import PartFiles, PartPublisher
@@ -432,7 +432,7 @@ def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) ->
         study(simulation, tmp_path / "study", vary={"controller": "os:getcwd"}).run()
 
 
-class _Editor(WarningReporter):
+class _Editor(PythonApiReporter):
     """Calls `edit` when the first results arrive."""
 
     def __init__(self, edit: Callable[[], object]) -> None:
@@ -488,7 +488,7 @@ def test_tasks_of_a_plan_are_not_changed_by_edits_while_they_run(tmp_path: Path)
     with pytest.raises(FailedPointsError):  # of the model as it is now
         running.collect()
     with pytest.raises(UsageError, match="the plan was made with other model"):
-        run_task(made, 1, 1, WarningReporter())
+        run_task(made, 1, 1, PythonApiReporter())
     shutil.copytree(tmp_path / "edited" / "study" / "parts", tmp_path / "parts")
     shutil.rmtree(tmp_path / "edited")
     again = edited_study(tmp_path / "edited")

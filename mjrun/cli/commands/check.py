@@ -132,7 +132,7 @@ def _require_outputs(options: CheckReportOptions) -> None:
 
 
 def _list_rules(console: Console) -> None:
-    from mjrun.check.catalogue import TOPICS, topic
+    from mjrun.check.rule_catalogue import TOPICS, topic
     from mjrun.cli.check_report import rule_table
 
     if console.document_form:
@@ -156,7 +156,7 @@ def _line(rule: "Rule") -> str:
 
 
 def _explain(console: Console, code: str) -> None:
-    from mjrun.check.catalogue import explanation
+    from mjrun.check.rule_catalogue import explanation
     from mjrun.cli.check_report import rule_table
 
     text = explanation(code)

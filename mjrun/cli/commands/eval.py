@@ -13,7 +13,7 @@ from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_
 from mjrun.cli.table_cells import ReportColumn, interval_text, number
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
-from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationOptions
+from mjrun.options.evaluation import EvaluationOptions, EvaluationReportOptions
 from mjrun.options.every_command import opened_file
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.suffixes import is_yaml
@@ -35,7 +35,7 @@ ARGUMENTS = (
 @command(
     EvaluationOptions,
     ExecutionOptions,
-    EvaluationCommandOptions,
+    EvaluationReportOptions,
     *ON_FILES,
     arguments=ARGUMENTS,
     without=["repeats"],
@@ -62,7 +62,7 @@ def eval(console: Console, command_line: ParsedCommandLine) -> None:  # noqa: A0
     EVALUATION.yaml is an evaluation document; KEY=VALUE changes a value in it, and options override it.
     """
     import_mujoco()
-    options = command_line.make(EvaluationCommandOptions)
+    options = command_line.make(EvaluationReportOptions)
     form = command_line.form("csv", "markdown")
     evaluation, changes, located = _evaluation(console, command_line)
     command_line.require(opened_file("videos"), evaluation)

@@ -89,12 +89,12 @@ def _summarize(console: Console, command_line: ParsedCommandLine) -> None:
     from mjrun.cli.table_cells import numbers, texts
     from mjrun.cli.terminal_layout import TerminalReport
     from mjrun.outputs.trace import Trace
-    from mjrun.plotting.table_statistics import ColumnStatisticsAccumulator
+    from mjrun.plotting.table_statistics import TableStatisticsAccumulator
 
-    measured: list[tuple[ColumnStatisticsAccumulator, list[str]]] = []
+    measured: list[tuple[TableStatisticsAccumulator, list[str]]] = []
 
     def begin(columns: "Sequence[Column]") -> "Callable[[np.ndarray], object]":
-        counter = ColumnStatisticsAccumulator([column.name for column in columns])
+        counter = TableStatisticsAccumulator([column.name for column in columns])
         measured.append((counter, [column.unit for column in columns]))
         return counter.feed
 

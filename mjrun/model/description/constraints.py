@@ -24,7 +24,7 @@ EQUALITIES = {0: "none", 1: "edges", 3: "strain"}
 
 
 @dataclass(frozen=True)
-class TendonPathPoint:
+class TendonPathElement:
     """An element of the path of a tendon.
 
     Attributes:
@@ -38,16 +38,16 @@ class TendonPathPoint:
     coefficient: float | None
 
 
-def _path(model: mujoco.MjModel, tendon: int) -> tuple[TendonPathPoint, ...]:
+def _path(model: mujoco.MjModel, tendon: int) -> tuple[TendonPathElement, ...]:
     start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     return tuple(_point(model, i) for i in range(start, start + count))
 
 
-def _point(model: mujoco.MjModel, i: int) -> TendonPathPoint:
+def _point(model: mujoco.MjModel, i: int) -> TendonPathElement:
     kind = int(model.wrap_type[i])
     obj = WRAPPED.get(kind)
     name = None if obj is None else object_name(model, obj, model.wrap_objid[i])
-    return TendonPathPoint(
+    return TendonPathElement(
         enum_name(mujoco.mjtWrap, kind), name, float(model.wrap_prm[i]) if kind in COEFFICIENTS else None
     )
 
@@ -73,7 +73,7 @@ class Tendon(ModelObject):
 
     type: str = of_field("tendon_type")
     unit: str = computed(tendon_unit)
-    path: tuple[TendonPathPoint, ...] = computed(_path)
+    path: tuple[TendonPathElement, ...] = computed(_path)
     length0: float = of_field("tendon_length0")
     range: Pair | None = within_limits("tendon_limited", "tendon_range")
     spring_length: tuple[float, ...] = of_field("tendon_lengthspring")

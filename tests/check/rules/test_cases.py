@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from mjrun.check.rule import SEVERITIES
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_runner import RULES
 from mjrun.check.rules import simulation
 from tests.check.models import FINE, hinged, keyed, lint, mjcf
 

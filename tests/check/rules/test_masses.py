@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.check.catalogue import Thresholds
 from mjrun.check.context import CheckContext
+from mjrun.check.rule_catalogue import Thresholds
 from mjrun.check.rules import masses
 from mjrun.model.xml_source import read_xml
 from tests.check.models import lint, lint_file, mjcf

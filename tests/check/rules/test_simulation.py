@@ -5,9 +5,9 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.catalogue import Thresholds
 from mjrun.check.context import DEFAULTS, CheckContext
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_catalogue import Thresholds
+from mjrun.check.rule_runner import RULES
 from mjrun.check.rules import simulation
 from mjrun.model.xml_source import read_xml
 from tests.check.models import PASSIVE, write

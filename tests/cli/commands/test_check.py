@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.check.catalogue import TOPICS, explanation
 from mjrun.check.rule import SEVERITIES
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_catalogue import TOPICS, explanation
+from mjrun.check.rule_runner import RULES
 from mjrun.formats.user_cache import VARIABLE
 from mjrun.version import __version__
 from tests.processes import PATIENCE, children, command_line_of, wait_until, worker

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import pytest
 
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import WorkingBackend
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures("codecs_are_tried_once")
 
 
-def test_the_doctor_names_what_works_in_document_and_page(mjrun_here: Command, backend: Backend) -> None:
+def test_the_doctor_names_what_works_in_document_and_page(mjrun_here: Command, backend: WorkingBackend) -> None:
     done = mjrun_here("doctor", "--json")
     assert done.returncode == 0
     found = json.loads(done.stdout)
@@ -39,7 +39,7 @@ def test_the_doctor_names_what_works_in_document_and_page(mjrun_here: Command, b
         assert finding["remedy"] in page
 
 
-def test_the_doctor_says_who_draws_with_filament(mjrun_here: Command, vulkan: Backend) -> None:
+def test_the_doctor_says_who_draws_with_filament(mjrun_here: Command, vulkan: WorkingBackend) -> None:
     found = json.loads(mjrun_here("doctor", "--json").stdout)["findings"]
     filament = next(finding for finding in found if finding["name"] == "filament")
     assert filament["status"] == "ok"
@@ -62,7 +62,7 @@ def of(mjrun: Command, env: dict[str, str]) -> tuple[int, dict[str, dict[str, st
 @pytest.mark.parametrize(("vulkan_is_there", "code"), [(True, 0), (False, 5)])
 @pytest.mark.slow
 def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_five_unless_filament_does(
-    mjrun_here: Command, vulkan: Backend, vulkan_is_there: bool, code: int
+    mjrun_here: Command, vulkan: WorkingBackend, vulkan_is_there: bool, code: int
 ) -> None:
     given = {"MUJOCO_GL": "auto", **NO_EGL, **NO_DISPLAY, **({} if vulkan_is_there else NO_VULKAN)}
     ended, found = of(mjrun_here, given)
@@ -87,7 +87,7 @@ def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_fiv
 @pytest.mark.gl
 @pytest.mark.slow
 def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
-    mjrun_here: Command, swing: Path, backend: Backend, given: dict[str, str], value: str
+    mjrun_here: Command, swing: Path, backend: WorkingBackend, given: dict[str, str], value: str
 ) -> None:
     if backend.name != "egl":
         pytest.skip("another backend draws")
@@ -102,7 +102,9 @@ def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
 
 
 @pytest.mark.slow
-def test_the_backend_that_the_environment_asks_for_is_the_one_used(mjrun_here: Command, backend: Backend) -> None:
+def test_the_backend_that_the_environment_asks_for_is_the_one_used(
+    mjrun_here: Command, backend: WorkingBackend
+) -> None:
     for asked, mark in ((backend.name, "used by MUJOCO_GL)"), ("auto", "used by default)")):
         code, found = of(mjrun_here, {"MUJOCO_GL": asked})
         assert code == 0

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.reporter import WarningReporter
+from mjrun.reporter import PythonApiReporter
 from mjrun.study.image_dataset import Dataset
 
 MODEL = """<mujoco><worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>
@@ -36,7 +36,7 @@ def make_dataset(folder: Path, form: str) -> Path:
         size=SIZE,
         quality="draft",
         jobs=1,
-    ).run(WarningReporter())
+    ).run(PythonApiReporter())
     return folder / form
 
 

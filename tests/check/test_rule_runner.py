@@ -10,9 +10,9 @@ import mujoco
 import pytest
 
 import mjrun.check.rules
-from mjrun.check.catalogue import TOPICS, described, explanation, topic
 from mjrun.check.rule import MAX_OBJECTS, Finding, Rule
-from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped, explain
+from mjrun.check.rule_catalogue import TOPICS, described, explanation, topic
+from mjrun.check.rule_runner import MAX_FINDINGS, RULES, capped, explain
 from mjrun.errors import ModelError, UnknownNameError, flag, option, spelled
 from mjrun.model.xml_source import read_xml
 from tests.check import tasks
