@@ -6,6 +6,7 @@ import gc
 import inspect
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -393,6 +394,7 @@ def _log_to_file(enabled: bool) -> None:
     config.set()
 
 
+LIMITS = {kind: resource.getrlimit(kind) for kind in (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_CPU)}
 LOG = Path("MUJOCO_LOG.TXT").absolute()
 LOG_SIZE = LOG.stat().st_size if LOG.exists() else None
 _log_to_file(False)  # bare loops diverge on purpose
@@ -415,6 +417,8 @@ def pytest_runtest_teardown(item: pytest.Function) -> Generator[None]:
     assert (LOG.stat().st_size if LOG.exists() else None) == LOG_SIZE
     assert mujoco.get_mju_user_warning() is None, "a block of collected_warnings is still open"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "see the fixture own_signals"
+    limits = [resource.getrlimit(kind) for kind in LIMITS]
+    assert limits == [*LIMITS.values()], "this process is limited from now on"
 
 
 @pytest.fixture

@@ -2,9 +2,10 @@
 
 import contextlib
 import re
+import resource
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 PATIENCE = 1800  # [s] that a test waits for what must come: no figure of speed, but the end of a test that hangs
@@ -52,3 +53,13 @@ def worker(command: "subprocess.Popen[bytes]") -> int:
         time.sleep(0.01)
     (process,) = found
     return process
+
+
+@contextlib.contextmanager
+def memory_limit_restored() -> Generator[None]:
+    """Lifts the limit of memory that the `with` block sets for this process, as a check of a model does."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limit)

@@ -9,6 +9,7 @@ from mjrun.check.rule_runner import RULES
 from mjrun.check.task_checker import TaskChecker
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.document.task import read_task
+from tests.processes import memory_limit_restored
 
 READER = f"{read_task.__module__}:{read_task.__name__}"
 SLIDER = """<mujoco model="slider"><option timestep=".01"/><worldbody><body name="box"><joint name="rail" type="slide"/>
@@ -30,7 +31,8 @@ def checked(text: str = "", *, head: str = HEAD, policy: str = "", steps: int = 
     Path("t.yaml").write_text(head + text)
     channel = StringIO()
     task = CheckRequest("t.yaml", sorted(RULES), steps, 60, 99999, READER, policy)
-    TaskChecker(task, channel).run()
+    with memory_limit_restored():
+        TaskChecker(task, channel).run()
     messages = [json.loads(line) for line in channel.getvalue().splitlines()]
     assert messages[-1] == {"done": True}
     return [Finding(**message["finding"]) for message in messages if "finding" in message]

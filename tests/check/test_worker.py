@@ -14,6 +14,7 @@ from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker import Checker, ModelChecker
 from mjrun.check.worker_pool import CheckRequest
 from tests.check.models import PASSIVE, write
+from tests.processes import memory_limit_restored
 
 
 class Failing(Checker):
@@ -59,9 +60,9 @@ def test_a_fault_of_a_rule_is_a_finding_and_the_other_rules_look_on(
 
     monkeypatch.setitem(RULES, "MJ201", replace(RULES["MJ201"], violations=broken))
     channel = StringIO()
-    ModelChecker(
-        CheckRequest(write("a.xml", PASSIVE.format('range="2 1"')), ["MJ201", "MJ302"], 0, 60, 9999), channel
-    ).run()
+    task = CheckRequest(write("a.xml", PASSIVE.format('range="2 1"')), ["MJ201", "MJ302"], 0, 60, 9999)
+    with memory_limit_restored():
+        ModelChecker(task, channel).run()
     messages = [json.loads(line) for line in channel.getvalue().splitlines()]
     findings = [message["finding"] for message in messages if "finding" in message]
     assert [finding["code"] for finding in findings] == ["MJ005", "MJ302"]
