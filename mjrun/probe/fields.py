@@ -75,7 +75,7 @@ class FieldProbe:
 
     @property
     def needs_initial(self) -> bool:
-        """Whether `compute` reads the fields at step 0."""
+        """True if `compute` reads the fields at step 0."""
         return bool(self.relative)
 
     def only(self, indices: Sequence[int]) -> "FieldProbe":
