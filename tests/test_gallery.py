@@ -149,7 +149,8 @@ def test_the_page_shows_every_study() -> None:
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_a_study_measures_every_point(mjrun_here: Command, path: Path) -> None:
     few = [f"vary.{name}=-3..3:3" for name in ("qpos/hinge", "qvel/hinge")] if path.stem == "pendulum_grid" else []
-    done = mjrun_here("sweep", path, "duration=0.2", "samples=4", *few, "--jobs", "1", "-o", "out", "--json")
+    few += ["samples=4"] if "samples:" in path.read_text() else []
+    done = mjrun_here("sweep", path, "duration=0.2", *few, "--jobs", "1", "-o", "out", "--json")
     report = json.loads(done.stdout)
     assert done.returncode in ((0, 8) if path.stem == "divergence_by_timestep" else (0,))
     assert report["statuses"]["ok"] >= report["points"] / 2
