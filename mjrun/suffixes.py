@@ -11,6 +11,8 @@ ARCHIVES = (".mjz", ".zip")  # MJCF with its assets
 COMPILED = (".mjb",)  # binary, without a source: nothing can be overridden, and MuJoCo does not check its content
 MODELS = (*XML, *ARCHIVES, *COMPILED)  # all that can be loaded; in lower case, as MuJoCo knows no other
 
+MOTIONS = (".npz", ".csv")  # recordings, and the most common tables, which can be replayed on a model
+
 HDF5 = (".h5", ".hdf5")  # tables, and demonstrations, of which FILE:EPISODE names one
 
 # What is searched for in folders: a .zip is seldom a model there, and a compiled model has no text to be checked.

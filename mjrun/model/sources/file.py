@@ -25,7 +25,7 @@ from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.source import CollectionModelSource, ModelSource
 from mjrun.platform.installation import scene_folder
 from mjrun.shared_status import doing
-from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
+from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, MOTIONS, is_yaml
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,10 @@ class FileSource(ModelSource):
         if path.suffix not in MODELS:
             lower = "; MuJoCo accepts them in lower case only" if path.suffix.lower() in MODELS else ""
             task = "; in Python, mjrun.read_task reads a task" if is_yaml(path) else ""
-            raise ModelNotFoundError(
-                path, f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
-            )
+            reason = f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
+            if path.suffix in MOTIONS:
+                reason += f"\nto replay it, name its model as well: MODEL {option('replay')} {clean(str(path))}"
+            raise ModelNotFoundError(path, reason)
 
         if path.suffix in model_files.ARCHIVES and (fault := excess(path, model_files.unpacked_size(path))):
             raise BrokenModelError(path, fault, hint=HINT)

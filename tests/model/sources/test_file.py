@@ -254,6 +254,7 @@ NOT_A_MODEL = "is not a model file; model files end in .xml, .urdf, .mjz, .zip, 
     [
         *((name, NOT_A_MODEL) for name in ("a.txt", "a", "a.obj", ".xml")),
         *((f"A.{suffix}", "accepts them in lower case only") for suffix in ("XML", "URDF", "MJB", "ZIP", "MJZ")),
+        ("run.npz", f"{NOT_A_MODEL}\nto replay it, name its model as well: MODEL replay FOLDER/run.npz"),
         ("folder", "folder: is a folder, not a model file\nmodels in FOLDER/folder: car.xml"),
         ("no/a.xml", "a.xml: no such model file"),
         ("a\0b.xml", "embedded null"),
