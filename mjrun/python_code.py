@@ -130,6 +130,16 @@ def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str
     return digest.hexdigest() if count else ""
 
 
+def edited_since_import(sources: Iterable[ModuleSource]) -> list[str]:
+    """Returns the paths of modules whose files differ by now from what this process has executed."""
+    edited = list[str]()
+    for source in sources:
+        with contextlib.suppress(OSError):
+            if Path(source.path).read_bytes() != source.content:
+                edited.append(source.path)
+    return edited
+
+
 def own_copy(code: T) -> T:
     """Returns a copy of an object of the user's, which keeps its own memory from now on.
 

@@ -114,6 +114,17 @@ def test_what_a_policy_imports_goes_with_it(tmp_path: Path) -> None:
     assert [Path(source.path).name for source in modules] == ["gains_of_a_policy.py", policy.name]
 
 
+def test_a_policy_that_was_edited_after_its_import_is_reported(tmp_path: Path) -> None:
+    policy = tmp_path / "policy_that_is_edited.py"
+    policy.write_text("def act(observation):\n    return [1.0]\n")
+    assert [*prepare(tmp_path, policy=f"{policy}:act").remarks(0)] == []
+    policy.write_text("def act(observation):\n    return [2.0]\n")
+    prepared = prepare(tmp_path, policy=f"{policy}:act")
+    assert b"1.0" in prepared.modules[0].content
+    (remark,) = prepared.remarks(0)
+    assert remark == f"{policy} was edited after Python had imported it: restart Python to use the new version"
+
+
 def test_disturbances_may_vary(tmp_path: Path) -> None:
     texts = ["cart=0/0/0@0.1+0.2", "cart=5/0/0@0.1+0.2"]
     result = prepare(tmp_path, policy="random", vary={"push": ",".join(texts)})
