@@ -199,8 +199,9 @@ class _Builder(DocumentValueBuilder):
     def page(self, document: Values) -> PageOptions:
         """Returns the page that the command line requests, or else the document."""
         page_options = cast("Callable[..., PageOptions]", PageOptions)
-        given = {"html": self._options.html, "embed_up_to": self._options.embed_up_to}
-        values = values_of(PageOptions, document) | {name: value for name, value in given.items() if value is not None}
+        overriding = {"html": self._options.html, "embed_up_to": self._options.embed_up_to}
+        values = values_of(PageOptions, document)
+        values |= {name: value for name, value in overriding.items() if value is not None}
         page = self.attempt((), lambda: page_options(**values)) or PageOptions()
         if page.html is not None and self._options.html is None:
             from mjrun.plotting.page_writer import check_page_name

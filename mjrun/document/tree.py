@@ -31,7 +31,7 @@ _INFINITY = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NO_NUMBER = {".nan", ".NaN", ".NAN"}
 
 
-DOCUMENT, DEFAULTS, ASSIGNMENTS = 0, 1, 2  # the order of the sources of a document, of which assignments are the last
+DOCUMENT, DEFAULTS, ASSIGNMENTS = 0, 1, 2  # numbers of the sources of a document; assignments continue
 
 
 class DocumentPlace(NamedTuple):

@@ -210,8 +210,8 @@ class Options:
                 expected = each.kind.accepted or f"a value that this option accepts ({each.kind.metavar})"
                 raise BadValueError(mention(each.name), value, expected) from error
             object.__setattr__(self, each.attribute, made)
-        given = given_values(self)
-        for path, message in (*self.conflicts(given), *self.unmet_requirements(given)):
+        values = given_values(self)
+        for path, message in (*self.conflicts(values), *self.unmet_requirements(values)):
             raise UsageError(located(message, path), path)
 
     @classmethod

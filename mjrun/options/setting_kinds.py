@@ -273,8 +273,8 @@ EXPECTED = "text, a list of values, {from, to, count}, or a distribution as in {
 SPAN = {"from", "to", "count"}
 LOG = "log"
 CHOICE = "choice("
-# The distributions, each with its syntax.
 CALL = r"(?s)\s*(\w+)\s*\((.*)\)\s*"  # the form of a distribution; compiled when it is used
+# The distributions, each with its syntax.
 DISTRIBUTIONS = {
     "uniform": "uniform(LOW, HIGH)",
     "loguniform": "loguniform(LOW, HIGH)",
