@@ -10,6 +10,7 @@ a folder with `robosuite/models/assets/robots/panda/link0.stl`, or any shorter e
 """
 
 import importlib.util
+import io
 import math
 import os
 import posixpath
@@ -17,6 +18,7 @@ import re
 import stat
 import struct
 import zipfile
+import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
@@ -26,6 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
 from mjrun.dataclass import dataclass
+from mjrun.decompression_limits import excess
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
 from mjrun.suffixes import ARCHIVES
@@ -46,6 +49,8 @@ _FILE_PATH = re.compile(rb"(" + _FILE_NAMES + rb"\s*=\s*([\"']))(.*?)(?=\2)", re
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _PLUGIN = re.compile(rb"\bplugin\s*=\s*[\"'](?!mujoco\.)")  # one that does not come with MuJoCo
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
+_TEXT = re.compile(rb"(?:\xef\xbb\xbf)?\s*<")
+MOST_BLANKS = 1 << 12  # [bytes] within which the text of a model begins
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
 MOST_PIXELS = 2**28  # per image: 16384x16384 pixels, which MuJoCo decodes into 805 MB
 ROOTS = (b"mujoco", b"mujocoinclude", b"robot")
@@ -128,6 +133,17 @@ def main_mjcf(path: Path) -> str | None:
     return main and f"{path}/{main}"
 
 
+def _on_disk(places: Iterable[str]) -> Iterator[str]:
+    """Yields the files on disk in which MuJoCo may read `places`: these, or the archives that contain them.
+
+    MuJoCo opens some paths as written, and others, such as those of files in archives, after removing each `..`.
+    """
+    for place in places:
+        for path in (place, os.path.normpath(place)) if ".." in place else (place,):
+            is_within = any(f"{suffix}/" in path for suffix in ARCHIVES)
+            yield str((_archive(path) if is_within else None) or path)
+
+
 def _archive(path: str) -> Path | None:
     """Returns the archive that contains a path."""
     parents = (parent for parent in Path(path).parents if parent.suffix in ARCHIVES)
@@ -197,7 +213,7 @@ def existing_files(
     """
     named = _collect(path, _with_files_of(overrides, text), member)
     places = (place for file in named.files for place in _places(file, path, named.folders, working=False))
-    files = dict.fromkeys(filter(is_regular, map(Path, dict.fromkeys(places))))
+    files = dict.fromkeys(filter(is_regular, map(Path, dict.fromkeys(_on_disk(places)))))
     files.pop(path, None)
     return [*files]
 
@@ -217,12 +233,56 @@ def places_of_files(path: Path, text: bytes | None, member: str = "") -> list[li
     texts = (text or b"", *named.models.values())
     if len(named.models) >= MAX_FILES or any(map(_PLUGIN.search, texts)):
         return None
-    return [[*_places(file, path, named.folders)] for file in named.files]
+    return [[*_on_disk(_places(file, path, named.folders))] for file in named.files]
 
 
 def with_absolute_paths(text: bytes, place: Callable[[str], str | Path]) -> bytes:
     """Returns MJCF or URDF with every absolute path in it replaced by its `place`."""
     return _with_paths(text, _PATH, lambda name: place(name) if PurePath(name).root else name)
+
+
+def redirected(path: Path, place: Callable[[str], str | Path]) -> bytes | None:
+    """Returns a model, or an archive of models, with every absolute path in its texts replaced by its `place`.
+
+    A text is recognized by its beginning, since an included file may have any suffix.
+
+    Returns:
+      None if the file has no such paths, or is neither.
+
+    Raises:
+      OSError: the file cannot be read.
+    """
+    if path.suffix in ARCHIVES:
+        return _redirected_archive(path, place)
+    with path.open("rb") as file:
+        if not _TEXT.match(file.read(MOST_BLANKS)):
+            return None
+        file.seek(0)
+        text = file.read()
+    new = with_absolute_paths(text, place)
+    return None if new == text else new
+
+
+def _redirected_archive(path: Path, place: Callable[[str], str | Path]) -> bytes | None:
+    try:
+        with zipfile.ZipFile(path) as old:
+            if excess(path, sum(info.file_size for info in old.infolist())):  # which is refused when it is loaded
+                return None
+            texts = {name: old.read(name) for name in old.namelist() if _is_text(old, name)}
+            new = {name: with_absolute_paths(text, place) for name, text in texts.items()}
+            if new == texts:
+                return None
+            with zipfile.ZipFile(written := io.BytesIO(), "w") as archive:
+                for info in old.infolist():
+                    archive.writestr(info, new.get(info.filename) or old.read(info))
+            return written.getvalue()
+    except (RuntimeError, ValueError, EOFError, zlib.error, zipfile.BadZipFile):  # encrypted, or damaged
+        return None
+
+
+def _is_text(archive: zipfile.ZipFile, member: str) -> bool:
+    with archive.open(member) as file:
+        return bool(_TEXT.match(file.read(MOST_BLANKS)))
 
 
 def with_file_names(text: bytes, place: Callable[[str], str | Path]) -> bytes:
@@ -281,7 +341,11 @@ def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
         named.files += [_NamedFile(value, by, line) for value, line in _values(_FILE, content)]
         for tag in _MODEL.finditer(content):
             for name, line in _values(_FILE, tag[0]):
-                for place in _places(_NamedFile(name, by, line), path, [""]):
+                for attached in _places(_NamedFile(name, by, line), path, [""]):
+                    place = _main_member(attached)
+                    if confinement() and place.endswith(ARCHIVES) and _archive(place) and file_size(place) is not None:
+                        message = f"{quoted(name)} is an archive in an archive, whose files cannot be checked"
+                        raise BrokenModelError(by, message, line, "unpack the inner archive into the outer one")
                     whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would never end
                     if whole not in visited and (inner := file_content(place)) is not None:
                         visited.add(whole)
@@ -290,6 +354,12 @@ def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
     if waiting and confinement():
         raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, which is too many to check")
     return named
+
+
+def _main_member(path: str) -> str:
+    """Returns the model that MuJoCo reads in an archive; any other path unchanged."""
+    normal = os.path.normpath(path)
+    return main_mjcf(Path(normal)) or path if normal.endswith(ARCHIVES) else path
 
 
 def _unescaped(value: str) -> str:

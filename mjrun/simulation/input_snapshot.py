@@ -1,6 +1,7 @@
 """Snapshots of input files: copies that simulations read, so that later edits change no result."""
 
 import hashlib
+import io
 import os
 import shutil
 import weakref
@@ -16,7 +17,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError, file_errors
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.model.model_files import with_absolute_paths
+from mjrun.model.model_files import redirected
 from mjrun.model.xml_source import content_digest
 from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML
@@ -78,7 +79,7 @@ class InputSnapshot:
             with file_errors(path):
                 file = Path(path).open("rb")  # noqa: SIM115 – errors of copying are others
             with file:
-                digests[absolute] = self._add(absolute, file, folder)
+                digests[absolute] = self._write(absolute, file, folder)
             folders.add(folder)
         return replace(self, digests=digests, folders=frozenset(folders))
 
@@ -93,7 +94,7 @@ class InputSnapshot:
             content = contents.get(path, b"")
             if hashlib.sha256(content).hexdigest() != digest:
                 raise FileError(path, "its copy is damaged")
-            copy._write(path, content, digest, os.path.dirname(path))  # noqa: PTH120
+            copy._write(path, io.BytesIO(content), os.path.dirname(path))  # noqa: PTH120
         for folder in self.folders:
             copy._make_folder(folder)
         return copy
@@ -155,32 +156,21 @@ class InputSnapshot:
     def _copy(self, absolute: str) -> Path:
         return mirrored(self.root, Path(absolute))
 
-    def _add(self, absolute: str, file: BinaryIO, folder: str) -> str:
-        """Copies a file, and returns its hash; only models are read whole."""
+    def _write(self, absolute: str, file: BinaryIO, folder: str) -> str:
+        """Writes a copy, and returns the hash of its original; only models are read whole."""
         copy = self._copy(absolute)
-        if copy.suffix in XML:
-            content = file.read()
-            digest = hashlib.sha256(content).hexdigest()
-            self._write(absolute, content, digest, folder)
-            return digest
         self._make_folder(folder)
         with file_errors(copy, "written"):
             copy.parent.mkdir(parents=True, exist_ok=True)
             with copy.open("w+b") as target:
                 shutil.copyfileobj(file, target, PIECE)
                 target.seek(0)
-                return hashlib.file_digest(target, "sha256").hexdigest()
-
-    def _write(self, absolute: str, content: bytes, digest: str, folder: str) -> None:
-        copy = self._copy(absolute)
-        copied = with_absolute_paths(content, self.place) if copy.suffix in XML else content
-        self._make_folder(folder)
-        with file_errors(copy, "written"):
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            copy.write_bytes(copied)
-            if copied != content:
+                digest = hashlib.file_digest(target, "sha256").hexdigest()
+            if new := redirected(copy, self.place):
                 (self.root / ORIGINALS).mkdir(exist_ok=True)
-                (self.root / ORIGINALS / digest).write_bytes(content)
+                copy.replace(self.root / ORIGINALS / digest)
+                copy.write_bytes(new)
+            return digest
 
     def _make_folder(self, folder: str) -> None:
         """Creates a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""

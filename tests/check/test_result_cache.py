@@ -2,6 +2,7 @@
 
 import os
 import time
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,6 +65,24 @@ def test_a_key_depends_on_exactly_the_files_that_mujoco_needs() -> None:
         assert (key() != before) is is_needed, path
         path.write_bytes(content)
     assert key() == before
+
+
+@pytest.mark.parametrize("before", ['<include file="sub/a.mjz/a.xml"/>', '<asset><model file="sub/a.mjz"/></asset>'])
+def test_a_key_depends_on_archives_and_on_the_files_that_these_name(before: str) -> None:
+    Path("sub").mkdir(exist_ok=True)
+    write("sub/b.obj", MESH)
+    write("a.xml", mjcf(before=before))
+    keys = list[str]()
+    for size in ("1", "2"):
+        with zipfile.ZipFile("sub/a.mjz", "w", zipfile.ZIP_DEFLATED) as archive:
+            hand = f'<asset><mesh name="b" file="{Path("sub/b.obj").absolute()}"/></asset>'
+            body = f'<body name="hand"><geom type="mesh" mesh="b"/><geom size="{size}"/></body>'
+            archive.writestr("a.xml", mjcf(body, before=hand))
+        keys.append(key())
+    write("sub/b.obj", MESH.replace("1", "2"))
+    keys.append(key())
+    assert "" not in keys
+    assert len({*keys}) == 3
 
 
 def test_a_file_that_appears_where_mujoco_looks_first_changes_the_key() -> None:

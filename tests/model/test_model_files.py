@@ -71,6 +71,26 @@ def test_so_is_one_that_an_archive_names_outside_of_itself(folder: Path) -> None
         load(model)
 
 
+def test_so_is_one_that_an_attached_archive_names(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "part.mjz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("part.xml", f"<mujoco>{MESH.format(folder / 'pipe')}{' ' * 999}</mujoco>")
+    (folder / "model.xml").write_text('<mujoco><asset><model file="part.mjz"/></asset></mujoco>')
+    with pytest.raises(BrokenModelError, match="named pipe"):
+        load(folder / "model.xml")
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_archive_in_an_archive_is_refused_where_files_are_confined(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outer = archive(tmp_path / "outer.mjz", "inner.mjz")
+    text = b'<mujoco><asset><model file="inner.mjz"/></asset></mujoco>'
+    assert require_regular_files(outer, text, f"{outer}/outer.xml") == {}
+    monkeypatch.setattr(model_files, "confinement", lambda: True)
+    with pytest.raises(BrokenModelError, match=r"'inner\.mjz' is an archive in an archive"):
+        require_regular_files(outer, text, f"{outer}/outer.xml")
+
+
 def test_a_device_is_refused_too(tmp_path: Path) -> None:
     with pytest.raises(BrokenModelError, match=r":1: '/dev/zero' is a device"):
         require_regular_files(tmp_path / "m.xml", b'<mujoco><asset><skin file="/dev/zero"/></asset></mujoco>')

@@ -182,6 +182,27 @@ def _archived_link(folder: Path, outside: Path) -> Path:
     return path
 
 
+def _attached_archive(folder: Path, outside: Path, *, nested: bool = False) -> Path:
+    """Attaches a compressed archive, whose text no search in its bytes finds; perhaps in an archive."""
+    child = f'<mujoco model="c">{MESH.format(outside / "mesh.obj")}</mujoco>'.replace("<geom ", '<body name="b"><geom ')
+    with zipfile.ZipFile(folder / "child.mjz", "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("child.xml", f"{child.replace('</worldbody>', '</body></worldbody>')}{' ' * 999}")
+    (folder / "model.xml").write_text(
+        '<mujoco><asset><model name="c" file="child.mjz"/></asset><worldbody><frame>'
+        '<attach model="c" body="b" prefix="p"/></frame></worldbody></mujoco>'
+    )
+    if not nested:
+        return folder / "model.xml"
+    with zipfile.ZipFile(folder / "model.zip", "w") as file:
+        for name in ("model.xml", "child.mjz"):
+            file.write(folder / name, name)
+    return folder / "model.zip"
+
+
+def _nested_archive(folder: Path, outside: Path) -> Path:
+    return _attached_archive(folder, outside, nested=True)
+
+
 def _pipe(folder: Path, outside: Path) -> Path:
     if not (outside / "pipe").exists():
         os.mkfifo(outside / "pipe")
@@ -198,6 +219,8 @@ MADE = {
     "URDF, relative": Form("URDF, relative", _urdf_relative),
     "URDF, meshdir": Form("URDF, meshdir", _urdf_meshdir, works=False),
     "archive with a link": Form("archive with a link", _archived_link, works=False),
+    "mesh of an attached archive": Form("mesh of an attached archive", _attached_archive),
+    "mesh of an archive in an archive": Form("mesh of an archive in an archive", _nested_archive),
     "a named pipe outside": Form("a named pipe outside", _pipe, works=False),
 }
 FORMS = tuple(MADE[name] if settings == "made" else _form(name, settings) for name, settings in INPUTS["FORMS"].items())

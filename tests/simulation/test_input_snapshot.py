@@ -5,6 +5,7 @@ import os
 import pickle
 import shutil
 import tempfile
+import zipfile
 from pathlib import Path
 
 import mujoco
@@ -68,6 +69,50 @@ def test_the_copies_give_the_model_of_the_files_when_those_are_gone(robot: Path,
     assert elsewhere.root != snapshot.root
     assert content_fingerprint(source_of(robot).stored_at(elsewhere.place).load()) == original
     assert elsewhere.fingerprint == snapshot.fingerprint
+
+
+PART = '<asset><mesh file="{}"/></asset><worldbody><body name="b"><geom type="mesh" mesh="a"/></body></worldbody>'
+ATTACH = '<worldbody><attach model="part" prefix="a"/></worldbody>'
+ATTACHING = f'<mujoco><asset><model name="part" file="{{}}"/></asset>{ATTACH}</mujoco>'
+INCLUDING = '<mujoco><include file="{}"/></mujoco>'
+
+
+@pytest.mark.parametrize("mesh", ["ABSOLUTE", "../../a.obj"])
+@pytest.mark.parametrize(
+    ("part", "model"),
+    [
+        ("part.inc", INCLUDING.format("part.inc")),
+        ("part.mjz", ""),
+        ("part.mjz", ATTACHING.format("part.mjz")),
+        ("part.zip", INCLUDING.format("part.zip/part.xml")),
+    ],
+)
+def test_so_do_copies_of_texts_that_are_in_archives_or_have_other_suffixes(
+    tmp_path: Path, part: str, model: str, mesh: str
+) -> None:
+    names = tmp_path / "model" / part, tmp_path / "model/model.xml"
+    names[0].parent.mkdir()
+    (tmp_path / "a.obj").write_text(TETRAHEDRON)
+    file = mesh.replace("ABSOLUTE", str(tmp_path / "a.obj"))
+    if "include" in model:  # the names are relative to the model that includes them
+        file = file.replace("../../", "../")
+    text = f"<mujoco>{PART.format(file)}</mujoco>"
+    if names[0].suffix == ".inc":
+        names[0].write_text(text)
+    else:
+        with zipfile.ZipFile(names[0], "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("part.xml", text)
+            archive.writestr("other.stl", b"solid")
+    if model:
+        names[1].write_text(model)
+    main = str(names[1] if model else names[0])
+    original = content_fingerprint(source_of(main).load())
+    snapshot, source = copied(source_of(main))
+    elsewhere = snapshot.copied_from(snapshot.contents())
+    shutil.rmtree(tmp_path / "model")
+    (tmp_path / "a.obj").write_text(TETRAHEDRON.replace("1", "2"))
+    assert content_fingerprint(source.load()) == original
+    assert content_fingerprint(source_of(main).stored_at(elsewhere.place).load()) == original
 
 
 @pytest.mark.parametrize("text", ["scene:dominos", "gym:Ant-v5"])
