@@ -42,6 +42,7 @@ from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_results
+from mjrun.formats.temporary_output import published_in
 from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
@@ -495,6 +496,6 @@ def _require_ours(path: Path) -> None:
         return
     if not is_folder(path):
         raise FileError(path, "is not a folder", f"{option('output')} names the folder of the results")
-    if any(path.iterdir()) and not is_file(path / MANIFEST):
+    if published_in(path) and not is_file(path / MANIFEST):
         hint = f"{option('output')} names a folder that is new, empty, or of an earlier evaluation"
         raise FileError(path, f"contains other files, but no evaluation: it has no {clean(MANIFEST)}", hint)

@@ -127,6 +127,15 @@ def unused_name(target: Path, suffix: str = "") -> Path:
     return target.parent / f"{_prefix(target)}{_machine()}{os.urandom(4).hex()}.part{suffix}"
 
 
+def published_in(folder: Path) -> list[Path]:
+    """Returns the files and folders in a folder, without those in which outputs are being written.
+
+    Raises:
+      OSError: the folder cannot be read.
+    """
+    return [path for path in folder.iterdir() if not NAME.fullmatch(path.name)]
+
+
 def remove_left_behind(folder: Path) -> None:
     """Removes files and folders that ended processes have left in a folder."""
     with left_behind(folder) as leftovers:

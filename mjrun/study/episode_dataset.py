@@ -29,7 +29,7 @@ from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
 from mjrun.formats.output_writer import publish_together, written_file
-from mjrun.formats.temporary_output import one_at_a_time
+from mjrun.formats.temporary_output import one_at_a_time, published_in
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
 from mjrun.model.sources.demonstration import errors_of_models, open_demonstrations
@@ -287,7 +287,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             return []
         if not is_folder(path):
             raise FileError(path, "is not a folder", f"{option('output')} names the folder of the dataset")
-        if not any(path.iterdir()) or self._has_begun():
+        if not published_in(path) or self._has_begun():
             return []
         try:
             manifest = json.loads((path / MANIFEST).read_text("utf-8"))
@@ -303,8 +303,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
 
     def _has_begun(self) -> bool:
         """Returns whether another process is about to write the manifest, or ended before it did."""
-        names = {each.name for each in Path(self.output).iterdir()}
-        return names == {OWN} and is_folder(self._own) and {each.name for each in self._own.iterdir()} <= {PARTS}
+        names = {each.name for each in published_in(Path(self.output))}
+        return names == {OWN} and is_folder(self._own) and {each.name for each in published_in(self._own)} <= {PARTS}
 
     def _require_same(self, known: Sequence[Mapping[str, Any]], prepared: PreparedStudy) -> None:
         """Refuses to add episodes to a dataset with others.

@@ -16,6 +16,7 @@ from mjrun.errors import FailedAssertionError, FailedEpisodesError, FileError, M
 from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
 from mjrun.evaluation.execution import play_all
 from mjrun.evaluation.summaries import FILES
+from mjrun.formats.temporary_output import TemporaryOutput
 from mjrun.options.sweep import PARTS
 from mjrun.study import executors
 from mjrun.study.spec import ChunkResult, PointChunk
@@ -179,6 +180,13 @@ def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: s
     with pytest.raises(FileError, match=match):
         some.run()
     assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
+def test_an_evaluation_begins_beside_another_one_that_writes_its_manifest(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    other = TemporaryOutput(tmp_path / "out/evaluation.json")
+    assert evaluation(tmp_path, episodes=2).run().episodes == 2
+    other.remove()
 
 
 def test_returns_that_are_not_finite_are_reported(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 import mjrun
 import mjrun.gym
 from mjrun.errors import FailedEpisodesError, FileError, MjrunWarning, UsageError
+from mjrun.formats.temporary_output import TemporaryOutput
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.reporter import PythonApiReporter
@@ -290,6 +291,15 @@ def test_what_is_no_dataset_of_episodes_is_left_alone(tmp_path: Path, simulation
     manifest.write_text(manifest.read_text().replace('"rows"', '"lines"'))
     with pytest.raises(FileError, match="contains other files"):
         made(simulation, tmp_path / "lerobot")
+
+
+def test_a_dataset_begins_beside_another_process_that_writes_its_manifest(
+    tmp_path: Path, simulation: mjrun.Simulation
+) -> None:
+    (tmp_path / "set/mjrun/parts").mkdir(parents=True)
+    other = TemporaryOutput(tmp_path / "set/mjrun/dataset.json")
+    assert made(simulation, tmp_path / "set", episodes=1).episodes == 1
+    other.remove()
 
 
 def test_a_recording_is_an_episode_of_its_states_and_controls(tmp_path: Path) -> None:
