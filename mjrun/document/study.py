@@ -222,9 +222,12 @@ def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
         text = file.read(LARGEST)
     try:
         facts = json.loads(text)
-        study = facts["study"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise FileError(manifest, "does not contain a study", "give the study's document instead") from None
+        study, command = facts.get("study"), facts.get("command")
+    except (ValueError, AttributeError, RecursionError):
+        study = command = None
+    if study is None:  # no document describes one whose command names code, or a model on standard input
+        hint = f"repeat its command: {clean(str(command))}" if command else "give the study's document instead"
+        raise FileError(manifest, "does not contain a study", hint)
     return _study(manifest, study, Path() if is_url(path) else Path(path), {"output": path, **(given or {})})
 
 

@@ -257,9 +257,14 @@ def test_a_folder_knows_its_study(made: JobPlan) -> None:
     study.write_manifest({})
     again = read_folder("study", {"chunk": 2})
     assert again == replace(study, document=None)
-    Path("study/study.json").write_text("{}")
-    with pytest.raises(FileError, match="does not contain a study"):
-        read_folder("study")
+    for text, hint in (
+        ("{}", "give the study's document instead"),
+        ("[1]", "give the study's document instead"),
+        ('{"command": "mjrun sweep m.xml --controller c.py:f"}', "repeat its command: mjrun sweep m.xml --controller"),
+    ):
+        Path("study/study.json").write_text(text)
+        with pytest.raises(FileError, match=f"does not contain a study\n{hint}"):
+            read_folder("study")
 
 
 def test_what_no_document_can_hold_is_in_no_plan(made: JobPlan) -> None:

@@ -1,8 +1,8 @@
 """Run many simulations: grids, samples, randomization; resumable."""
 
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from mjrun.cli.simulation_command import (
     varied_controllers,
     with_camera_scripts,
 )
-from mjrun.errors import FailedPointsError, FileError, UsageError, clean, counted, option
+from mjrun.errors import FailedPointsError, FileError, ModelNotFoundError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.every_command import opened_file
 from mjrun.options.option import options_of
@@ -171,7 +171,7 @@ def _study(console: Console, command_line: ParsedCommandLine) -> "tuple[Study, L
 
         study = read_folder(model, _beside_study(command_line, model))
         _require_said_there(command_line, model)
-        return replace(study, command=console.command), nullcontext
+        return replace(study, command=console.command), partial(_explained_move, model)
     if is_folder(model) and not any(Path(model).glob("*.xml")):
         raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
     if command_line.value("output") is None:
@@ -179,6 +179,16 @@ def _study(console: Console, command_line: ParsedCommandLine) -> "tuple[Study, L
     code = varied_controllers(command_line)
     facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
     return with_camera_scripts(command_line).make(Study, **facts), nullcontext
+
+
+@contextmanager
+def _explained_move(folder: str) -> Generator[None]:
+    """Explains in the `with` block why a study in `folder` does not find its model, if it does not."""
+    try:
+        yield
+    except ModelNotFoundError as error:
+        error.add_note(f"{clean(folder)}/{MANIFEST} names it by its path from this folder: move both together")
+        raise
 
 
 def _is_plan(path: str) -> bool:

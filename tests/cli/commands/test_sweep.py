@@ -147,6 +147,15 @@ def test_a_folder_that_is_no_study_is_refused(mjrun_here: Command) -> None:
     assert (refused.returncode, b"empty: has no study.json" in refused.stderr) == (7, True)
 
 
+def test_a_study_that_was_moved_without_its_model_says_so(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1", *METRIC, "-o", "deep/study").returncode == 0
+    (mjrun_here.folder / "deep/study").rename(mjrun_here.folder / "study")
+    moved = mjrun_here("sweep", "study")
+    assert moved.returncode == 3
+    assert b"no such model file\n" in moved.stderr
+    assert b"study/study.json names it by its path from this folder: move both together" in moved.stderr
+
+
 def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> None:
     assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1,2").returncode == 0
     assert (mjrun_here.folder / "ball_study" / "results.csv").exists()
