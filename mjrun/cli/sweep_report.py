@@ -1,10 +1,11 @@
 """The report of a study in prose."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
+from mjrun.cli.click_command import is_repeatable
 from mjrun.cli.console import flag
 from mjrun.cli.report_formats import escaped, markdown_table
 from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number
@@ -26,8 +27,12 @@ HEADINGS = ("min", "5 %", "25 %", "median", "75 %", "95 %", "max")
 MAPPINGS = ("qpos", "qvel", "ctrl")
 
 
-def study_report(result: "StudyResult", simulation: "Simulation") -> str:
-    """Formats the metrics, the failures by reason, and the requirements."""
+def study_report(result: "StudyResult", simulation: "Simulation", controller: str = "") -> str:
+    """Formats the metrics, the failures by reason, and the requirements.
+
+    Args:
+      controller: what the command line names as the controller of `simulation`.
+    """
     page = TerminalReport()
     if result.metrics:
         page.table("metrics", _metrics(result), len(result.metrics))
@@ -43,7 +48,8 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
         hint = f"{result.path}/results.csv has all"
         page.table("failures", _failures(result), len(result.failures), SHOWN, hint)
         shown = result.failures[:SHOWN]
-        page.verbatim("to see the first of each", [point_command(simulation, failure.values) for failure in shown])
+        commands = [point_command(simulation, failure.values, controller) for failure in shown]
+        page.verbatim("to see the first of each", commands)
     if result.assertions:
         page.lines("required", _verdicts(result))
     if result.kept.points:
@@ -255,10 +261,15 @@ def _failures(result: "StudyResult") -> list[ReportColumn]:
     ]
 
 
-def point_command(simulation: "Simulation", values: Mapping[str, str]) -> str:
-    """Returns the command that simulates one point alone."""
+def point_command(simulation: "Simulation", values: Mapping[str, str], controller: str = "") -> str:
+    """Returns the command that simulates one point alone.
+
+    Args:
+      values: parameters of the point, which replace options of the same name.
+      controller: what the command line names as the controller.
+    """
     model = values.get("model", simulation.source.text)
-    words = ["mjrun", "trace", model, *_arguments(simulation)]
+    words = ["mjrun", "trace", model, *_arguments(simulation, values, controller)]
     for name, text in values.items():
         group, slash, rest = name.partition("/")
         if name == "model":
@@ -272,17 +283,22 @@ def point_command(simulation: "Simulation", values: Mapping[str, str]) -> str:
     return clean(shlex.join(words))
 
 
-def _arguments(options: SimulationOptions) -> list[str]:
-    """Formats explicit options as on a command line."""
+def _arguments(options: SimulationOptions, replaced: Container[str], controller: str) -> list[str]:
+    """Formats explicit options as on a command line, except `replaced` ones."""
     words: list[str] = []
     for each in options_of(SimulationOptions):
-        if not is_given(options, each.name):
+        if each.name in replaced or not is_given(options, each.name):
             continue
-        value = each.kind.plain(getattr(options, each.attribute))
+        value = controller if each.name == "controller" else each.kind.plain(getattr(options, each.attribute))
+        if value is True:
+            words.append(flag(each.name))
+            continue
         texts = [_text(value)]
         if isinstance(value, Mapping):
             entries = cast("Mapping[str, object]", value)
             texts = [f"{name}={_text(part)}" for name, part in entries.items()]
+        elif isinstance(value, list) and is_repeatable(each):
+            texts = [_text(part) for part in cast("list[object]", value)]
         for text in texts:
             words += [flag(each.name), text]
     return words

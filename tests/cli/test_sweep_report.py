@@ -19,16 +19,25 @@ from mjrun.study.spec import simulation_at
     [
         {"seed": "3", "opt.timestep": "0.01", "qpos/hip": "0.5"},
         {"model": "other file.xml", "scale:geom/*.size": "1.1", "ctrl/motor": "2"},
+        {"push": "hip=0/0/9@0+0.1", "ctrl_noise": "0.3", "duration": "0.2"},
         {},
     ],
 )
 def test_the_command_of_a_point_describes_its_simulation(values: dict[str, str]) -> None:
-    base = Simulation("a.xml", duration="0.1", qvel={"hip": (1, 2)}, set={"opt.gravity": "0,0,-1"}, perturb=0.1)
+    pushes = ["hip=0/1/0@0+0.1", "site:toe=1/0/0@0.5+1"]
+    settings = {"opt.gravity": "0,0,-1"}
+    base = Simulation("a.xml", duration="0.1", qvel={"hip": (1, 2)}, set=settings, perturb=0.1, push=pushes, trust=True)
     words = shlex.split(point_command(base, values))
     assert words[:2] == ["mjrun", "trace"]
     with trace.make_context("trace", words[2:], obj=Console("mjrun")) as context:
         described = simulation(ParsedCommandLine(context.params))
     assert described == simulation_at(base, tuple(values), tuple(values.values()))
+
+
+@pytest.mark.parametrize("values", [{}, {"controller": "c.py:Other"}])
+def test_the_command_of_a_point_names_the_controller_as_the_user_did(values: dict[str, str]) -> None:
+    command = point_command(Simulation("a.xml", controller=lambda model, data: None), values, "c.py:act")
+    assert command == f"mjrun trace a.xml --controller {values.get('controller', 'c.py:act')}"
 
 
 def test_names_from_models_cannot_steer_the_terminal() -> None:

@@ -125,7 +125,7 @@ def sweep(console: Console, command_line: ParsedCommandLine) -> None:
             _write_plan(console, _with_document(study, required=True), options.plan)
         else:
             study = replace(_with_document(study), with_csv=form == "csv")
-            report = partial(_report, study)
+            report = partial(_report, study, str(command_line.value("controller") or ""))
             with reported_failures(console, report, form=form):
                 result = study.collect(console) if options.collect else study.run(console)
             console.answer(report([result]), form)
@@ -309,11 +309,11 @@ def _require_said_there(command_line: ParsedCommandLine, file: str) -> None:
             raise UsageError(f"{option(each.name)} cannot accompany {clean(file)}; write {assignment} instead")
 
 
-def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
+def _report(study: "Study", controller: str, results: "Sequence[StudyResult]") -> Report:
     def summary() -> str:
         from mjrun.cli.sweep_report import study_report
 
-        return study_report(result, study.simulation)
+        return study_report(result, study.simulation, controller)
 
     def markdown() -> str:
         from mjrun.cli.sweep_report import study_markdown
