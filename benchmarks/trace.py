@@ -3,14 +3,14 @@
 Every step is a row with all default columns, energy and exact CSV; `mjrun trace` is timed as a whole process, and its
 start-up, measured with a few rows, is subtracted. The loop is a script with the arguments MODEL NSTEP [KEYFRAME] that
 prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
-More expensive outputs and inputs are timed, too, by the lowest CPU time of several runs: the contact table, columns
+More expensive outputs and inputs are timed, too, by the lowest CPU time of alternate runs: the contact table, columns
 that are read instant by instant, a table of controls, noise, and a controller called at every step, beside the loop
-that a user would write for it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. The traces
-have more columns, energy and exact CSV; "alike" has the columns of the loop, in npz. Of the other two controllers one
-passes its data on to a function, and one keeps it, so that it must get a copy. An episode of the standing humanoid is
-compared with the same loop around the same policy, a network in ONNX and a function in Python, on the same
-observations; the loop has neither rewards nor terminations. A long run of the last model shows that memory stays
-constant.
+that a user would write for it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. They have so
+many rows that plain ones take as long as start-up. The traces have more columns, energy and exact CSV; "alike" has the
+columns of the loop, in npz. Of the other two controllers one passes its data on to a function, and one keeps it, so
+that it must get a copy. An episode of the standing humanoid is compared with the same loop around the same policy, a
+network in ONNX and a function in Python, on the same observations; the loop has neither rewards nor terminations. A
+long run of the last model shows that memory stays constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -42,6 +42,7 @@ TASK = ROOT / "scenes/humanoid_stand.yaml"
 NETWORK = ROOT / "scenes/policies/humanoid_stand.onnx"
 MJRUN = (sys.executable, "-m", "mjrun")
 FEW = 200  # rows that measure start-up
+PLAIN_TIME = 0.4  # CPU time [s] of a plain trace with the rows of the more expensive ones; start-up takes as long
 ALIKE = ["--probe", "qpos", "--probe", "qvel"]  # the columns that the loops keep
 CONTROLLER = """
 import numpy as np
@@ -155,19 +156,21 @@ def bare(script: Path, model: Path, steps: int) -> float:
     return json.loads(done.stdout)["us_per_step"]
 
 
-def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
-    """Prints the medians, and the median of the ratios of adjacent runs."""
-    loops, rows, peak = [], [], 0
+def compare(script: Path, model: Path, steps: int, repeats: int) -> float:
+    """Prints the medians, and the median of the ratios of adjacent runs; returns the lowest CPU time of a row [us]."""
+    loops, rows, costs, peak = [], [], [], 0
     for _ in range(repeats):
         loops.append(bare(script, model, steps))
         idle, busy = trace(model, FEW), trace(model, steps)
         rows.append(1e6 * (busy.wall - idle.wall) / (steps - FEW))
+        costs.append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
         peak = max(peak, busy.peak)
     ratio = statistics.median(row / loop for row, loop in zip(rows, loops, strict=True))
     print(
         f"{model.stem:12} {steps:8} rows   C loop {statistics.median(loops):7.2f} us/step   "
         f"trace {statistics.median(rows):7.2f} us/row   ratio {ratio:.3f}   peak {peak / 1e6:.0f} MB"
     )
+    return min(costs)
 
 
 def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
@@ -200,7 +203,7 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
 
     costs = lowest_costs(cases, steps, repeats)
     texts = [f"{name} {cost:.1f} us ({cost / costs['plain']:.2f} x)" for name, cost in costs.items()]
-    print(f"{model.stem:12} {'   '.join(texts)}")
+    print(f"{model.stem:12} {steps:8} rows   {'   '.join(texts)}")
     for name in [*controllers, "alike"] if actuated(model) else ():
         print(f"{'':12} {name} / loop in Python: {costs[name] / costs['loop']:.2f}")
 
@@ -216,7 +219,7 @@ def policies(steps: int, repeats: int, folder: Path) -> None:
     video = ["video", "--size", "320x240", "--fps", "25", "--jobs", "1", "-o", str(folder / "video.mp4")]
     for name, policy, network in (("ONNX", str(NETWORK), [str(NETWORK)]), ("function", f"{code}:act", [])):
         alike = ["trace", *ALIKE, "-o", str(folder / "alike.npz")]
-        for command, count in ((["trace"], steps), (alike, steps), (video, steps // 5)):
+        for command, count in ((["trace"], steps), (alike, steps), (video, steps // 20)):
             ours = [*MJRUN, *command, str(TASK), "--policy", policy, "-q", "--steps"]
             theirs = [sys.executable, str(loop), str(model)]
             gl = {"MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")} if command is video else {}
@@ -295,11 +298,10 @@ def main() -> None:
     given = parser.parse_args()
     if not given.baseline.exists():
         raise SystemExit(f"there is no {given.baseline}; name the loop in C with --baseline")
-    for model in given.models:
-        compare(given.baseline, model, given.steps, given.repeats)
+    costs = [compare(given.baseline, model, given.steps, given.repeats) for model in given.models]
     with tempfile.TemporaryDirectory() as folder:
-        for model in given.models:
-            extras(model, given.steps // 5, given.repeats, Path(folder))
+        for model, cost in zip(given.models, costs, strict=True):
+            extras(model, FEW + round(1e6 * PLAIN_TIME / cost), given.repeats, Path(folder))
         policies(given.steps // 5, given.repeats, Path(folder))
     long_run(given.models[-1], given.long)
 
