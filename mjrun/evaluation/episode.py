@@ -531,7 +531,7 @@ class _MeasuringPlayer(EpisodePlayer):
 
 
 def _row(sampler: ProbeSampler, stepper: EpisodeStepper) -> np.ndarray:
-    return sampler.stack([stepper.step], [sampler.read(stepper)]).values
+    return sampler.stack([stepper.step], sampler.read(stepper)).values
 
 
 def _invalid(policy: Policy, actions: ActionSpace, action: np.ndarray, step: int, time: float) -> InvalidActionError:

@@ -39,7 +39,7 @@ from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.recorded_states import SpooledRows
 from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper, instants_of
-from mjrun.probe.contacts import CopiedContacts, RecordedContacts, copy_contacts
+from mjrun.probe.contacts import RecordedContacts, contact_copiers
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
@@ -230,14 +230,16 @@ class ContactRecorder:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
-        self._copies: list[CopiedContacts] = []
+        self._structures, self._forces = list[bytes](), list[bytes]()  # of the contacts of the last instants
         self._counts: list[int] = []
         self._rows = SpooledRows(9)
 
     def record(self, stepper: Stepper) -> None:
         """Adds the contacts of the stepper's instant."""
-        self._copies.append(copy_contacts(stepper.instant()))
-        if len(self._copies) == BLOCK:
+        structures, forces = contact_copiers(stepper.instant())
+        self._structures.append(structures())
+        self._forces.append(forces())
+        if len(self._structures) == BLOCK:
             self._convert()
 
     def contacts(self, count: int) -> FrameContacts:
@@ -251,13 +253,13 @@ class ContactRecorder:
         self._rows.close()
 
     def _convert(self) -> None:
-        if not self._copies:
+        if not self._structures:
             return
-        contacts = RecordedContacts(self._model, self._copies)
+        contacts = RecordedContacts(self._model, self._structures, self._forces)
         forces = np.einsum("ni,nij->nj", contacts.wrenches[:, :3], contacts.contact_frames)
         self._rows.extend(np.column_stack([contacts.fields["pos"], contacts.contact_frames[:, 0], forces]))
         self._counts += contacts.counts.tolist()
-        self._copies = []
+        self._structures, self._forces = [], []
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from mjrun.model.names import BALL, FREE, names, object_names
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
 from mjrun.outputs.export import Export, SceneToExport
-from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_rows, copy_contacts
+from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_rows
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import Node, SceneGraph
 from mjrun.scene_graph.soft_shapes import SoftShapes
@@ -215,7 +215,7 @@ class InstantTopics:
         if self._joints is not None:
             rates = (field[self._dofs] for field in (data.qvel, data.qacc, data.qfrc_actuator))
             yield time, self._joints, self._states.encode(time, data.qpos[self._qpos], *rates)
-        contacts = RecordedContacts(self._model, [copy_contacts(data)])
+        contacts = RecordedContacts.of(self._model, data)
         yield time, self._contacts, self._arrows(time, contacts)
         yield time, self._table, self._rows.encode(contact_rows(contacts, np.zeros(1))[:, CONTACT:])
 

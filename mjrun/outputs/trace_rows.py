@@ -5,7 +5,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -19,10 +19,9 @@ from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.stepper import SHORT, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import (
     ContactProbe,
-    CopiedContacts,
     RecordedContacts,
     contact_columns,
-    contact_copier,
+    contact_copiers,
     contact_rows,
 )
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
@@ -42,22 +41,6 @@ class SampledRows:
 
     values: np.ndarray
     contacts: np.ndarray | None = None
-
-
-class RowInputs(NamedTuple):
-    """The inputs of a row: copies of the data from which it is computed.
-
-    Attributes:
-      fields: the bytes of fields of MjData, or numbers.
-      initial: fields at step 0.
-      measured: the values of probes that read an MjData or an episode.
-      contacts: the contacts, if a column needs them.
-    """
-
-    fields: Sequence[bytes | int]
-    initial: Fields
-    measured: Sequence[np.ndarray]
-    contacts: CopiedContacts | None
 
 
 class ProbeSampler:
@@ -97,12 +80,10 @@ class ProbeSampler:
         self._of_instants = [probe for probe in self.probes if not isinstance(probe, FieldProbe | ContactProbe)]
         self._copies_contacts = with_contacts or any(isinstance(probe, ContactProbe) for probe in self.probes)
         self._stepper: Stepper | None = None  # the last one that was read, and its data
-        self._episode: EpisodeStepper | None = None  # the same, if it steps through an episode
         self._data: mujoco.MjData | None = None
         self._initial_values: Fields = {}
         self._like: Fields = {}  # an instance of each field
-        self._copies = list[Callable[[], bytes | int]]()  # copy each field of the last MjData, and its contacts
-        self._copy_contacts: Callable[[], CopiedContacts | None] = lambda: None
+        self._copiers: Sequence[Callable[[], Any]] = ()  # of an instant in the last data
         self.model = model
         if "energy" in self._fields and not model.opt.enableflags & ENERGY:
             self.model = copy.copy(model)
@@ -172,17 +153,17 @@ class ProbeSampler:
     def _by_instants(self, stepper: Stepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Yields the same blocks, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
-            steps, readings = rows[start : start + ROWS], list[RowInputs]()
+            steps, copies = rows[start : start + ROWS], list[Any]()
             try:
-                self._read_all(stepper, steps, readings)
+                self._read_all(stepper, steps, copies)
             except SimulationError:
-                if readings:
-                    yield partial(self.stack, steps, readings)
+                if copies:
+                    yield partial(self.stack, steps, copies)
                 raise
-            yield partial(self.stack, steps, readings)
+            yield partial(self.stack, steps, copies)
 
-    def _read_all(self, stepper: Stepper, steps: Sequence[int], readings: list[RowInputs]) -> None:
-        """Reads the instants at `steps`, and adds them to `readings`.
+    def _read_all(self, stepper: Stepper, steps: Sequence[int], copies: list[Any]) -> None:
+        """Reads the instants at `steps`, and adds their copies.
 
         Raises:
           SimulationError: a step fails; the instants before it have been added.
@@ -190,85 +171,78 @@ class ProbeSampler:
         if not isinstance(stepper, PhysicsStepper) or not _are_consecutive(steps):
             for step in steps:
                 stepper.advance(step)
-                readings.append(self.read(stepper))
+                copies += self.read(stepper)
             return
         stepper.advance(steps[0])
         while count := steps[-1] - stepper.step:
-            count, before = min(count, stepper.steps_together()), len(readings)
-            if count > 1 and stepper.read_steps(count, partial(self._readers, stepper), readings):
+            count, before = min(count, stepper.steps_together()), len(copies)
+            if count > 1 and stepper.read_steps(count, partial(self._copiers_of, stepper), copies):
                 continue
-            del readings[before:]
+            del copies[before:]
             for _ in range(count):
-                readings.append(self.read(stepper))
+                copies += self.read(stepper)
                 stepper.advance(stepper.step + 1)
-        readings.append(self.read(stepper))
+        copies += self.read(stepper)
 
-    def read(self, stepper: Stepper) -> RowInputs:
-        """Copies the stepper's instant, as far as the row needs it."""
-        return self._reading(stepper, stepper.instant())
+    def read(self, stepper: Stepper) -> list[Any]:
+        """Copies the stepper's instant, as far as the row needs it, for `stack`."""
+        return [copier() for copier in self._copiers_of(stepper, stepper.instant())]
 
-    def _readers(self, stepper: Stepper, data: mujoco.MjData) -> Sequence[Callable[[], RowInputs]]:
-        """Returns a function that copies the stepper's instant in `data`."""
-        return (partial(self._reading, stepper, data),)
+    def _copiers_of(self, stepper: Stepper, data: mujoco.MjData) -> Sequence[Callable[[], Any]]:
+        """Returns functions that copy the stepper's instant in `data`, as far as the row needs it.
 
-    def _reading(self, stepper: Stepper, data: mujoco.MjData) -> RowInputs:
+        They return the bytes of each field, or its number, then the values of each probe that reads an MjData or an
+        episode, and then the bytes of contacts, if a column needs them.
+        """
         if stepper is not self._stepper:
-            self._stepper, self._initial_values = stepper, self._initial(stepper)
-            self._episode = stepper if isinstance(stepper, EpisodeStepper) else None  # slow, so once
+            self._stepper, self._data, self._initial_values = stepper, None, self._initial(stepper)
         if data is not self._data:  # whose arrays stay in place
             self._data = data
             self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
-            self._copies = [_copy_of(data, name) for name in self._fields]
-            if self._copies_contacts:
-                self._copy_contacts = contact_copier(data)
+            copiers: list[Callable[[], Any]] = [_copy_of(data, name) for name in self._fields]
             if "energy" in self._fields and not (model := stepper.model).opt.enableflags & ENERGY:
-                self._copies[self._fields.index("energy")] = lambda: _with_energy(model, data).energy.tobytes()
-        measured: list[np.ndarray] = []
-        for probe in self._of_instants:
-            if isinstance(probe, EpisodeProbe):
-                assert self._episode
-                measured.append(probe.read(self._episode.now()))
-            else:
-                measured.append(probe.measure(stepper.model, data))
-        return RowInputs(
-            [copy() for copy in self._copies],
-            self._initial_values,
-            measured,
-            self._copy_contacts(),
-        )
+                copiers[self._fields.index("energy")] = lambda: _with_energy(model, data).energy.tobytes()
+            for probe in self._of_instants:
+                if isinstance(probe, EpisodeProbe):
+                    assert isinstance(stepper, EpisodeStepper)
+                    copiers.append(lambda read=probe.read, stepper=stepper: read(stepper.now()))
+                else:
+                    copiers.append(partial(probe.measure, stepper.model, data))
+            if self._copies_contacts:
+                copiers += contact_copiers(data)
+            self._copiers = copiers or [lambda: None]  # even if time is the only column, an instant is counted
+        return self._copiers
 
     def values(self, stepper: Stepper) -> np.ndarray:
         """Returns the row of the stepper's instant, without its time."""
-        return self._computed([self.read(stepper)])[0][0]
+        return self._computed(self.read(stepper))[0][0]
 
-    def stack(self, steps: Sequence[int], readings: Sequence[RowInputs]) -> SampledRows:
-        """Computes the rows of `readings` at `steps`, or at the first of them, with their times."""
-        values, contacts = self._computed(readings)
-        timed = self._timed(np.array(steps[: len(readings)]), [values])
+    def stack(self, steps: Sequence[int], copies: Sequence[Any]) -> SampledRows:
+        """Computes rows at `steps`, or at the first of them, with their times, from what was read at each."""
+        values, contacts = self._computed(copies)
+        timed = self._timed(np.array(steps[: len(values)]), [values])
         return SampledRows(timed, contact_rows(contacts, timed[:, 0]) if contacts and self.contact_columns else None)
 
-    def _computed(self, readings: Sequence[RowInputs]) -> tuple[np.ndarray, RecordedContacts | None]:
-        """Returns the rows of `readings`, without their times, and their contacts if any column needs them."""
-        first = readings[0]
+    def _computed(self, copies: Sequence[Any]) -> tuple[np.ndarray, RecordedContacts | None]:
+        """Returns rows, without their times, and their contacts if any column needs them."""
+        width = len(self._copiers)
+        columns = [copies[index::width] for index in range(width)]
         fields = {
-            name: _joined_copies(like, [reading.fields[index] for reading in readings])
-            for index, (name, like) in enumerate(self._like.items())
+            name: _joined_copies(like, column)
+            for (name, like), column in zip(self._like.items(), columns, strict=False)
         }
-        contacts = None
-        if self._copies_contacts:
-            contacts = RecordedContacts(self.model, [reading.contacts for reading in readings if reading.contacts])
-        measured = iter(range(len(first.measured)))
-        parts: list[np.ndarray] = [np.empty((len(readings), 0))]
+        contacts = RecordedContacts(self.model, *columns[-2:]) if self._copies_contacts else None
+        measured = iter(columns[len(fields) :])
+        parts: list[np.ndarray] = [np.empty((len(columns[0]), 0))]
         for probe in self.probes:
             match probe:
                 case FieldProbe():
-                    parts.append(probe.compute(fields, first.initial))
+                    parts.append(probe.compute(fields, self._initial_values))
                 case ContactProbe():
                     assert contacts
                     parts.append(probe.compute(contacts))
                 case _:
-                    index = next(measured)
-                    parts.append(np.stack([reading.measured[index] for reading in readings]))
+                    parts.append(np.stack(next(measured)))
         return np.concatenate(parts, axis=1), contacts
 
     def _initial(self, stepper: Stepper) -> Fields:
@@ -284,20 +258,22 @@ class RowBuffer:
 
     def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[SampledRows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
-        self._rows: list[RowInputs] = []
-        self._written = 0
+        self._copies: list[Any] = []  # of the last instants
+        self._count = self._written = 0
 
     def record(self, stepper: Stepper) -> None:
         """Adds the row of the stepper's instant."""
-        self._rows.append(self._table.read(stepper))
-        if len(self._rows) == ROWS:
+        self._copies += self._table.read(stepper)
+        self._count += 1
+        if self._count == ROWS:
             self.flush()
 
     def flush(self) -> None:
         """Writes the buffered rows."""
-        if self._rows:
-            self._write(self._table.stack(self._steps[self._written :][: len(self._rows)], self._rows))
-            self._written, self._rows = self._written + len(self._rows), []
+        if self._count:
+            end = self._written + self._count
+            self._write(self._table.stack(self._steps[self._written : end], self._copies))
+            self._written, self._count, self._copies = end, 0, []
 
 
 def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str:

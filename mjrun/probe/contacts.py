@@ -30,35 +30,33 @@ TORQUE = "torque about the contact point"
 PARTIES, FLEX = ("body", "geom"), "flex"
 
 
-class CopiedContacts(NamedTuple):
-    """The contacts of one instant: copies of the bytes of its `mjContact` structures and of `efc_force`."""
+class ContactCopiers(NamedTuple):
+    """Functions that copy the present contacts in an MjData: the bytes of `mjContact` structures and of `efc_force`."""
 
-    structures: bytes
-    forces: bytes
-
-
-def copy_contacts(data: mujoco.MjData) -> CopiedContacts:
-    """Copies the contacts in `data`."""
-    return contact_copier(data)()
+    structures: Callable[[], bytes]
+    forces: Callable[[], bytes]
 
 
-def contact_copier(data: mujoco.MjData) -> Callable[[], CopiedContacts]:
-    """Returns a function that copies the present contacts in `data`."""
+def contact_copiers(data: mujoco.MjData) -> ContactCopiers:
+    """Returns functions that copy the present contacts in `data`."""
     size, arena = _layout().itemsize, b""
 
-    def copy() -> CopiedContacts:
+    def structures() -> bytes:
         nonlocal arena
         count = data.ncon
         if count and not arena:  # the memory of a step, which contacts begin, and which stays at one address
             first = ctypes.c_double.from_buffer(data.contact.dist[:1])
             arena = (ctypes.c_char * data.narena).from_address(ctypes.addressof(first))
-        return CopiedContacts(arena[: count * size], data.efc_force.tobytes())
+        return arena[: count * size]
 
-    return copy
+    return ContactCopiers(structures, lambda: data.efc_force.tobytes())
 
 
 class RecordedContacts:
     """The contacts of n instants, m in all, in MuJoCo's order.
+
+    Args:
+      structures, forces: copies made by `ContactCopiers` at each instant.
 
     Attributes:
       counts: the number of contacts at each instant, `(n,)`.
@@ -66,11 +64,17 @@ class RecordedContacts:
       fields: `mjContact` structures as a structured array, `(m,)`.
     """
 
-    def __init__(self, model: mujoco.MjModel, copies: Sequence[CopiedContacts]) -> None:
-        self._model, self._copies = model, copies
-        self.fields = np.frombuffer(b"".join([copy.structures for copy in copies]), _layout())
-        self.counts = np.array([len(copy.structures) // _layout().itemsize for copy in copies], int)
-        self.instants = np.repeat(np.arange(len(copies)), self.counts)
+    def __init__(self, model: mujoco.MjModel, structures: Sequence[bytes], forces: Sequence[bytes]) -> None:
+        self._model, self._forces = model, forces
+        self.fields = np.frombuffer(b"".join(structures), _layout())
+        self.counts = np.array([*map(len, structures)], int) // _layout().itemsize
+        self.instants = np.repeat(np.arange(len(structures)), self.counts)
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> "RecordedContacts":
+        """Returns the contacts of the instant in `data`."""
+        structures, forces = contact_copiers(data)
+        return cls(model, [structures()], [forces()])
 
     @property
     def indices(self) -> np.ndarray:
@@ -102,8 +106,8 @@ class RecordedContacts:
     @cached_property
     def wrenches(self) -> np.ndarray:
         """Forces and torques in the contact frames, `(m, 6)` [N, N·m]; zeros for a contact without a constraint."""
-        forces = np.frombuffer(b"".join([copy.forces for copy in self._copies]))
-        ends = np.cumsum([len(copy.forces) // forces.itemsize for copy in self._copies])
+        forces = np.frombuffer(b"".join(self._forces))
+        ends = np.cumsum([*map(len, self._forces)]) // forces.itemsize
         starts = np.concatenate([[0], ends[:-1]])[self.instants]
         address, dims = self.fields["efc_address"], self.fields["dim"]
         wrenches = np.zeros((len(dims), 6))
@@ -137,7 +141,7 @@ class ContactProbe(MjDataProbe):
         """Returns the probe, which can also be measured on a single MjData."""
 
         def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-            return compute(RecordedContacts(model, [copy_contacts(data)]))[0]
+            return compute(RecordedContacts.of(model, data))[0]
 
         return cls(columns, measure, compute)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_copier, contact_rows, copy_contacts, pair
+from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_copiers, contact_rows, pair
 from mjrun.probe.derived import contact_force
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.vocabularies import ModelVocabulary
@@ -43,7 +43,7 @@ SHEET = """
 
 def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndarray:
     """The rows of one instant."""
-    return contact_rows(RecordedContacts(model, [copy_contacts(data)]), np.array([time]))
+    return contact_rows(RecordedContacts.of(model, data), np.array([time]))
 
 
 class Read:
@@ -170,12 +170,13 @@ def test_contacts_of_many_instants_are_those_of_each_to_the_last_bit(cone: str, 
     model, data = pile(cone, condim)
     model.geom_condim[: model.ngeom // 2] = 1  # several dimensions at the same instant
     mujoco.mj_resetData(model, data)
-    copies, rows, forces, counts = [], [], [], []
-    copy = contact_copier(data)
-    assert copy() == (b"", b"")
+    structures, efc_forces, rows, forces, counts = [], [], [], [], []
+    copiers = contact_copiers(data)
+    assert [copy() for copy in copiers] == [b"", b""]
     for step in range(60):
         mujoco.mj_forward(model, data)
-        copies.append(copy())
+        structures.append(copiers.structures())
+        efc_forces.append(copiers.forces())
         rows.append(contacts(model, data, float(step)))
         counts.append(data.ncon)
         for index in range(data.ncon):
@@ -183,7 +184,7 @@ def test_contacts_of_many_instants_are_those_of_each_to_the_last_bit(cone: str, 
             mujoco.mj_contactForce(model, data, index, force)
             forces.append(force)
         mujoco.mj_step(model, data)
-    together = RecordedContacts(model, copies)
+    together = RecordedContacts(model, structures, efc_forces)
     assert len({*counts}) > 1
     assert together.counts.tolist() == counts
     assert together.wrenches.tobytes() == np.array(forces).tobytes()
@@ -192,7 +193,7 @@ def test_contacts_of_many_instants_are_those_of_each_to_the_last_bit(cone: str, 
 
 def test_the_layout_of_a_contact_is_that_of_mujoco() -> None:
     _, data = pile("elliptic", 6)
-    fields = RecordedContacts(_, [copy_contacts(data)]).fields
+    fields = RecordedContacts.of(_, data).fields
     assert data.ncon > 1
     for name in ("dist", "pos", "frame", "friction", "solimp", "dim", "geom", "flex", "vert", "exclude", "efc_address"):
         assert np.array_equal(fields[name], getattr(data.contact, name))
