@@ -19,8 +19,7 @@ from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, MISSING_MODEL,
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.confinement.confinement import confinement
 from mjrun.file_version import file_version, folder_version, is_settled
-from mjrun.formats.file_digests import FileDigestCache
-from mjrun.formats.user_cache import UserCache, program_facts
+from mjrun.formats.user_cache import FileDigestCache, UserCache, program_facts
 
 LIMITS = {"timeout", "memory", "cache"}  # of a task, which do not affect a result that is complete
 # Findings that may differ in the next check although no file of the model has changed.

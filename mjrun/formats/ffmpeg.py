@@ -70,6 +70,12 @@ def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
     return ["-protocol_whitelist", "file", "-format_whitelist", demuxers, *forced], f"file:{path}"
 
 
+def raw_frames(pixels: str, size: tuple[int, int], fps: Fraction) -> list[str]:
+    """Returns the arguments before `-i` that describe frames without a header, in a pixel format of `codecs`."""
+    width, height = size
+    return ["-f", "rawvideo", "-pix_fmt", pixels, "-s", f"{width}x{height}", "-framerate", str(fps)]
+
+
 def run(*arguments: str) -> FfmpegResult:
     """Runs the bundled ffmpeg without feeding it.
 
@@ -124,11 +130,10 @@ class H264Encoder:
         self._written = self._returned = 0
         self._rest = b""  # the beginning of the next access unit
         width, height = size
-        frames = ["-f", "rawvideo", "-pix_fmt", RGB24, "-s", f"{width}x{height}", "-framerate", str(fps)]
         chosen = encoding(None, "mp4", "h264", crf)
         self._encoding = replace(chosen, keyframe_every=max(1, math.floor(fps)))
         arguments = self._encoding.annex_b_arguments(width, height)
-        encoder = command(*frames, "-i", "pipe:0", *arguments, "-flush_packets", "1", "pipe:1")
+        encoder = command(*raw_frames(RGB24, size, fps), "-i", "pipe:0", *arguments, "-flush_packets", "1", "pipe:1")
         self._child = ChildProcess(encoder, fed=True, stdout="capture", stderr="capture", stdout_limit=math.inf)
 
     def write(self, frame: np.ndarray) -> list[bytes]:

@@ -205,17 +205,12 @@ def _with_child(xml: bytes, parent: Element, child: bytes, indent: bytes, unit: 
 def _lines(name: str, fields: Mapping[str, np.ndarray]) -> list[bytes]:
     """Returns the lines of a key without indentation: name and time, then one line for each vector."""
     texts = [
-        f"{attribute}={quoteattr(' '.join(map(_number, values)))}"
+        f"{attribute}={quoteattr(' '.join(repr(value).removesuffix('.0') for value in values))}"  # reads back exactly
         for attribute, source in ATTRIBUTES.items()
         if (values := np.ravel(fields[source]).tolist())
     ]
     heads = [f"<key name={quoteattr(name)} {texts[0]}", *texts[1:]]
     return [line.encode() for line in [*heads[:-1], heads[-1] + "/>"]]
-
-
-def _number(value: float) -> str:
-    """Returns the shortest text that reads back as exactly `value`."""
-    return repr(value).removesuffix(".0")
 
 
 def _replaced(xml: bytes, start: int, end: int, text: bytes) -> bytes:

@@ -81,7 +81,7 @@ class RowGroupWriter(RowWriter):
     """Base of the writers that write one group after another.
 
     Attributes:
-      writer: writer of the library, which `close` closes after any failure too.
+      writer: writer of the library or file, which `close` closes after any failure too.
     """
 
     writer: Any
@@ -113,42 +113,31 @@ class RowGroupWriter(RowWriter):
         """Writes what follows the last group."""
 
 
-class WholeColumnWriter(RowWriter):
+class WholeColumnWriter(RowGroupWriter):
     """Base of the writers that need whole columns.
 
     Rows wait in a file without a name, which no failure leaves behind. It is in the folder of the table, whose disk
     needs the space.
 
     Attributes:
+      writer: the file without a name; `end` writes the table, once all rows are in it.
       rows: number of rows so far.
     """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        super().__init__(columns)
         self.file = file
-        self.columns = columns
         self.rows = 0
-        self._groups = RowGroups(len(columns))
+        self.writer = tempfile.TemporaryFile(dir=Path(file.name).parent)  # noqa: SIM115  (closed by close)
         self._sizes: list[int] = []  # rows in each group
-        self._stored = tempfile.TemporaryFile(dir=Path(file.name).parent)  # noqa: SIM115  (closed by close)
 
     def write(self, block: np.ndarray) -> None:
         self.rows += len(block)
-        for group in self._groups.add(block):
-            self._store(group)
+        super().write(block)
 
-    def finish(self, manifest: str) -> None:
-        for group in self._groups.rest():
-            self._store(group)
-        self.save(manifest)
-
-    def close(self) -> None:
-        self._groups.close()
-        with contextlib.suppress(OSError):
-            self._stored.close()
-
-    def save(self, manifest: str) -> None:
-        """Writes the table, once all rows are stored."""
-        raise NotImplementedError
+    def write_group(self, group: np.ndarray) -> None:
+        self.writer.write(np.ascontiguousarray(group).data)
+        self._sizes.append(group.shape[1])
 
     def cells(self, index: int) -> tuple[np.dtype, Iterator[np.ndarray]]:
         """Returns the type of a column, and its cells in pieces.
@@ -166,13 +155,9 @@ class WholeColumnWriter(RowWriter):
     def _values(self, index: int) -> Iterator[np.ndarray]:
         before = 0
         for size in self._sizes:
-            self._stored.seek(8 * (len(self.columns) * before + index * size))
-            yield np.frombuffer(self._stored.read(8 * size))
+            self.writer.seek(8 * (len(self.columns) * before + index * size))
+            yield np.frombuffer(self.writer.read(8 * size))
             before += size
-
-    def _store(self, group: np.ndarray) -> None:
-        self._stored.write(np.ascontiguousarray(group).data)
-        self._sizes.append(group.shape[1])
 
 
 class TableWriter(OutputWriter):

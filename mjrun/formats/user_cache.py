@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mjrun.file_version import file_version, is_settled
 from mjrun.platform import system
 from mjrun.version import __version__
 
@@ -70,6 +71,29 @@ class UserCache:
             with suppress(OSError):
                 Path(path).unlink()
             excess -= size
+
+
+class FileDigestCache:
+    """A cache of the hashes of files in memory: one that has neither been replaced nor written is read only once."""
+
+    def __init__(self) -> None:
+        self._digests: dict[tuple[object, ...], str] = {}
+
+    def of(self, place: str) -> str:
+        """Returns the SHA-256 of a regular file; an empty text if it is missing."""
+        since, version = time.time_ns(), file_version(place)
+        if version is None:
+            return ""
+        digest = self._digests.get((place, *version))
+        if digest is None:
+            try:
+                with open(place, "rb") as file:  # noqa: PTH123 – of thousands; pathlib takes longer
+                    digest = hashlib.file_digest(file, "sha256").hexdigest()
+            except OSError:
+                return ""
+            if is_settled(version, since):
+                self._digests[place, *version] = digest
+        return digest
 
 
 @cache

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.child_process import ChildProcess, ExitStatus
+from mjrun.child_process import ChildProcess
 from mjrun.confinement.confinement import confinement
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
@@ -143,7 +143,7 @@ class VideoWriter(OutputWriter):
           EncoderError: it failed or hangs.
         """
         self._child.end_feeding()
-        if self._wait().code != 0:
+        if self._child.wait(idle=ffmpeg.IDLE, is_held_up=self._is_held_up).code != 0:
             raise self._failure()
 
     def finish(self) -> None:
@@ -152,22 +152,12 @@ class VideoWriter(OutputWriter):
         super().finish()
 
     def _start(self, tags: Mapping[str, str]) -> ChildProcess:
-        width, height = self.size
-        source = [
-            "-f",
-            "rawvideo",
-            "-pix_fmt",
-            self._encoding.pixels,
-            "-s",
-            f"{width}x{height}",
-            "-framerate",
-            str(self.fps),
-        ]
+        frames = [*ffmpeg.raw_frames(self._encoding.pixels, self.size, self.fps), "-i", "pipe:0"]
         # The system limits command lines: longer tags go through an unnamed file beside the output.
         length = max((len(os.fsencode(text)) for text in tags.values()), default=0)
         metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
         if length <= LONGEST_ARGUMENT:
-            return self._spawn([*source, "-i", "pipe:0"], metadata)
+            return self._spawn(frames, metadata)
         folder = None if self.destination.stdout is not None else Path(self.destination.path).parent
         with tempfile.TemporaryFile(dir=folder) as file:
             # https://ffmpeg.org/ffmpeg-formats.html#Metadata-2
@@ -175,25 +165,18 @@ class VideoWriter(OutputWriter):
             file.write(os.fsencode("\n".join([";FFMETADATA1", *lines, ""])))
             file.seek(0)
             tagged = ["-f", "ffmetadata", "-i", f"pipe:{file.fileno()}"]
-            return self._spawn([*source, "-i", "pipe:0", *tagged], ["-map", "0:v", "-map_metadata", "1"], file.fileno())
+            return self._spawn([*frames, *tagged], ["-map", "0:v", "-map_metadata", "1"], file.fileno())
 
     def _spawn(self, inputs: Sequence[str], metadata: Sequence[str], *inherited: int) -> ChildProcess:
-        width, height = self.size
+        stdout = self.destination.stdout
+        encoding = self._encoding.arguments(*self.size, to_pipe=stdout is not None)
         return ChildProcess(
-            [
-                *ffmpeg.command("-y", *inputs),
-                *self._encoding.arguments(width, height, to_pipe=self.destination.stdout is not None),
-                *metadata,
-                self.destination.path,
-            ],
+            ffmpeg.command("-y", *inputs, *encoding, *metadata, self.destination.path),
             inherited=inherited,
             fed=True,
-            stdout="discard" if self.destination.stdout is None else self.destination.stdout,
+            stdout="discard" if stdout is None else stdout,
             stderr="capture",
         )
-
-    def _wait(self) -> ExitStatus:
-        return self._child.wait(idle=ffmpeg.IDLE, is_held_up=self._is_held_up)
 
     def _is_held_up(self) -> bool:
         """Returns whether the encoder waits for the reader of standard output, such as a paused player."""

@@ -17,12 +17,11 @@ from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.file_digests import FileDigestCache
 from mjrun.formats.input_file import is_file
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.table_reader import STDIN
-from mjrun.formats.user_cache import UserCache, program_facts
+from mjrun.formats.user_cache import FileDigestCache, UserCache, program_facts
 from mjrun.options.output import RerunOptions
 from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.outputs.perform import PublishedOutput

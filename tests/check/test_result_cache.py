@@ -15,8 +15,7 @@ from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.child_process import ExitStatus
-from mjrun.formats.file_digests import FileDigestCache
-from mjrun.formats.user_cache import VARIABLE
+from mjrun.formats.user_cache import VARIABLE, FileDigestCache
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
 
 DONE = ({"loaded": True}, {"done": True})

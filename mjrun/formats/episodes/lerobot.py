@@ -19,10 +19,10 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
-from mjrun.formats.episodes.statistics import MOST, RowStatistics, RunningStatistics, color_statistics
 from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
 from mjrun.formats.output_writer import OutputWriter, written_file
 
@@ -42,6 +42,9 @@ DATA_SIZE, VIDEO_SIZE, CHUNK = 100, 200, 1000  # megabytes in a file, and files 
 LONGEST = 1000  # [s] of a video file: from 1024 s on, 32 bits distinguish no more than 0.12 ms
 ROWS = 100  # episodes that are written at once
 OPTIONS: dict[str, Any] = {"compression": "snappy", "use_dictionary": True}
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+SAMPLED = 2**16  # rows at most that quantiles are computed from
+MOST = 255  # of a colour
 
 
 def check(layout: EpisodeLayout) -> None:
@@ -170,14 +173,16 @@ class _Dataset:
             "episode_index": self._episodes,
             "tasks": [episode.task],
             "length": count,
-            **_place("data", self._data.add(_table(self._schema, columns), self._episodes)),
+            **_place("data", self._data.add(_table(self._schema, columns))),
             "dataset_from_index": self._frames,
             "dataset_to_index": self._frames + count,
         }
         for name, files in self._videos.items():
             place, first = files.add(read_samples(episode.videos[name]), count)
             key = f"videos/{IMAGES}{name}"
-            row |= {**_place(key, place), **_times(key, first, count, layout.fps)}
+            row |= _place(key, place)
+            row[f"{key}/from_timestamp"] = float(first / layout.fps)
+            row[f"{key}/to_timestamp"] = float((first + count) / layout.fps)
         for name, values in columns.items():
             alone = RunningStatistics()
             alone.add(values)
@@ -280,35 +285,34 @@ class _Dataset:
 
 
 class _TableFiles:
-    """Parquet files of tables, one for each episode as a row group; a new file is begun before one is too large."""
+    """Parquet files of tables, one for each episode as a row group; a new file is begun before one is too large.
+
+    Attributes:
+      number: number of the current file.
+    """
 
     def __init__(self, stack: ExitStack, folder: Path, pattern: str, schema: pyarrow.Schema) -> None:
         self._stack, self._folder, self._pattern, self._schema = stack, folder, pattern, schema
-        self._number, self._size = 0, 0
+        self.number, self._size = 0, 0
         self._writers = list[OutputWriter]()
         self._file: pyarrow.parquet.ParquetWriter | None = None
 
-    @property
-    def number(self) -> int:
-        """Number of the current file."""
-        return self._number
-
-    def add(self, table: pyarrow.Table, episode: int) -> int:
+    def add(self, table: pyarrow.Table) -> int:
         """Adds a table, and returns the number of its file."""
         self.make_room(table.nbytes)
         if self._file is None:
-            path = self._folder / self._pattern.format(**_indices(self._number))
+            path = self._folder / self._pattern.format(**_indices(self.number))
             writer = self._stack.enter_context(OutputWriter(StagedFile(path)))
             self._writers.append(writer)
             self._file = pyarrow.parquet.ParquetWriter(writer.open_file(), self._schema, **OPTIONS)
         self._file.write_table(table)
-        return self._number
+        return self.number
 
     def make_room(self, size: int) -> None:
         """Begins a new file if the current one has no room for a table of this size [bytes]."""
         if self._size and self._size + size > DATA_SIZE * MEGABYTE:
             self._close()
-            self._number, self._size = self._number + 1, 0
+            self.number, self._size = self.number + 1, 0
         self._size += size
 
     def read(self, rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, pyarrow.Table]]:
@@ -323,8 +327,8 @@ class _TableFiles:
             table = file.read_row_group(group).cast(self._schema)
             group += 1
             if number == last:
-                self._number = last
-                self.add(table, row["episode_index"])
+                self.number = last
+                self.add(table)
             yield row["episode_index"], table
 
     def finish(self) -> list[OutputWriter]:
@@ -367,7 +371,7 @@ class _EpisodeRows:
         self._files.make_room(rows.nbytes)
         for name, value in _indices(self._files.number).items():
             rows = rows.append_column(f"meta/episodes/{name}", pyarrow.array([value] * len(self._rows)))
-        self._files.add(rows, 0)
+        self._files.add(rows)
         self._rows = []
 
 
@@ -439,9 +443,93 @@ def _place(key: str, number: int) -> dict[str, int]:
     return {f"{key}/{name}": value for name, value in _indices(number).items()}
 
 
-def _times(key: str, first: int, count: int, fps: Fraction) -> dict[str, float]:
-    times = {"from_timestamp": first / fps, "to_timestamp": (first + count) / fps}
-    return {f"{key}/{name}": float(time) for name, time in times.items()}
+# --- statistics ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RowStatistics:
+    """Statistics of rows of numbers.
+
+    Attributes:
+      count: number of rows.
+      min, max, mean, std: the statistics of each column `(n,)`.
+      quantiles: those in `QUANTILES`, of each column `(n,)`.
+    """
+
+    count: int
+    min: np.ndarray
+    max: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    quantiles: dict[str, np.ndarray]
+
+
+class RunningStatistics:
+    """Statistics of rows that arrive piece by piece.
+
+    Quantiles are those of all rows, or of `SAMPLED` rows at most at equal distances. Memory does not grow with the
+    number of rows.
+    """
+
+    def __init__(self) -> None:
+        self._count, self._distance = 0, 1
+        self._mean = self._squares = np.zeros(0)  # `squares`: sum of the squared deviations from the mean
+        self._min = self._max = np.zeros(0)
+        self._sample = np.zeros((0, 0))
+
+    def add(self, rows: np.ndarray) -> None:
+        """Adds rows `(k, n)` of finite numbers.
+
+        The formulas of Chan, Golub and LeVeque combine means and deviations without loss of digits.
+        """
+        if not len(rows):
+            return
+        rows = rows.astype(float)
+        if not self._count:
+            self._mean, self._squares = np.zeros((2, rows.shape[1]))
+            self._min, self._max = rows[0], rows[0]
+            self._sample = np.zeros((0, rows.shape[1]))
+        mean = rows.mean(axis=0)
+        before, self._count = self._count, self._count + len(rows)
+        self._squares = self._squares + ((rows - mean) ** 2).sum(axis=0)
+        self._squares += (mean - self._mean) ** 2 * before * len(rows) / self._count
+        self._mean = self._mean + (mean - self._mean) * len(rows) / self._count
+        self._min, self._max = np.minimum(self._min, rows.min(axis=0)), np.maximum(self._max, rows.max(axis=0))
+        self._keep(rows[-before % self._distance :: self._distance])
+
+    def result(self) -> RowStatistics:
+        """Returns the statistics of all rows, at least one."""
+        values = np.quantile(self._sample, list(QUANTILES.values()), axis=0)
+        quantiles = dict(zip(QUANTILES, values, strict=True))
+        std = np.sqrt(self._squares / self._count)
+        return RowStatistics(self._count, self._min, self._max, self._mean, std, quantiles)
+
+    def _keep(self, rows: np.ndarray) -> None:
+        """Adds rows to the sample, and halves it when it is full."""
+        self._sample = np.concatenate([self._sample, rows])
+        while len(self._sample) > SAMPLED:
+            self._sample, self._distance = self._sample[::2], 2 * self._distance
+
+
+def color_statistics(counts: np.ndarray, images: int) -> RowStatistics:
+    """Returns the statistics of the channels of images, from 0 to 1.
+
+    Args:
+      counts: the number of pixels with each value of each channel `(3, 256)`.
+      images: number of images.
+    """
+    values = np.arange(MOST + 1) / MOST
+    totals = counts.sum(axis=1)
+    mean = counts @ values / totals
+    std = np.sqrt(np.maximum(counts @ values**2 / totals - mean**2, 0))
+    present = counts > 0
+    low, high = values[present.argmax(axis=1)], values[MOST - present[:, ::-1].argmax(axis=1)]
+    below = np.cumsum(counts, axis=1)
+    quantiles = {
+        name: np.array([values[np.searchsorted(row, share * row[-1])] for row in below])
+        for name, share in QUANTILES.items()
+    }
+    return RowStatistics(images, low, high, mean, std, quantiles)
 
 
 # --- contents ------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import io
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -220,7 +221,7 @@ def _blocks(
     cells: AcceptedCells,
 ) -> Iterator[np.ndarray]:
     """Yields the rows after the header: plain numbers are parsed piece by piece, anything else cell by cell."""
-    convert = (_floats, _floats_or_nan, _exact)[cells]
+    convert = (_floats, _floats_or_nan, partial(number_text.exact_cells, convert=_floats_or_nan))[cells]
 
     def parse(lines: Iterable[str], before: int) -> Iterator[np.ndarray]:
         return number_text.number_blocks(path, _rows(path, lines, before, width), keys, convert)
@@ -306,7 +307,3 @@ def _floats(cells: list[str]) -> np.ndarray:
 
 def _floats_or_nan(cells: list[str]) -> np.ndarray:
     return _floats([cell.strip() or "nan" for cell in cells])
-
-
-def _exact(cells: list[str]) -> np.ndarray:
-    return number_text.exact_cells(cells, _floats_or_nan)

@@ -73,7 +73,8 @@ def batch_sizes(file: BinaryIO) -> list[int]:
     end = file.seek(0, os.SEEK_END) - len(MAGIC)
     (length,) = struct.unpack("<i", _bytes(file, end - 4, 4))
     footer = _Table.root(_bytes(file, end - 4 - length, length))
-    dictionaries, batches = ([_size(file, *block) for block in _blocks(footer, field)] for field in (2, 3))
+    blocks = [footer.structures(field, "<qi4xq") for field in (2, 3)]  # offset, and bytes of metadata, of each message
+    dictionaries, batches = ([_size(file, offset, length) for offset, length, _ in each] for each in blocks)
     return [sum(dictionaries), *batches]
 
 
@@ -116,11 +117,6 @@ class _Table:
             raise ValueError("its metadata are truncated")
         (value,) = struct.unpack_from(layout, self.content, at)
         return value
-
-
-def _blocks(footer: _Table, field: int) -> Iterator[tuple[int, int]]:
-    """Yields the offset of each message, and the bytes of its metadata."""
-    yield from ((offset, length) for offset, length, _ in footer.structures(field, "<qi4xq"))
 
 
 def _size(file: BinaryIO, offset: int, length: int) -> int:

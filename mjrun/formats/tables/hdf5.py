@@ -40,7 +40,7 @@ REFERENCE = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])  # 
 class Hdf5Writer(WholeColumnWriter):
     """A writer of datasets, once all rows are stored."""
 
-    def save(self, manifest: str) -> None:
+    def end(self, manifest: str) -> None:
         names = [column.name for column in self.columns]
         with Path(self.file.name).open("r+b") as file, h5py.File(file, "w") as archive:
             for index, (path, column) in enumerate(zip(paths(names), self.columns, strict=True)):

@@ -12,6 +12,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, KeysView, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -63,7 +64,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: AcceptedCells)
     names = first[1].keys()
     keys = {name: name for name in select(path, list(names), wanted)}
     alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= AcceptedCells.GAPS))
-    convert = (_floats, _floats_or_nan, _exact)[cells]
+    convert = (_floats, _floats_or_nan, partial(number_text.exact_cells, convert=_floats_or_nan))[cells]
     return TableReadStream(list(keys), number_text.number_blocks(path, alike, keys, convert))
 
 
@@ -121,7 +122,3 @@ def _floats(cells: list[Any]) -> np.ndarray:
 
 def _floats_or_nan(cells: list[Any]) -> np.ndarray:
     return _floats([math.nan if cell is None else cell for cell in cells])
-
-
-def _exact(cells: list[Any]) -> np.ndarray:
-    return number_text.exact_cells(cells, _floats_or_nan)

@@ -62,7 +62,7 @@ class MatWriter(WholeColumnWriter):
             raise OSError(errno.EFBIG, "a .mat file holds at most 2 GiB per column; .parquet and .npz hold more")
         super().write(block)
 
-    def save(self, manifest: str) -> None:
+    def end(self, manifest: str) -> None:
         variables = identifiers([column.name for column in self.columns])
         for index, variable in enumerate(variables):
             kind, pieces = self.cells(index)

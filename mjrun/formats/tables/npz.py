@@ -28,7 +28,7 @@ TEXT_SIZE = 2**24  # bytes of units, and of a manifest, that are read, at most
 class NpzWriter(WholeColumnWriter):
     """A writer of the archive, once all rows are stored."""
 
-    def save(self, manifest: str) -> None:
+    def end(self, manifest: str) -> None:
         units = json.dumps({column.name: column.unit for column in self.columns})
         with zipfile.ZipFile(self.file, "w") as archive:
             for index, column in enumerate(self.columns):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mjrun.formats.episodes import statistics
-from mjrun.formats.episodes.statistics import QUANTILES, RunningStatistics, color_statistics
+from mjrun.formats.episodes import lerobot
+from mjrun.formats.episodes.lerobot import QUANTILES, RunningStatistics, color_statistics
 
 
 def test_statistics_of_pieces_are_those_of_all_rows() -> None:
@@ -22,7 +22,7 @@ def test_statistics_of_pieces_are_those_of_all_rows() -> None:
 
 
 def test_quantiles_of_many_rows_are_those_of_rows_at_equal_distances(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(statistics, "SAMPLED", 100)
+    monkeypatch.setattr(lerobot, "SAMPLED", 100)
     rows = np.random.default_rng(1).normal(size=(777, 2))
     made = RunningStatistics()
     for piece in np.array_split(rows, 13):
