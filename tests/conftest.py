@@ -4,6 +4,7 @@ import fcntl
 import functools
 import gc
 import inspect
+import itertools
 import os
 import re
 import resource
@@ -31,6 +32,7 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 import mjrun.cli.main as cli
 from mjrun import child_process
@@ -56,9 +58,12 @@ sys.dont_write_bytecode = False
 def pytest_collection() -> Generator[None, object, object]:
     """Lets the workers of CI collect one after the other; in a new checkout, each would compile the same modules.
 
-    Meanwhile, the garbage collector would scan what has been collected again and again.
+    Meanwhile, the garbage collector would scan what has been collected again and again. Property tests that draw the
+    same examples everywhere draw no constants of the code: those of the modules that other tests have imported by then.
     """
     gc.disable()
+    if settings.default and settings.default.derandomize:
+        providers._get_local_constants = lambda: providers._local_constants
     with Path(__file__).open() as turn:
         if {"CI", "PYTEST_XDIST_WORKER"} <= os.environ.keys():
             fcntl.flock(turn, fcntl.LOCK_EX)
@@ -160,6 +165,17 @@ def half_a_core(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPa
     (folder / "cpu.max").write_text("50000 100000\n")
     monkeypatch.setattr(cores, "PROCESS", folder)
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)))
+
+
+_folders = itertools.count()
+
+
+@pytest.fixture
+def tmp_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty folder; for its own, pytest looks through the folders of all tests before, and makes a link."""
+    folder = tmp_path_factory.getbasetemp() / str(next(_folders))
+    folder.mkdir()
+    return folder
 
 
 @pytest.fixture
