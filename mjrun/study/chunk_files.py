@@ -279,7 +279,7 @@ class PartFiles:
         ranges = [part for part in map(PointRange.of, parts) if part]
         first, last = min(part.first for part in ranges), max(part.last for part in ranges)
         try:
-            made = self._publish(_grouped(self.folder, parts), first, last, "".join(parts))
+            made = self._publish(self._grouped(parts), first, last, "".join(parts))
         except _UnreadablePartError:
             return None
         if not self._parts.issuperset(parts):  # of which some are to be read
@@ -333,10 +333,16 @@ class PartFiles:
             except (OSError, ValueError, pyarrow.ArrowException):
                 damaged += [name] if PointRange.of(name) else []
                 continue
-            study = (schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
-            if study != self.study and {*_schema(()).names} <= {*schema.names}:
+            if _study_of(schema) != self.study and {*_schema(()).names} <= {*schema.names}:
                 others.append(name)
+            elif self._is_own(name) and not _is_part(schema, self._metrics):
+                damaged.append(name)
         return others, damaged
+
+    def _is_own(self, name: str) -> bool:
+        """Returns whether a file is called like a part of this study."""
+        part = PointRange.of(name)
+        return part is not None and part.study == self.ranges.study
 
     def _publish(self, tables: Iterable["pyarrow.Table"], first: int, last: int, content: str) -> str:
         from mjrun.formats.arrow_columns import cast_texts
@@ -355,6 +361,33 @@ class PartFiles:
             output.publish()
         self._parts.add(name)
         return name
+
+    def _grouped(self, names: Sequence[str]) -> "Iterator[pyarrow.Table]":
+        """Yields the rows of parts in groups of about `GROUP` rows.
+
+        Raises:
+          _UnreadablePartError: a part is damaged, has been removed, or belongs to another study.
+        """
+        import pyarrow
+
+        from mjrun.formats.arrow_columns import parquet_groups
+
+        waiting, count = list[pyarrow.Table](), 0
+        for name in names:
+            try:
+                with self.folder.open(name) as stream:
+                    for table in parquet_groups(Path(self.folder.path(name)), stream):
+                        if _study_of(table.schema) != self.study or not _is_part(table.schema, self._metrics):
+                            raise _UnreadablePartError
+                        waiting.append(table)
+                        count += table.num_rows
+                        if count >= GROUP:
+                            yield pyarrow.concat_tables(waiting)
+                            waiting, count = [], 0
+            except (OSError, ValueError, pyarrow.ArrowException):
+                raise _UnreadablePartError from None
+        if waiting:
+            yield pyarrow.concat_tables(waiting)
 
     def _names(self, is_relevant: Callable[[PointRange], bool] = lambda _: True, *, is_own: bool = True) -> list[str]:
         """Lists parts of relevant points of this study, or the files that may be parts of others.
@@ -381,6 +414,8 @@ class PartFiles:
     def _rows(self, name: str, *, has_keys: bool = True) -> Iterator["_PartRows"]:
         """Yields the valid rows of a part in groups; nothing if it is damaged, or not a part of a study.
 
+        A file that is called like a part of this study but has other columns counts as damaged.
+
         Raises:
           FileError: it cannot be opened, as for lack of permission.
         """
@@ -396,6 +431,7 @@ class PartFiles:
             with stream:
                 for table in parquet_groups(Path(self.folder.path(name)), stream, TEXTS, () if has_keys else ("key",)):
                     if not _is_part(table.schema, self._metrics, has_keys=has_keys):
+                        self.damaged += [name] if self._is_own(name) else []
                         return
                     yield _part_rows(table, self._metrics)
         except (OSError, ValueError, pyarrow.ArrowException):
@@ -607,7 +643,12 @@ def _part(points: np.ndarray, keys: Sequence[str], results: ResultRows, metrics:
     return pyarrow.Table.from_arrays(columns, names=_schema(metrics).names)
 
 
-def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str], *, has_keys: bool) -> bool:
+def _study_of(schema: "pyarrow.Schema") -> str:
+    """Returns the hash of the study whose results a part contains."""
+    return (schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
+
+
+def _is_part(schema: "pyarrow.Schema", metrics: Sequence[str], *, has_keys: bool = True) -> bool:
     """Returns whether a file with these columns is a part of a study with these metrics."""
     from pyarrow import types
 
@@ -653,36 +694,9 @@ def _part_rows(table: "pyarrow.Table", metrics: Sequence[str]) -> _PartRows:
         *coded("host"),
     )
     rows = np.flatnonzero(is_valid & (status != MISSING))
-    study = (table.schema.metadata or {}).get(STUDY.encode(), b"").decode("utf-8", "replace")
     keys = array_numbers(arrays["key"], KEYS) if "key" in arrays else np.zeros(table.num_rows, KEYS)
-    return _PartRows(study, numbers("point")[rows], keys[rows], results.at(rows))
+    return _PartRows(_study_of(table.schema), numbers("point")[rows], keys[rows], results.at(rows))
 
 
 def _binary(keys: Sequence[str]) -> np.ndarray:
     return np.array([bytes.fromhex(key) for key in keys], KEYS)
-
-
-def _grouped(folder: Folder, names: Sequence[str]) -> "Iterator[pyarrow.Table]":
-    """Yields the rows of parts in groups of about `GROUP` rows.
-
-    Raises:
-      _UnreadablePartError: a part is damaged, or has been removed.
-    """
-    import pyarrow
-
-    from mjrun.formats.arrow_columns import parquet_groups
-
-    waiting, count = list[pyarrow.Table](), 0
-    for name in names:
-        try:
-            with folder.open(name) as stream:
-                for table in parquet_groups(Path(folder.path(name)), stream):
-                    waiting.append(table)
-                    count += table.num_rows
-                    if count >= GROUP:
-                        yield pyarrow.concat_tables(waiting)
-                        waiting, count = [], 0
-        except (OSError, ValueError, pyarrow.ArrowException):
-            raise _UnreadablePartError from None
-    if waiting:
-        yield pyarrow.concat_tables(waiting)

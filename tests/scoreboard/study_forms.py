@@ -63,7 +63,7 @@ def _plans(plan: bytes) -> Iterator[tuple[str, bytes | str, tuple[int, ...]]]:
     yield "UTF-16", plan.decode().encode("utf-16"), (2,)
     yield "cut off", plan[: len(plan) // 3], (2,)
     yield "a table", CSV, (2,)
-    yield "an integer of 5,000 digits", plan.replace(b'"points": [0]', b'"points": [' + b"9" * 5000 + b"]"), (2,)
+    yield "an integer of 5,000 digits", plan.replace(b'"ranges": [[0, ', b'"ranges": [[0, ' + b"9" * 5000), (2,)
     for what, (values, codes) in INPUTS["PLANS"].items():
         if what == "no hashes":
             yield "other chunks", plan + changed(folder="elsewhere"), (2,)
@@ -90,12 +90,14 @@ def _deep(plan: bytes) -> bytes:
     return plan.replace(b'"steps": 2', b'"steps": ' + b"[" * 900 + b"]" * 900)
 
 
-def _part(**columns: object) -> Callable[[bytes], Content]:
-    """Makes a part with changed columns; None removes one."""
+def _part(**columns: pyarrow.Array | None) -> Callable[[bytes], Content]:
+    """Makes a part with one value in all rows of the changed columns; None removes one."""
 
     def make(content: bytes) -> Content:
         table = pyarrow.parquet.read_table(pyarrow.BufferReader(content))
-        values = {name: table[name] for name in table.column_names} | columns
+        rows = [0] * table.num_rows
+        repeated = {name: value and value.take(rows) for name, value in columns.items()}
+        values = {name: table[name] for name in table.column_names} | repeated
         kept = {name: value for name, value in values.items() if value is not None}
         return lambda path: pyarrow.parquet.write_table(pyarrow.table(kept), path)
 
@@ -112,7 +114,8 @@ def _parts() -> Iterator[tuple[str, Callable[[bytes], Content], tuple[int, ...]]
     yield "a link to another file", lambda content: lambda path: path.symlink_to(f"../../../{BETWEEN}"), (0,)
     yield "a folder", lambda content: lambda path: path.mkdir(), (0, 7)
     yield "a link to nothing", lambda content: lambda path: path.symlink_to("nowhere"), (0, 7)
-    yield "keys of other points", _part(key=pyarrow.array(["0" * 32])), (0,)
+    yield "keys of other points", _part(key=pyarrow.array([bytes(16)], pyarrow.binary(16))), (0,)
+    yield "keys that are texts", _part(key=pyarrow.array(["0" * 32])), (0,)
     yield "keys that are numbers", _part(key=pyarrow.array([1])), (0,)
     yield "keys that are null", _part(key=pyarrow.array([None], pyarrow.string())), (0,)
     yield "keys that are lists", _part(key=pyarrow.array([["a"]])), (0,)

@@ -225,6 +225,28 @@ def test_rows_that_mjrun_never_writes_are_passed_over(files: PartFiles, name: st
     assert read(files) == {}
 
 
+def test_files_that_are_only_called_like_parts_are_not_merged(files: PartFiles, tmp_path: Path) -> None:
+    odd = write(files, [0], RESULTS[:1])
+    table = pyarrow.parquet.ParquetFile(odd).read()
+    changed = table.set_column(table.column_names.index("metric:a"), "metric:a", pyarrow.array(["much"]))
+    pyarrow.parquet.write_table(changed, odd)
+    other = write(files_in(tmp_path, "cd" * 32), [3], RESULTS[:1])
+    other = other.rename(odd.with_name(odd.name.replace("-0-0-", "-3-3-")))
+    for point in (1, 2):
+        write(files, [point], RESULTS[:1])
+
+    assert read(files, range(3)) == {1: "ok", 2: "ok"}
+    assert files.damaged == [odd.name]
+    assert files.unused() == ([other.name], [odd.name])
+    files.merge_small([part.name for part in (tmp_path / "parts").iterdir() if part not in (odd, other)])
+    (merged,) = {*(tmp_path / "parts").iterdir()} - {odd, other}
+    for each in (odd, other):
+        assert files.merge([each.name, merged.name]) is None
+    files.merge_all()
+    assert {*(tmp_path / "parts").iterdir()} == {odd, other, merged}
+    assert read(files, range(3)) == {1: "ok", 2: "ok"}
+
+
 def keys(spec: StudySpec, names: tuple[str, ...], points: Sequence[tuple[str, ...]]) -> list[str]:
     spec = replace(spec, names=names, base=spec.base.with_snapshot())
     return point_keys(study_identity(spec, spec.base.load()), spec, points)
