@@ -22,7 +22,7 @@ from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
 from mjrun.options import check, episode_dataset, evaluation, fit, image_dataset, sweep, task
-from mjrun.outputs.exports import export_formats
+from mjrun.outputs import exports
 from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
 from mjrun.platform import system
@@ -140,7 +140,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
-        **{each.extra: (each.libraries, [*each.suffixes]) for each in export_formats().values() if each.extra},
+        **{each.extra: (each.libraries, [*each.suffixes]) for each in exports.FORMATS.values() if each.extra},
         images_and_videos.EXTRA: ([images_and_videos.LIBRARY], [errors.option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARIES, [f"{errors.option('engine')} warp"]),
     }

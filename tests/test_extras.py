@@ -154,7 +154,7 @@ EAGER = {
     "mjrun.formats.arrow_columns",
     *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
     "mjrun.formats.mcap",
-    "mjrun.outputs.mcap_export",
+    "mjrun.outputs.exports.mcap",
     "mjrun.formats.usd",
     *(f"mjrun.formats.tables.{name}" for name in ("feather", "hdf5", "parquet")),
     *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),

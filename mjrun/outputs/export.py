@@ -3,8 +3,9 @@
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, BinaryIO
 
 import mujoco
@@ -23,7 +24,7 @@ from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.event_detection import EventAndAssertionDetector, TimelineMark
-from mjrun.outputs.exports import ExportFormat, export_format, export_formats
+from mjrun.outputs.exports import FORMATS, ExportFormat, export_format
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import (
     RecordedScene,
@@ -102,7 +103,7 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         }
         for name, is_given in given.items():
             if is_given and name not in self.file_format.options:
-                able = [each.name for each in export_formats().values() if name in each.options]
+                able = [each.name for each in FORMATS.values() if name in each.options]
                 hint = f"\nit applies to {listing(able)}" if able else ""
                 raise UsageError(f"{option(name)} does not apply to {self.file_format.name}{hint}", path=(name,))
         if self.images is not None and not self.camera:
@@ -133,18 +134,13 @@ class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
         count = None if schedule is None else len(schedule.steps)
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
         detector = self._detector(context)
-        return ExportPlan(
+        content = ExportContent(scene, images, schedule, table, rows, detector)
+        return output.OutputPlan(
             preview=output.OutputPreview("export", self.output, count, "frames", (), about),
             until=context.timeline.steps,
+            open=partial(OpenExport, self, content),
             enable_flags=(table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0),
             conditions=scene.conditions,
-            request=self,
-            scene=scene,
-            images=images,
-            schedule=schedule,
-            table=table,
-            rows=rows,
-            detector=detector,
         )
 
     @property
@@ -420,9 +416,9 @@ class SceneToExport:
         return replace(graph, nodes=nodes), replace(motion, tracks=tracks)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExportPlan(output.OutputPlan[ExportResult]):
-    """A planned export.
+@dataclass(frozen=True)
+class ExportContent:
+    """The planned content of an export.
 
     Attributes:
       images: the images that the file holds, if any.
@@ -432,7 +428,6 @@ class ExportPlan(output.OutputPlan[ExportResult]):
       detector: detects marks on the time line, if any.
     """
 
-    request: Export
     scene: ScenePlan
     images: "FramePlan | None"
     schedule: FrameSchedule | None
@@ -440,16 +435,14 @@ class ExportPlan(output.OutputPlan[ExportResult]):
     rows: Sequence[int] | None
     detector: EventAndAssertionDetector | None
 
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenExport":
-        return OpenExport(self, stack, backends)
-
 
 class OpenExport(output.OpenOutput[ExportResult]):
     """An export with an open file."""
 
-    def __init__(self, plan: ExportPlan, stack: ExitStack, backends: output.RenderingResources) -> None:
-        request = self._request = plan.request
-        self._plan, self._context = plan, plan.scene.context
+    def __init__(
+        self, request: Export, plan: ExportContent, stack: ExitStack, backends: output.RenderingResources
+    ) -> None:
+        self._request, self._plan, self._context = request, plan, plan.scene.context
         self._facts = self._context.facts(request, plan.schedule.observed if plan.schedule else None)
         self._images: OpenFrames | None = None
         if plan.images:
@@ -494,10 +487,8 @@ class OpenExport(output.OpenOutput[ExportResult]):
         contacts = self._contacts.contacts(len(placed.states)) if self._contacts else None
         values, plan = self._measured(), self._plan.scene
         scene = SceneToExport(self._request, plan, placed, self._images, values, marks, contacts, self._facts)
-        write = self._request.file_format.write
-        assert write
         with self._writer.writing():
-            write(scene, self._file)
+            resolve_name(self._request.file_format.write)(scene, self._file)
             self._file.flush()
             size = self._file.tell() if self._file.seekable() else 0
         self._writer.finish()

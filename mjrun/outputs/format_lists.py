@@ -62,9 +62,9 @@ def _plots() -> Iterable[str]:
 
 def _exports(*, folders: bool) -> Iterable[str]:
     """Returns the names of formats that write files, or folders, with their descriptions."""
-    from mjrun.outputs.exports import export_formats
+    from mjrun.outputs.exports import FORMATS
 
-    for name, known in export_formats().items():
+    for name, known in FORMATS.items():
         if bool(known.suffixes) != folders:
             yield f"{known.suffixes[0] if known.suffixes else name} ({known.description})"
 

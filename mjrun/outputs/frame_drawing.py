@@ -18,7 +18,7 @@ from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import OutputPlan, OutputResult, PassContext, RenderingResources
+from mjrun.outputs.output import OutputResult, PassContext, RenderingResources
 from mjrun.outputs.recorded_scene import (
     R_co,
     RecordedScene,
@@ -293,18 +293,6 @@ def plan_frames(
         corner = request.text_corner or ("bottom-right" if request.captions else "top-left")
         overlay = empty_overlay(frame_size(request), corner, plots, side)
     return FramePlan(request, scene, plots, probes, overlay)
-
-
-@dataclass(frozen=True, kw_only=True)
-class VideoOrImagePlan(OutputPlan[R_co]):
-    """A planned output of frames.
-
-    Attributes:
-      schedule: the schedule of the frames; None if events decide.
-    """
-
-    frames: FramePlan
-    schedule: FrameSchedule | None
 
 
 @dataclass(eq=False)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationFile, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_drawing import (
-    VideoOrImagePlan,
+    FramePlan,
     VideoOrImageRequest,
     frame_compositor,
     open_frames,
@@ -93,14 +93,12 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
         when = "at an event" if schedule is None else f"at {schedule.times[0]:g} s"
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
-        return ImagePlan(
+        return output.OutputPlan(
             preview=output.OutputPreview("image", self.output, 1, "image", frames.size_of(file), about),
             until=context.timeline.steps if schedule is None else schedule.steps[0],
+            open=partial(OpenImage, self, frames, schedule),
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
-            request=self,
-            frames=frames,
-            schedule=schedule,
         )
 
 
@@ -145,43 +143,44 @@ class ImageFile(VideoOrImageFile):
         return self.panels[0].view if self.exact else "rgb"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImagePlan(VideoOrImagePlan[ImageResult]):
-    """A planned image."""
-
-    request: Image
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenImage":
-        return OpenImage(self, stack, backends)
-
-
 class OpenImage(output.OpenOutput[ImageResult]):
-    """An image with open files."""
+    """An image with open files.
 
-    def __init__(self, plan: ImagePlan, stack: ExitStack, backends: output.RenderingResources) -> None:
-        request, files = plan.request, plan.request.formatted_files
-        self._plan, self._request = plan, request
-        self._frames = open_frames(plan.frames, plan.schedule, files, stack, backends)
+    Args:
+      schedule: the schedule of the frame; None if an event decides.
+    """
+
+    def __init__(
+        self,
+        request: Image,
+        frames: FramePlan,
+        schedule: FrameSchedule | None,
+        stack: ExitStack,
+        backends: output.RenderingResources,
+    ) -> None:
+        files = request.formatted_files
+        self._request, self._scene_plan = request, frames.scene
+        self._frames = open_frames(frames, schedule, files, stack, backends)
         self.taps = self._frames.taps
         self._facts = self._frames.facts
         self._writers: list[ImageWriter] = []
         for file in files:
-            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self._facts)
+            size, tags = frames.size_of(file), output.metadata_tags(file.target, self._facts)
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
         self._calibration: CalibrationFile | None = None
         if request.calibration is not None:
             numbers = any(file.view == "depth" and file.format == "png" for file in files)
-            self._calibration = CalibrationFile(request, plan.frames.scene.motions, files, numbers)
+            self._calibration = CalibrationFile(request, frames.scene.motions, files, numbers)
             stack.enter_context(self._calibration.writer)
         self._pointcloud: PointCloudWriter | None = None
         if request.pointcloud is not None:
-            model = plan.frames.scene.context.model
+            model = frames.scene.context.model
             labels = Segmentation(model, request.seg_by).legend if "seg" in request.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(request.pointcloud, labels))
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule_frames(self._plan.frames.scene, event_steps)
+        self._frames.schedule = self._request.schedule_frames(self._scene_plan, event_steps)
         self.taps = self._frames.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[ImageResult]:
@@ -193,7 +192,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
         clipped = max(writer.clipped for writer in self._writers)
         if clipped:
             text = f"{clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
-            self._plan.frames.scene.context.reporter.warn(text)
+            self._scene_plan.context.reporter.warn(text)
 
         writers: list[OutputWriter] = [*self._writers]
         if self._calibration:
@@ -214,7 +213,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             path=self._request.output,
             paths=[str(place.shown) for place in places if place.stdout is None],
             format=file.format,
-            size=self._plan.frames.size_of(file),
+            size=self._frames.plan.size_of(file),
             time=schedule.times[0],
             step=schedule.steps[0],
             clipped=clipped,

@@ -83,7 +83,9 @@ class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
         numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
         about = f"{clean(self.name)}, {numbers} numbers"
         preview = output.OutputPreview("keyframe", self.output, 1, "key", [numbers], about)
-        return KeyframePlan(preview=preview, until=step, request=self, context=context, source=file, xml=xml)
+        return output.OutputPlan(
+            preview=preview, until=step, open=lambda stack, _: OpenKeyframe(self, context, step, file, xml, stack)
+        )
 
 
 @dataclass(frozen=True)
@@ -102,29 +104,17 @@ class KeyframeResult(output.OutputResult):
     step: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeyframePlan(output.OutputPlan[KeyframeResult]):
-    """A planned keyframe at the step `until`.
+class OpenKeyframe(output.OpenOutput[KeyframeResult]):
+    """A keyframe with an open file.
 
-    Attributes:
-      source, xml: the main file of the model and its content.
+    Args:
+      file, xml: the main file of the model and its content.
     """
 
-    request: Keyframe
-    context: output.PassContext
-    source: Path
-    xml: bytes
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenKeyframe":
-        return OpenKeyframe(self, stack)
-
-
-class OpenKeyframe(output.OpenOutput[KeyframeResult]):
-    """A keyframe with an open file."""
-
-    def __init__(self, plan: KeyframePlan, stack: ExitStack) -> None:
-        request, context = plan.request, plan.context
-        self._request, self._context, self._step = request, context, plan.until
+    def __init__(
+        self, request: Keyframe, context: output.PassContext, step: int, file: Path, xml: bytes, stack: ExitStack
+    ) -> None:
+        self._request, self._context, self._step = request, context, step
         self._state = np.empty(0)
         model, origin = context.model, request.simulation.source
         if origin.overrides:
@@ -132,8 +122,8 @@ class OpenKeyframe(output.OpenOutput[KeyframeResult]):
             overrides = listing([str(override) for override in origin.overrides])
             context.reporter.warn(f"{request.output} holds the model without its overrides: {overrides} is left out")
         self._facts = context.facts(request)
-        self.taps = [Tap([plan.until], self._record)]
-        self._writer = stack.enter_context(KeyframeWriter(request.output, plan.source, plan.xml, request.name, model))
+        self.taps = [Tap([step], self._record)]
+        self._writer = stack.enter_context(KeyframeWriter(request.output, file, xml, request.name, model))
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[KeyframeResult]:
         for text in self._writer.write(self._context.model, self._state):

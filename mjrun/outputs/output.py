@@ -1,6 +1,6 @@
 """An output in three phases, each a value: a plan, an output whose files are open, and a finished output.
 
-A *request*, such as `Video`, is an output as requested. Its *plan*, `VideoPlan`, knows the model: every name is
+A *request*, such as `Video`, is an output as requested. Its *plan*, an `OutputPlan`, knows the model: every name is
 resolved, every number checked. An *open output*, `OpenVideo`, observes the simulation through its taps. A *finished
 output* has its result, and its files are complete.
 
@@ -17,7 +17,7 @@ The pass in `perform` calls, in this order:
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from json import dumps
@@ -235,24 +235,22 @@ class OpenBlockOutput(OpenOutput[R_co]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputPlan(ABC, Generic[R_co]):
+class OutputPlan(Generic[R_co]):
     """A planned output for a model, with every name resolved and every number checked; nothing is open yet.
 
     Attributes:
       preview: description of the output.
       until: the last step that the output needs.
+      open: opens the files, whose unpublished ones the stack removes, and starts drawing processes and encoders.
       enable_flags: MuJoCo enable flags that the measured values require.
       conditions: conditions of the events that the output waits for.
     """
 
     preview: OutputPreview
     until: int
+    open: Callable[[ExitStack, RenderingResources], OpenOutput[R_co]]
     enable_flags: int = 0
     conditions: Sequence[str] = ()
-
-    @abstractmethod
-    def open(self, stack: ExitStack, backends: RenderingResources) -> OpenOutput[R_co]:
-        """Opens the files, whose unpublished ones the stack removes, and starts drawing processes and encoders."""
 
 
 @options

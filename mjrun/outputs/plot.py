@@ -55,15 +55,11 @@ class Plot(PlotOptions, output.OutputRequest["PlotResult"]):
 
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
         preview = output.OutputPreview("plot", self.output, len(steps), "samples", figure.grid.size, about)
-        return PlotPlan(
+        return output.OutputPlan(
             preview=preview,
             until=context.timeline.steps,
+            open=lambda stack, _: OpenPlot(self, context, table, steps, figure, stack),
             enable_flags=table.model.opt.enableflags,
-            request=self,
-            context=context,
-            table=table,
-            steps=steps,
-            figure=figure,
         )
 
     def probe_sampler(self, context: output.PassContext) -> ProbeSampler:
@@ -112,31 +108,24 @@ class PlotResult(output.OutputResult):
     points: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlotPlan(output.OutputPlan[PlotResult]):
-    """A planned plot.
+class OpenPlot(output.OpenBlockOutput[PlotResult]):
+    """A plot with an open file.
 
-    Attributes:
+    Args:
       table: the columns of all panels.
       steps: the steps of the samples.
       figure: the plan of the figure.
     """
 
-    request: Plot
-    context: output.PassContext
-    table: ProbeSampler
-    steps: Sequence[int]
-    figure: FigurePlan
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenPlot":
-        return OpenPlot(self, stack)
-
-
-class OpenPlot(output.OpenBlockOutput[PlotResult]):
-    """A plot with an open file."""
-
-    def __init__(self, plan: PlotPlan, stack: ExitStack) -> None:
-        request, context, table, steps, figure = plan.request, plan.context, plan.table, plan.steps, plan.figure
+    def __init__(
+        self,
+        request: Plot,
+        context: output.PassContext,
+        table: ProbeSampler,
+        steps: Sequence[int],
+        figure: FigurePlan,
+        stack: ExitStack,
+    ) -> None:
         self._request, self._context, self._table, self._steps, self._figure = request, context, table, steps, figure
         self._collectors = [figure.collector(index) for index in range(len(figure.tables))]
         self._buffer = RowBuffer(table, steps, lambda block: self.feed(0, table.names, block.values))

@@ -25,7 +25,9 @@ class Recording(RecordingOptions, output.OutputRequest["RecordingResult"]):
         """Plans the recording; there is nothing to check."""
         size, steps = state.size(context.model), context.timeline.steps
         preview = output.OutputPreview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
-        return RecordingPlan(preview=preview, until=steps, request=self, context=context)
+        return output.OutputPlan(
+            preview=preview, until=steps, open=lambda stack, _: OpenRecording(self, context, stack)
+        )
 
 
 @dataclass(frozen=True)
@@ -42,17 +44,6 @@ class RecordingResult(output.OutputResult):
     states: int
     size: int
     simulated: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordingPlan(output.OutputPlan[RecordingResult]):
-    """A planned recording."""
-
-    request: Recording
-    context: output.PassContext
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenRecording":
-        return OpenRecording(self.request, self.context, stack)
 
 
 class OpenRecording(output.OpenOutput[RecordingResult]):

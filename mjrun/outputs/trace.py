@@ -120,15 +120,11 @@ class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
         count, path = len(table.columns), self.output if self.written else self.golden or "memory"
         about = f"{output_format(self.target, self.format).name}, {count} columns"
         preview = output.OutputPreview("trace", path, len(steps), "rows", [count], about)
-        return TracePlan(
+        return output.OutputPlan(
             preview=preview,
             until=context.timeline.steps,
+            open=lambda stack, _: OpenTrace(self, context, table, steps, assertions, stack),
             enable_flags=table.model.opt.enableflags,
-            request=self,
-            context=context,
-            table=table,
-            steps=steps,
-            assertions=assertions,
         )
 
 
@@ -163,30 +159,23 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
         return [TIME, *(selected_columns(model, probes, episode) if probes else available_columns(model, episode))]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TracePlan(output.OutputPlan[TraceResult]):
-    """A planned trace.
+class OpenTrace(output.OpenBlockOutput[TraceResult]):
+    """A trace with open files.
 
-    Attributes:
+    Args:
       table: its columns.
       steps: the steps of its rows.
     """
 
-    request: Trace
-    context: output.PassContext
-    table: ProbeSampler
-    steps: Sequence[int]
-    assertions: "Sequence[Assertion]"
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenTrace":
-        return OpenTrace(self, stack)
-
-
-class OpenTrace(output.OpenBlockOutput[TraceResult]):
-    """A trace with open files."""
-
-    def __init__(self, plan: TracePlan, stack: ExitStack) -> None:
-        request, context, table, steps = plan.request, plan.context, plan.table, plan.steps
+    def __init__(
+        self,
+        request: Trace,
+        context: output.PassContext,
+        table: ProbeSampler,
+        steps: Sequence[int],
+        assertions: "Sequence[Assertion]",
+        stack: ExitStack,
+    ) -> None:
         self._request, self._context, self._table, self._steps = request, context, table, steps
         self._facts = context.facts(request)
         self._format = output_format(request.target, request.format).name
@@ -203,7 +192,7 @@ class OpenTrace(output.OpenBlockOutput[TraceResult]):
         if request.golden is not None:
             self._golden = _OpenGoldenTable(request, table.columns, self._facts, stack)
         self._rows_to = request.rows_to(table.columns) if request.rows_to else None
-        self._checkers = [assertion.checker() for assertion in plan.assertions]
+        self._checkers = [assertion.checker() for assertion in assertions]
         self._buffer = RowBuffer(table, steps, self._write)
         self.taps = [Tap(steps, self._buffer.record)]
         self._rows = 0

@@ -4,7 +4,7 @@ from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import field
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from math import prod
 from time import perf_counter
 from typing import Any
@@ -24,7 +24,7 @@ from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationFile, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.frame_drawing import (
     FrameDrawer,
-    VideoOrImagePlan,
+    FramePlan,
     VideoOrImageRequest,
     frame_compositor,
     open_frames,
@@ -86,14 +86,12 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
         schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
         count = None if schedule is None else len(schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
-        return VideoPlan(
+        return output.OutputPlan(
             preview=output.OutputPreview("video", self.output, count, "frames", frames.size_of(file), about),
             until=context.timeline.steps,
+            open=partial(OpenVideo, self, frames, schedule),
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
-            request=self,
-            frames=frames,
-            schedule=schedule,
         )
 
 
@@ -137,29 +135,29 @@ class VideoFile(VideoOrImageFile):
     encoding: VideoEncoding = field(kw_only=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class VideoPlan(VideoOrImagePlan[VideoResult]):
-    """A planned video."""
-
-    request: Video
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenVideo":
-        return OpenVideo(self, stack, backends)
-
-
 class OpenVideo(output.OpenOutput[VideoResult]):
-    """A video with open files."""
+    """A video with open files.
 
-    def __init__(self, plan: VideoPlan, stack: ExitStack, backends: output.RenderingResources) -> None:
-        request = plan.request
-        self._request, self._scene_plan, self._reporter = request, plan.frames.scene, plan.frames.scene.context.reporter
-        self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
+    Args:
+      schedule: the schedule of the frames; None if events decide.
+    """
+
+    def __init__(
+        self,
+        request: Video,
+        frames: FramePlan,
+        schedule: FrameSchedule | None,
+        stack: ExitStack,
+        backends: output.RenderingResources,
+    ) -> None:
+        self._request, self._scene_plan, self._reporter = request, frames.scene, frames.scene.context.reporter
+        self._frames = open_frames(frames, schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
-        count = {"frames": len(plan.schedule.steps)} if plan.schedule else {}
+        count = {"frames": len(schedule.steps)} if schedule else {}
         self._facts = {**self._frames.facts, **count}
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in request.encoded_files:
-            size, tags = plan.frames.size_of(file), output.metadata_tags(file.target, self._facts)
+            size, tags = frames.size_of(file), output.metadata_tags(file.target, self._facts)
             self._note_padding(file.encoding, size)
             writer = VideoWriter(file.target, file.encoding, size, request.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
@@ -265,33 +263,33 @@ class VideoInMemory(Video):
     def plan(self, context: output.PassContext) -> output.OutputPlan[Any]:
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames = plan_frames(self, context, self.plot, self.plot_side)
-        return VideoInMemoryPlan(
+        schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
+        return output.OutputPlan(
             preview=output.OutputPreview("video", self.output, None, "frames", self.size),
             until=context.timeline.steps,
+            open=partial(OpenVideoInMemory, self, frames, schedule),
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
-            request=self,
-            frames=frames,
-            schedule=None if frames.scene.conditions else self.schedule_frames(frames.scene, {}),
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class VideoInMemoryPlan(VideoOrImagePlan[output.OutputResult]):
-    """A planned video in memory."""
-
-    request: VideoInMemory
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenVideoInMemory":
-        return OpenVideoInMemory(self, stack, backends)
-
-
 class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):
-    """The frames of a video, without a file."""
+    """The frames of a video, without a file.
 
-    def __init__(self, plan: VideoInMemoryPlan, stack: ExitStack, backends: output.RenderingResources) -> None:
-        request = self._request = plan.request
-        self._frames = open_frames(plan.frames, plan.schedule, request.encoded_files, stack, backends, request.jobs)
+    Args:
+      schedule: the schedule of the frames; None if events decide.
+    """
+
+    def __init__(
+        self,
+        request: VideoInMemory,
+        frames: FramePlan,
+        schedule: FrameSchedule | None,
+        stack: ExitStack,
+        backends: output.RenderingResources,
+    ) -> None:
+        self._request = request
+        self._frames = open_frames(frames, schedule, request.encoded_files, stack, backends, request.jobs)
         self.taps = self._frames.taps
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:

@@ -14,9 +14,9 @@ from mjrun.options.option import options
 from mjrun.options.sweep import VariationOptions
 from mjrun.outputs import output
 from mjrun.outputs.event_detection import final_timeline
-from mjrun.outputs.plot import OpenPlot, Plot, PlotPlan, PlotResult, table_columns
+from mjrun.outputs.plot import OpenPlot, Plot, PlotResult, table_columns
 from mjrun.outputs.trace import row_steps
-from mjrun.outputs.trace_rows import TIME
+from mjrun.outputs.trace_rows import TIME, ProbeSampler
 from mjrun.physics.stepper import Stepper
 from mjrun.plotting.figure_plan import FigurePlan
 from mjrun.probe.select import available_columns
@@ -84,8 +84,10 @@ class VariedPlot(VariationOptions, Plot):
         about = f"{self.figure_format}, {'; '.join(panel.label for panel in figure.panels)}"
         preview = output.OutputPreview("plot", self.output, len(points), "points", figure.grid.size, about)
         table = self.probe_sampler(contexts[0])
-        return VariedPlotPlan(
-            preview=preview, until=0, request=self, context=context, table=table, steps=(), figure=figure, points=points
+        return output.OutputPlan(
+            preview=preview,
+            until=0,
+            open=lambda stack, _: OpenVariedPlot(self, context, table, figure, points, stack),
         )
 
     def context(self, point: DrawnPoint, base: output.PassContext) -> output.PassContext:
@@ -125,23 +127,20 @@ class VariedPlot(VariationOptions, Plot):
         ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class VariedPlotPlan(PlotPlan):
-    """A planned plot of several points."""
-
-    request: VariedPlot
-    points: Sequence[DrawnPoint]
-
-    def open(self, stack: ExitStack, backends: output.RenderingResources) -> "OpenVariedPlot":
-        return OpenVariedPlot(self, stack)
-
-
 class OpenVariedPlot(OpenPlot):
     """A plot with an open file, of points that are simulated one after another."""
 
-    def __init__(self, plan: VariedPlotPlan, stack: ExitStack) -> None:
-        super().__init__(plan, stack)
-        self._varied, self._points = plan.request, plan.points
+    def __init__(
+        self,
+        request: VariedPlot,
+        context: output.PassContext,
+        table: ProbeSampler,
+        figure: FigurePlan,
+        points: Sequence[DrawnPoint],
+        stack: ExitStack,
+    ) -> None:
+        super().__init__(request, context, table, (), figure, stack)
+        self._varied, self._points = request, points
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Simulates every point, instead of `stepper`.

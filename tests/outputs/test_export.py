@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -15,8 +16,7 @@ from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.cli.console import Console
 from mjrun.errors import MjrunError, SimulationError, clean
 from mjrun.outputs.export import BLOCK, ContactRecorder, Export
-from mjrun.outputs.exports import export_format, export_formats
-from mjrun.outputs.exports.glb import FORMAT
+from mjrun.outputs.exports import FORMATS, export_format
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from tests.gltf_files import animated, read_gltf
@@ -121,10 +121,15 @@ def test_faulty_requests_fail_before_the_simulation(
     assert not (tmp_path / output).exists()
 
 
-def test_formats_are_found_in_their_folder() -> None:
-    assert export_formats()["glb"] is FORMAT
-    assert export_format("A.GLB") is FORMAT
-    assert export_format("anything", "glb") is FORMAT
+def test_formats_are_found_by_suffix_and_by_name() -> None:
+    assert export_format("A.GLB") is FORMATS["glb"]
+    assert export_format("anything", "glb") is FORMATS["glb"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_format_names_its_writer_or_the_output_that_makes_its_folder(name: str) -> None:
+    assert bool(FORMATS[name].write) != bool(FORMATS[name].product)
+    assert callable(resolve_name(FORMATS[name].write or FORMATS[name].product))
 
 
 MODEL = """

@@ -1,22 +1,18 @@
-"""The formats of exports, one module each.
+"""The formats of exports: a declaration of each, and modules with their writers.
 
-A module is found by its place in this package, and defines `FORMAT`, an `ExportFormat`. Help lists the formats, so that
-their modules import numpy, MuJoCo and the libraries of the format inside functions.
+Help lists the formats, so that writers, which import numpy, MuJoCo and the libraries of their format, are imported on
+first use.
 """
 
-import functools
-import importlib
-import pkgutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.options.trace import PROBES
 from mjrun.packages import require
 
-if TYPE_CHECKING:
-    from mjrun.outputs.export import SceneToExport
+EPISODES = "mjrun.study.episode_dataset:EpisodeDataset"
 
 
 @dataclass(frozen=True)
@@ -27,7 +23,7 @@ class ExportFormat:
       name: value of the option format.
       suffixes: suffixes of its files, the usual one first; empty for folders.
       description: a noun phrase for help and documentation.
-      write: writes the file; None for a format of folders with episodes.
+      write: `package.module:function` that writes a `SceneToExport` to a file; empty for folders with episodes.
       cameras: the cameras that are added to those of the model by default.
       draws: whether it holds images from the cameras that are requested.
       columns: the option whose columns it holds: `plot`, `probe` or neither.
@@ -43,7 +39,7 @@ class ExportFormat:
     name: str
     suffixes: Sequence[str]
     description: str
-    write: "Callable[[SceneToExport, BinaryIO], object] | None" = None
+    write: str = ""
     cameras: Sequence[str] = ("free",)
     draws: bool = False
     columns: str = ""
@@ -69,11 +65,48 @@ class ExportFormat:
             require(f"writing {self.suffixes[0] if self.suffixes else self.name}", self.extra, *self.libraries)
 
 
-@functools.cache
-def export_formats() -> dict[str, ExportFormat]:
-    """Returns all formats by name."""
-    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    return {module.FORMAT.name: module.FORMAT for module in modules}
+FORMATS = {
+    known.name: known
+    for known in (
+        ExportFormat(
+            "glb", (".glb",), "binary glTF with scene and motion", "mjrun.outputs.exports.scene_files:write_glb_file"
+        ),
+        ExportFormat(
+            "html",
+            (".html", ".htm"),
+            "a page that replays the simulation in 3D, without network",
+            "mjrun.outputs.exports.html:write_page",
+            cameras=(),
+            columns="plot",
+            contacts=True,
+            layers=("contactpoint", "contactforce", "labels"),
+            timeline=True,
+            hidden=True,
+        ),
+        ExportFormat("lerobot", (), "LeRobot dataset v3 of episodes, for imitation learning", product=EPISODES),
+        ExportFormat(
+            "mcap",
+            (".mcap",),
+            "log for Foxglove, Rerun and PlotJuggler",
+            "mjrun.outputs.exports.mcap:write_mcap",
+            cameras=(),
+            draws=True,
+            columns="probe",
+            probes=PROBES,
+            libraries=("mcap", "foxglove_schemas_protobuf", "google.protobuf"),
+            extra="mcap",
+        ),
+        ExportFormat("minari", (), "Minari dataset of episodes, for offline reinforcement learning", product=EPISODES),
+        ExportFormat(
+            "usd",
+            (".usdc", ".usda", ".usdz", ".usd"),
+            "OpenUSD with scene and motion, as binary, text or package",
+            "mjrun.outputs.exports.scene_files:write_usd_file",
+            libraries=("pxr",),
+            extra="usd",
+        ),
+    )
+}
 
 
 def format_named(name: str) -> tuple[ExportFormat, str]:
@@ -82,13 +115,12 @@ def format_named(name: str) -> tuple[ExportFormat, str]:
     Raises:
       UnknownNameError: no format has this name.
     """
-    formats = export_formats()
-    if name in formats:
-        return formats[name], next(iter(formats[name].suffixes), "")
-    suffixes = {suffix: each for each in formats.values() for suffix in each.suffixes}
+    if name in FORMATS:
+        return FORMATS[name], next(iter(FORMATS[name].suffixes), "")
+    suffixes = {suffix: each for each in FORMATS.values() for suffix in each.suffixes}
     suffix = f".{name}"
     if suffix not in suffixes:
-        raise UnknownNameError("format", name, list(formats), where=option("format"))
+        raise UnknownNameError("format", name, list(FORMATS), where=option("format"))
     return suffixes[suffix], suffix
 
 
@@ -100,12 +132,11 @@ def export_format(output: str, name: str | None = None) -> ExportFormat:
       UsageError: no format has this suffix, or the name and the suffix disagree.
       MissingExtraError: a library of the format is not installed.
     """
-    formats = export_formats()
     suffix = Path(output).suffix.lower()
-    by_suffix = next((each for each in formats.values() if suffix in each.suffixes), None)
+    by_suffix = next((each for each in FORMATS.values() if suffix in each.suffixes), None)
     chosen = format_named(name)[0] if name is not None else by_suffix
     if chosen is None:
-        known = ", ".join(suffix for each in formats.values() for suffix in each.suffixes)
+        known = ", ".join(suffix for each in FORMATS.values() for suffix in each.suffixes)
         what = f"unknown suffix {clean(suffix)}" if suffix else "the format of an export follows from its suffix"
         raise UsageError(f"{clean(output)}: {what}\nsuffixes: {known}; or set {option('format')}", path=("output",))
     if by_suffix is not None and name not in (None, by_suffix.name, suffix.removeprefix(".")):

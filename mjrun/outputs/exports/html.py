@@ -1,26 +1,22 @@
 """HTML: a page that replays the simulation in 3D, with curves and marks over a time line, without network access."""
 
-from typing import TYPE_CHECKING, BinaryIO
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import BinaryIO, cast
 
-from mjrun.outputs.exports import ExportFormat
+import mujoco
+import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+from mjrun.formats.glb import write_glb
+from mjrun.outputs.export import SceneToExport
+from mjrun.plotting.replay_page import Replay, ReplayContacts, ReplayCurve, ReplayMark, ReplayPanel, replay_page
+from mjrun.probe.select import select, split
 
-    from mjrun.outputs.export import SceneToExport
-    from mjrun.plotting.replay_page import ReplayPanel
 
-
-def write(scene: "SceneToExport", file: BinaryIO) -> None:
+def write_page(scene: SceneToExport, file: BinaryIO) -> None:
     """Writes the page."""
-    import io
-    from pathlib import Path
-
-    import numpy as np
-
-    from mjrun.formats.glb import write_glb
-    from mjrun.plotting.replay_page import Replay, ReplayContacts, ReplayMark, replay_page
-
     contacts = scene.contacts
     glb = io.BytesIO()
     for text in write_glb(glb, scene.graph, scene.motion, {}, scene.generator):
@@ -41,19 +37,15 @@ def write(scene: "SceneToExport", file: BinaryIO) -> None:
     file.write(replay_page(replay, glb.getvalue()))
 
 
-def _subtitle(scene: "SceneToExport") -> str:
+def _subtitle(scene: SceneToExport) -> str:
     if len(scene.recorded_scene.times) == 1:
         return ""
     rate = float(scene.request.fps / scene.request.speed)
     return f"{float(scene.context.timeline.duration):g} s, {rate:g} frames per second"
 
 
-def _direction(scene: "SceneToExport") -> tuple[float, float] | None:
+def _direction(scene: SceneToExport) -> tuple[float, float] | None:
     """Returns azimuth and elevation of the model's free camera [rad], unless they are MuJoCo's defaults."""
-    import math
-
-    import mujoco
-
     chosen = scene.context.model.vis.global_
     usual = mujoco.MjSpec().visual.global_
     if (chosen.azimuth, chosen.elevation) == (usual.azimuth, usual.elevation):
@@ -61,11 +53,8 @@ def _direction(scene: "SceneToExport") -> tuple[float, float] | None:
     return math.radians(chosen.azimuth), math.radians(chosen.elevation)
 
 
-def _panels(scene: "SceneToExport") -> "Iterator[ReplayPanel]":
+def _panels(scene: SceneToExport) -> Iterator[ReplayPanel]:
     """Yields a panel for each use of the option plot, with the columns that it selects."""
-    from mjrun.plotting.replay_page import ReplayCurve, ReplayPanel
-    from mjrun.probe.select import select, split
-
     values = scene.values
     if values is None:
         return
@@ -79,10 +68,8 @@ def _panels(scene: "SceneToExport") -> "Iterator[ReplayPanel]":
         yield ReplayPanel(", ".join(groups), units.pop() if len(units) == 1 else "", curves)
 
 
-def _facts(scene: "SceneToExport") -> "Sequence[tuple[str, str]]":
+def _facts(scene: SceneToExport) -> Sequence[tuple[str, str]]:
     """Returns the main facts of the manifest, as a reader needs them."""
-    from typing import cast
-
     facts = scene.facts
     model = cast("Mapping[str, object]", facts["model"])
     pairs = {
@@ -95,17 +82,3 @@ def _facts(scene: "SceneToExport") -> "Sequence[tuple[str, str]]":
         "Timestep": f"{facts['timestep']} s",
     }
     return [(name, str(value)) for name, value in pairs.items() if value not in (None, "")]
-
-
-FORMAT = ExportFormat(
-    "html",
-    (".html", ".htm"),
-    "a page that replays the simulation in 3D, without network",
-    write,
-    cameras=(),
-    columns="plot",
-    contacts=True,
-    layers=("contactpoint", "contactforce", "labels"),
-    timeline=True,
-    hidden=True,
-)

@@ -11,7 +11,7 @@ import pytest
 import mjrun
 from mjrun.errors import MjrunError
 from mjrun.outputs.export import Export
-from mjrun.outputs.exports.glb import FORMAT
+from mjrun.outputs.exports import FORMATS
 from tests.gltf_files import ROOT, animated, issues, needs_validator, read_gltf
 
 SCENES = sorted((ROOT / "scenes").glob("*.xml"))
@@ -99,4 +99,5 @@ def test_the_file_states_its_origin_and_the_scene(tmp_path: Path) -> None:
     assert (facts["command"], facts["model"]["path"]) == ("mjrun export", "scene:pendulum")
     assert gltf.asset.generator.startswith("mjrun ")
     assert gltf.scenes[0].extras["extent"] > 0
-    assert FORMAT.suffixes == (".glb",)
+    assert FORMATS["glb"].suffixes == (".glb",)
+    assert FORMATS["glb"].write == "mjrun.outputs.exports.scene_files:write_glb_file"

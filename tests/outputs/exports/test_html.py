@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection
 
 import mjrun
 from mjrun.outputs.export import Export
-from mjrun.outputs.exports.html import FORMAT
+from mjrun.outputs.exports import FORMATS
 from tests.browser import Tab, browser
 
 HOSTILE = "<img src=x onerror=hurt=1>"
@@ -175,5 +175,6 @@ def test_events_and_assertions_are_marks_and_failures_exit(swing: Path, tmp_path
 
 
 def test_the_format_has_no_cameras_of_its_own() -> None:
-    assert FORMAT.suffixes == (".html", ".htm")
-    assert not FORMAT.cameras
+    assert FORMATS["html"].suffixes == (".html", ".htm")
+    assert FORMATS["html"].write == "mjrun.outputs.exports.html:write_page"
+    assert not FORMATS["html"].cameras

@@ -8,8 +8,7 @@ import pytest
 
 import mjrun
 from mjrun.outputs.export import Export
-from mjrun.outputs.exports import export_format
-from mjrun.outputs.exports.usd import FORMAT
+from mjrun.outputs.exports import FORMATS, export_format
 
 
 @pytest.mark.parametrize("fps", [25, 50])
@@ -33,9 +32,9 @@ def test_bodies_are_where_mujoco_puts_them_at_every_time_code(swing: Path, tmp_p
 
 def test_suffixes_choose_text_binary_or_package(swing: Path, tmp_path: Path) -> None:
     starts = {".usda": b"#usda", ".usdc": b"PXR-USDC", ".usdz": b"PK\3\4", ".usd": b"PXR-USDC"}
-    assert {*starts} == {*FORMAT.suffixes}
+    assert {*starts} == {*FORMATS["usd"].suffixes}
     for suffix, start in starts.items():
         path = tmp_path / f"a{suffix}"
         Export(mjrun.Simulation(swing, steps=1), str(path)).run()
         assert path.read_bytes().startswith(start)
-        assert export_format(path.name) is FORMAT
+        assert export_format(path.name) is FORMATS["usd"]

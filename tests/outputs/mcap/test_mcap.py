@@ -16,8 +16,8 @@ import pytest
 import mjrun
 from mjrun.errors import SimulationError, UsageError
 from mjrun.model.table_column import Column
-from mjrun.outputs.exports.mcap import FORMAT
-from mjrun.outputs.mcap_export import topic_names
+from mjrun.outputs.exports import FORMATS
+from mjrun.outputs.exports.mcap import topic_names
 from mjrun.outputs.trace import Trace
 from mjrun.timeline import nanoseconds
 from tests.formats.mcap import files
@@ -327,7 +327,7 @@ def test_an_unstable_simulation_leaves_no_file_unless_part_of_it_is_kept(tmp_pat
 
 
 def test_an_option_that_the_format_does_not_support_is_refused(tmp_path: Path, swing: Path) -> None:
-    assert FORMAT.options == {"probe", "rate", "images"}
+    assert FORMATS["mcap"].options == {"probe", "rate", "images"}
     with pytest.raises(UsageError, match=r"probe does not apply to glb\nit applies to mcap"):
         mjrun.Export(mjrun.Simulation(swing), str(tmp_path / "a.glb"), probe=["energy"]).run()
     with pytest.raises(UsageError, match=r"images requires camera"):
