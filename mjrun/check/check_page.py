@@ -3,7 +3,6 @@
 A picture shows the objects that the message names, coloured, in a grey model.
 """
 
-import base64
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from mjrun.formats.image_encoding import ImageData, jpeg
 from mjrun.model.names import COUNTS
 from mjrun.model.sources import source_of
 from mjrun.model.xml_source import XmlSource
-from mjrun.plotting.html_page import Page, PageCard, PageFactTable
+from mjrun.plotting.html_page import Page, PageCard, PageFactTable, data_uri
 from mjrun.plotting.page_writer import MAKER, PageWriter, origin
 from mjrun.rendering.single_render import render
 from mjrun.rendering.visual import Visual
@@ -136,11 +135,6 @@ class PicturedModel:
         return camera
 
 
-def _data_uri(image: bytes) -> str:
-    """Returns a JPEG as the address of an image in a page."""
-    return f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
-
-
 class FindingCards:
     """The cards of a page; pictures are left out where nothing renders.
 
@@ -234,7 +228,7 @@ def _card(finding: Finding, level: str, others: Sequence[str], images: Sequence[
         level,
         tuple(filter(None, (clean(place), clean(finding.object)))),
         tuple(clean(text) for text in (finding.text, *others)),
-        tuple(map(_data_uri, images)),
+        tuple(data_uri("image/jpeg", image) for image in images),
     )
 
 

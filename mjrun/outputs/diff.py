@@ -1,6 +1,5 @@
 """Comparison of two results: tables, recordings, videos, images or models."""
 
-import base64
 import math
 import os
 import zipfile
@@ -35,7 +34,7 @@ from mjrun.options.option import is_given, options, options_of
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, page_file
+from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, data_uri, page_file
 from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name, origin
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
@@ -333,8 +332,7 @@ def _pair(result: DiffResult, worst: WorstFramePair) -> PictureSlider:
 
 def _address(pixels: np.ndarray) -> str:
     """Returns a picture as a data URI."""
-    content = png(ImageData(np.ascontiguousarray(pixels), 0, None, {}))
-    return f"data:image/png;base64,{base64.b64encode(content).decode()}"
+    return data_uri("image/png", png(ImageData(np.ascontiguousarray(pixels), 0, None, {})))
 
 
 def write_worst_frame(output: str, frames: WorstFramePair, names: Sequence[str], frame: FrameDifference | None) -> None:

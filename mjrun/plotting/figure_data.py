@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, option
+from mjrun.errors import BadValueError, counted, option
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import CurvePoints
 
@@ -152,15 +152,6 @@ ABOVE, BELOW = 2.6, 5.0  # room above the panels if there is a title, and below 
 
 
 @dataclass(frozen=True)
-class FigureCounts:
-    """The counts of a figure's contents: panels, names in the largest legend, and whether there is a title."""
-
-    panels: int
-    names: int
-    titled: bool
-
-
-@dataclass(frozen=True)
 class PanelGrid:
     """Panels in rows, from left to right.
 
@@ -177,7 +168,9 @@ class PanelGrid:
 
 
 def panel_grid(
-    count: FigureCounts,
+    panels: int,
+    names: int,
+    titled: bool,
     size: tuple[int, int] | None,
     columns: int | None,
     font_size: float | None = None,
@@ -187,25 +180,27 @@ def panel_grid(
     """Returns the grid of these panels, in `size` pixels, `columns` and letters of `font_size` points if set.
 
     Args:
+      names: number of names in the largest legend.
+      titled: whether there is a title.
       in_page: whether a page shows the figure, below others and also on phones.
 
     Raises:
       BadValueError: the panels do not fit, or the figure has too many pixels.
     """
-    side = min(count.panels, columns or _columns(count.panels, size[0] if size else None))
-    rows = -(-count.panels // side)
+    side = min(panels, columns or _columns(panels, size[0] if size else None))
+    rows = -(-panels // side)
     width = size[0] if size else WIDTHS[min(side, len(WIDTHS)) - 1]
     if in_page and not size:
         width, font_size = PAGE_WIDTH, font_size or PAGE_FONT
     em = 6 + width / (150 + 30 * (side > 1)) if font_size is None else font_size / POINT
     if size is None:
-        panel = min(max(12.5, 3.5 + 1.02 * count.names), 16.5)  # [em], so that a legend has room
-        height = max(0.5625 * width, (rows * panel + BELOW + ABOVE * count.titled) * em)
+        panel = min(max(12.5, 3.5 + 1.02 * names), 16.5)  # [em], so that a legend has room
+        height = max(0.5625 * width, (rows * panel + BELOW + ABOVE * titled) * em)
         size = width, 2 * round(height / 2)
     least = LEAST_WIDTH * side, LEAST_HEIGHT * rows + LEAST_BELOW
     if size[0] < least[0] or size[1] < least[1]:
-        panels = f"{count.panels} panel{'s' if count.panels > 1 else ''}"
-        raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {least[0]}x{least[1]} for {panels}")
+        expected = f"at least {least[0]}x{least[1]} for {counted(panels, 'panel')}"
+        raise BadValueError(option("size"), f"{size[0]}x{size[1]}", expected)
     if max(size) > MOST_SIDE or size[0] * size[1] > MOST_PIXELS:
         most = f"at most {MOST_SIDE} a side and {MOST_PIXELS // 10**6} megapixels"
         raise BadValueError(option("size"), f"{size[0]}x{size[1]}", most)

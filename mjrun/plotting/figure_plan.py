@@ -6,6 +6,7 @@ Every name is resolved before the first row is read.
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import groupby, takewhile
 
 import numpy as np
@@ -19,7 +20,7 @@ from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
 from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel
 from mjrun.plotting.envelope import CurvePoints, Envelope, RangeFilter
-from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, PanelGrid, panel_grid
+from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, PanelGrid, panel_grid
 from mjrun.probe.fields import DOF_UNITS
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
@@ -87,11 +88,12 @@ def panels_by_unit(names: Sequence[str], units: Mapping[str, str], *, apart: boo
     Args:
       apart: whether every column has a separate panel.
     """
+    groups: dict[str, dict[str, list[str]]] = {}
+    for name in names:
+        group = name.partition("/")[0] if "/" in name else ""
+        groups.setdefault(group, {}).setdefault(units[name], []).append(name)
     panels: list[Panel] = []
-    for group, members in _by_group(names):
-        by_unit: dict[str, list[str]] = {}
-        for name in members:
-            by_unit.setdefault(units[name], []).append(name)
+    for group, by_unit in groups.items():
         for unit, same in by_unit.items():
             parts = [[name] for name in same] if apart else _parts(same)
             panels += _numbered([_panel(group, unit, [_curve(name, units) for name in part]) for part in parts])
@@ -106,13 +108,6 @@ def _numbered(panels: Sequence[Panel]) -> Iterator[Panel]:
         several = counts[panel.title] > 1
         number = f"{panel.title or 'columns'} {seen[panel.title]}/{counts[panel.title]}"
         yield replace(panel, title=number) if several else panel
-
-
-def _by_group(names: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        groups.setdefault(name.partition("/")[0] if "/" in name else "", []).append(name)
-    yield from groups.items()
 
 
 def _parts(names: list[str]) -> list[list[str]]:
@@ -241,8 +236,8 @@ class FigurePlan:
         self.ylabels = curve_syntax.parse_ylabel(options.ylabel, len(self.panels))
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
-        self._count = FigureCounts(len(self.panels), names, bool(options.title))
-        self.grid = panel_grid(self._count, options.size, options.columns, options.font_size)
+        self._grid = partial(panel_grid, len(self.panels), names, bool(options.title), font_size=options.font_size)
+        self.grid = self._grid(options.size, options.columns)
 
     @property
     def columns(self) -> list[str]:
@@ -256,7 +251,7 @@ class FigurePlan:
         """Returns the grid in a page, which is narrow and may be long: a single column unless panels are many."""
         if self.options.size or self.options.columns or len(self.panels) > PAGE_PANELS:
             return self.grid
-        return panel_grid(self._count, None, 1, self.options.font_size, in_page=True)
+        return self._grid(None, 1, in_page=True)
 
     def collector(self, table: int) -> "TableCollector":
         """Returns the collector of a table's rows."""

@@ -322,6 +322,11 @@ class Page:
     refresh: int | None = None
 
 
+def data_uri(kind: str, content: bytes) -> str:
+    """Returns a file of a media type, such as `image/png`, as an address."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
 def page_file(path: str, page: str, limit: float) -> PageFile:
     """Describes the file at `path` for the page at `page`.
 
@@ -336,8 +341,7 @@ def page_file(path: str, page: str, limit: float) -> PageFile:
     with file_errors(file):
         size = None if file.is_dir() else file.stat().st_size
         if kind and size is not None and size <= limit * MEGABYTE:
-            content = base64.b64encode(file.read_bytes()).decode()
-            return PageFile(path, kind, f"data:{kind};base64,{content}", size)
+            return PageFile(path, kind, data_uri(kind, file.read_bytes()), size)
 
     beside = os.path.relpath(os.path.realpath(file), Path(os.path.realpath(page)).parent)
     return PageFile(path, kind if size is not None else None, f"./{quote(beside)}", size)

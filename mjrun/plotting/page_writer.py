@@ -1,6 +1,5 @@
 """Writing of pages about results, and the files that they include."""
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
@@ -8,6 +7,7 @@ from typing import cast
 from mjrun.errors import BadValueError, clean, concerning, file_errors, option
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
+from mjrun.formats.manifest import fingerprint
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.plotting.html_page import FileManifest, Page, PageFile, html_page, page_file
 from mjrun.probe.verdict import Verdict
@@ -72,17 +72,8 @@ def origin(title: str, command: str, inputs: Iterable[str], versions: Mapping[st
       inputs: paths of the files; those that are not files, such as standard input, are omitted.
       versions: versions of libraries in addition to mjrun, by name.
     """
-    files = [
-        {"path": clean(path), "bytes": Path(path).stat().st_size, "sha256": _digest(path)}
-        for path in dict.fromkeys(inputs)
-        if Path(path).is_file()
-    ]
+    files = [{**fingerprint(Path(path)), "path": clean(path)} for path in dict.fromkeys(inputs) if Path(path).is_file()]
     return FileManifest(title, {"command": command, "mjrun": __version__, **versions, "inputs": files})
-
-
-def _digest(path: str) -> str:
-    with Path(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def recorded_verdicts(manifests: Iterable[FileManifest]) -> list[tuple[str, Verdict]]:

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from mjrun.cli.commands.info import info
-from mjrun.cli.info_sections import SECTIONS, LineSection, demonstrations_page, statistics, summary
+from mjrun.cli.info_sections import SECTIONS, TASK_TABLES, LineSection, demonstrations_page, statistics, summary
 from mjrun.cli.table_cells import ReportColumn
-from mjrun.cli.task_sections import TABLES
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList, DemonstrationListEntry
 from mjrun.model.info import SECTIONS as DESCRIBED
 from mjrun.model.info import ModelDescription
@@ -73,7 +72,7 @@ def test_every_section_of_a_description_is_shown_in_the_same_order() -> None:
 def test_help_lists_every_section() -> None:
     models, _, tasks = (info.help or "").partition("Sections: ")[2].partition("Sections of a task: ")
     assert re.findall(r"\w+", models) == [*SECTIONS]
-    assert re.findall(r"\w+", tasks) == ["task", *TABLES]
+    assert re.findall(r"\w+", tasks) == ["task", *TASK_TABLES]
 
 
 @pytest.mark.parametrize("name", [name for name, section in SECTIONS.items() if not isinstance(section, LineSection)])

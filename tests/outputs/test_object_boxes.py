@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.outputs.object_boxes import ObjectBox, ObjectBoxes
+from mjrun.outputs.labelled_images import ObjectBox, ObjectBoxes
 
 GEOMS = {
     "sphere": 'type="sphere" size=".3"',

@@ -12,11 +12,11 @@ from PIL import Image
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, FileError, MissingExtraError
 from mjrun.plotting.envelope import CurvePoints
-from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, panel_grid
+from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, panel_grid
 from mjrun.plotting.figure_writer import FigureWriter, encoded, require_matplotlib, svg_text
 
 SIZE = (480, 320)
-GRID = panel_grid(FigureCounts(2, 2, True), SIZE, None)
+GRID = panel_grid(2, 2, True, SIZE, None)
 TIME = np.linspace(0, 1, 30)
 CURVES = [DrawnCurve(name, CurvePoints(TIME, TIME**i), i) for i, name in enumerate(["α_1", "位置 <&>"])]
 DRAWING = DrawnFigure(

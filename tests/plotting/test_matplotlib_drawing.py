@@ -12,7 +12,7 @@ import pytest
 from mjrun.options.plot import STYLES
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import CurvePoints, Envelope
-from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, FigureCounts, panel_grid
+from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, panel_grid
 from mjrun.plotting.matplotlib_drawing import BESIDE, SMALLEST, CurveLabel, arranged, paint
 from mjrun.plotting.matplotlib_layout import MatplotlibFigure, settings
 from mjrun.plotting.theme import THEMES
@@ -42,7 +42,7 @@ def figure(
 ) -> Figure:
     """A figure that is drawn; its artists know where they are."""
     most = max(len(each.curves) for each in panels)
-    grid = panel_grid(FigureCounts(len(panels), most, bool(title)), size, columns)
+    grid = panel_grid(len(panels), most, bool(title), size, columns)
     with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
         canvas = MatplotlibFigure(grid, THEMES[style])

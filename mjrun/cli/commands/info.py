@@ -8,7 +8,7 @@ import click
 
 from mjrun.cli.click_command import MODEL, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
-from mjrun.cli.info_sections import SECTIONS, LineSection, demonstrations_page
+from mjrun.cli.info_sections import ROWS, SECTIONS, LineSection, demonstrations_page, task_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.every_command import ConfinementOptions
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 ENVIRONMENT = "gym:"  # prefix of sources that are also tasks
 TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
-ROWS = 24  # of a section, unless it is requested
 SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
 
 
@@ -90,7 +89,6 @@ def info(console: Console, command_line: ParsedCommandLine) -> None:
 
 def _show_task(console: Console, command_line: ParsedCommandLine, sections: "Sequence[str]") -> None:
     """Prints a task, or sections of it."""
-    from mjrun.cli.task_sections import task_page
     from mjrun.model.sources.gym import GymSource
     from mjrun.task.description import describe_environment, describe_task
     from mjrun.task.task import Task

@@ -6,7 +6,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import FigureCounts, PanelGrid, ParameterAxis, panel_grid, scale
+from mjrun.plotting.figure_data import PanelGrid, ParameterAxis, panel_grid, scale
 
 CELLS = 8  # maximum number of cells in a row that are all labelled
 EDGE = 0.04  # margin at the ends of an axis, as a share of its range
@@ -222,5 +222,5 @@ def study_grid(
     side = 1 if in_page else side
     names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, SensitivityPanel)), default=0)
     above = min(side, panels) if drawing.above else 0
-    contents = FigureCounts(panels + above, names, bool(drawing.title))
-    return panel_grid(contents, size, min(side, panels), font_size, in_page=in_page)
+    titled = bool(drawing.title)
+    return panel_grid(panels + above, names, titled, size, min(side, panels), font_size, in_page=in_page)
