@@ -83,7 +83,8 @@ class ChangedModels:
     def _git(self, *arguments: str) -> str:
         """Returns the output of git in the root of the repository; an empty text if it fails."""
         try:
-            command = ("git", "-C", self._root, *arguments)
+            # A repository can name a program that observes its files, which git would run.
+            command = ("git", "-c", "core.fsmonitor=false", "-C", self._root, *arguments)
             with ChildProcess(command, stdout="capture", stderr="capture", stdout_limit=LARGEST) as process:
                 succeeds = process.wait().code == 0
                 return os.fsdecode(process.stdout) if succeeds else ""

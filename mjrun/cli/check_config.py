@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from mjrun.check.check import ModelCheck
 from mjrun.confinement.confinement import is_readable
-from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, option
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.check import CheckOptions
 from mjrun.options.option import options_of
@@ -20,7 +20,8 @@ TOML = (".toml",)
 def configured(config: str | None) -> dict[str, object]:
     """Returns the options in a file, by name; without one, in the nearest file that has some.
 
-    Paths and patterns are relative to the folder of the file.
+    Paths and patterns are relative to the folder of the file, which contains the baseline: a configuration is not
+    trusted to name other files that are written.
 
     Raises:
       FileError: the file cannot be read, or contains an invalid option.
@@ -60,20 +61,34 @@ def _section(path: Path) -> Mapping[str, object] | None:
 
 def _options(path: Path, section: Mapping[str, object]) -> dict[str, object]:
     """Returns the options in a section, by name, with paths relative to the working folder."""
-    declared = {each.name: each.attribute for each in options_of(CheckOptions)}
+    declared = {each.name: each.attribute for each in options_of(CheckOptions) if each.name != "changed_since"}
     folder = os.path.relpath(path.parent)
     values: dict[str, Any] = {}
     try:
         for key, value in section.items():
             name = key.replace("-", "_")
+            if name == "changed_since":
+                raise UsageError(f"{key} runs git, which runs programs that a repository names: give {option(name)}")
             if name not in declared:
                 raise UnknownNameError("option", key, [each.replace("_", "-") for each in declared])
             values[name] = _relative(name, value, "" if folder == os.curdir else folder)
+        if isinstance(baseline := values.get("baseline"), str):  # which may be replaced
+            _require_inside(baseline, path)
         checked = ModelCheck((), **{declared[name]: value for name, value in values.items()})
     except UsageError as error:
         message, _, hint = str(error).partition("\n")
         raise FileError(path, message, hint) from error
     return {name: getattr(checked, declared[name]) for name in values}
+
+
+def _require_inside(baseline: str, config: Path) -> None:
+    """Raises UsageError for a baseline that is outside the folder of the configuration that names it."""
+    try:
+        is_inside = config.parent.resolve() in Path(baseline).resolve().parents
+    except (OSError, RuntimeError):  # links in a circle
+        is_inside = False
+    if not is_inside:
+        raise UsageError(f"{clean(baseline)} is outside the folder of {config.name}\n{option('baseline')} may name it")
 
 
 def _relative(name: str, value: object, folder: str) -> object:

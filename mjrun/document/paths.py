@@ -78,7 +78,9 @@ class OutputFolder:
         except (OSError, RuntimeError) as error:  # links in a circle
             raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
         if folder not in file.parents:
-            raise UsageError(f"{clean(str(path))} leads out of {self._name}, by a link")
+            is_named_inside = Path(os.path.abspath(self._folder)) in Path(os.path.abspath(path)).parents  # noqa: PTH100
+            cause = ", by a link" if is_named_inside else ""
+            raise UsageError(f"{clean(str(path))} leads out of {self._name}{cause}")
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,16 @@ def test_a_model_changes_with_its_files_wherever_and_however_they_change() -> No
     assert changed("HEAD~1") == ["including.xml"]
 
 
+def test_a_program_that_observes_the_files_of_a_repository_is_not_run(repository: Path) -> None:
+    monitor = repository / "monitor.sh"
+    monitor.write_text(f"#!/bin/sh\ntouch '{repository}/ran'\n")
+    monitor.chmod(0o755)
+    git("config", "core.fsmonitor", str(monitor))
+    write("plain.xml", hinged() + "\n")
+    assert changed() == ["plain.xml"]
+    assert not (repository / "ran").exists()
+
+
 def test_files_that_git_does_not_know_count_unless_it_ignores_them() -> None:
     for name in ("new.xml", "ignored.xml"):
         write(name, hinged())

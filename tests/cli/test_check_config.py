@@ -32,6 +32,15 @@ def test_paths_and_patterns_are_relative_to_the_file(monkeypatch: pytest.MonkeyP
     assert configured(None) == {"baseline": "../known.json", "ignore_in": (("../parts/*", "MJ2,MJ301"),)}
 
 
+def test_a_baseline_is_inside_the_folder_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir("sub")
+    Path("link.json").symlink_to("../known.json")
+    for name in ("../known.json", str(tmp_path / "known.json"), "link.json"):
+        Path("mjrun.toml").write_text(f'[check]\nbaseline = "{name}"\nupdate-baseline = true\n')
+        with pytest.raises(FileError, match=r"mjrun\.toml: .*\.json is outside the folder of mjrun\.toml"):
+            configured(None)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -40,6 +49,7 @@ def test_paths_and_patterns_are_relative_to_the_file(monkeypatch: pytest.MonkeyP
         ('[check]\nfail-on = "never"', "'never' is not one of"),
         ('[check.severity]\nMJ302 = "bad"', "'MJ302=bad' is not one of"),
         ("[check", "is not valid TOML"),
+        ('[check]\nchanged-since = "main"', "changed-since runs git, which runs programs"),
     ],
 )
 def test_a_mistake_is_reported_with_its_file(text: str, message: str) -> None:

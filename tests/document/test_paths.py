@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.document.paths import OutputFolder
 from mjrun.document.run import read_run
+from mjrun.errors import UsageError
 from mjrun.options.run import RunCommandOptions
 from tests.cases import cases
 from tests.document.run_documents import HEAD, jobs, problems
@@ -106,3 +108,12 @@ def test_links_cannot_lead_the_files_of_single_views_out_either() -> None:
 def test_two_outputs_in_one_file_are_reported_with_both_places(folder: Path, text: str, line: str) -> None:
     (folder / "out/alias.csv").symlink_to("a.csv")
     assert problems(HEAD + text) == [line]
+
+
+@pytest.mark.parametrize(("path", "cause"), [("../a.csv", ""), ("link.csv", ", by a link")])
+def test_only_a_link_is_called_one(tmp_path: Path, path: str, cause: str) -> None:
+    folder = tmp_path / "out"
+    (folder / "link.csv").symlink_to("../a.csv")
+    with pytest.raises(UsageError) as caught:
+        OutputFolder(folder).reserve(str(folder / path), "output")
+    assert str(caught.value).endswith(f"leads out of the folder of outputs{cause}")
