@@ -24,7 +24,7 @@ from mjrun.model.source import ModelSource
 from mjrun.model.xml_source import read_xml
 from mjrun.options.policy import RANDOM
 from mjrun.policy.load import load_policy
-from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.policy.policy import ActionSpace, Policy
 from mjrun.policy.task_agreement import check_agreement
 from mjrun.suffixes import YAML
 from mjrun.task.task import UNSTABLE, Task
@@ -80,63 +80,50 @@ class TaskEpisodeFaults:
 
 def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodeFaults:
     """Plays an episode of each world under `policy`, whose answers must be finite, and returns the faults."""
-    return _Watch(worlds, policy).run()
+    seen = TaskEpisodeFaults(worlds.count, "random actions" if policy.name == "random" else policy.name)
+    known = set[tuple[str, str]]()
 
-
-class _Watch:
-    def __init__(self, worlds: TaskWorlds, policy: Policy) -> None:
-        self._worlds, self._policy = worlds, policy
-        self._dt = float(worlds.task.control_dt)
-        acting = "random actions" if policy.name == "random" else policy.name
-        self._seen = TaskEpisodeFaults(worlds.count, acting)
-        self._known: set[tuple[str, str]] = set()
-
-    def run(self) -> TaskEpisodeFaults:
-        worlds, seen = self._worlds, self._seen
-        observations = worlds.reset(range(worlds.count))
-        for seed, ending in enumerate(worlds.ended_at_start):
-            if ending is not None:
-                seen.ended_at_start.setdefault(ending.name, []).append(seed)
-        self._look("observations", observations, np.arange(worlds.count), 0)
-        lowest, highest = observations.min(axis=0), observations.max(axis=0)
-
-        space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
-        actors = [self._policy.episode(seed, space) for seed in range(worlds.count)]
-        running = np.arange(worlds.count)
-        for period in range(1, min(worlds.task.periods, MOST) + 1):
-            step = worlds.step(_answers(actors, running, observations), running)
-            seen.periods += len(running)
-            is_unstable = np.array([ending is not None and ending.name == UNSTABLE.name for ending in step.ended])
-            seen.unstable += running[is_unstable].tolist()
-            self._look("rewards", step.reward_terms[~is_unstable], running[~is_unstable], period)
-            self._look("observations", step.observations, running, period)
-            lowest = np.minimum(lowest, step.observations.min(axis=0))
-            highest = np.maximum(highest, step.observations.max(axis=0))
-            goes_on = ~step.over & np.isfinite(step.observations).all(axis=1)  # the policy gets no others
-            running, observations = running[goes_on], step.observations[goes_on]
-            if not len(running):
-                break
-        seen.constant = [
-            (number.name, number.term)
-            for number, low, high in zip(worlds.observed, lowest, highest, strict=True)
-            if low == high
-        ]
-        return seen
-
-    def _look(self, kind: str, values: np.ndarray, seeds: np.ndarray, period: int) -> None:
+    def look(kind: str, values: np.ndarray, seeds: np.ndarray, period: int) -> None:
         """Records values `(k, …)` of episodes that are not finite."""
         for row, column in np.argwhere(~np.isfinite(values)).tolist():
-            observed = self._worlds.observed[column] if kind == "observations" else None
-            name = observed.name if observed else self._worlds.reward_names[column]
+            observed = worlds.observed[column] if kind == "observations" else None
+            name = observed.name if observed else worlds.reward_names[column]
             term = observed.term if observed else name
-            if (kind, term) not in self._known:
-                self._known.add((kind, term))
-                value, seed = float(values[row, column]), int(seeds[row])
-                self._seen.not_finite.append(NonFiniteOccurrence(kind, name, term, value, period * self._dt, seed))
+            if (kind, term) not in known:
+                known.add((kind, term))
+                value, time = float(values[row, column]), period * float(worlds.task.control_dt)
+                seen.not_finite.append(NonFiniteOccurrence(kind, name, term, value, time, int(seeds[row])))
 
+    observations = worlds.reset(range(worlds.count))
+    for seed, ending in enumerate(worlds.ended_at_start):
+        if ending is not None:
+            seen.ended_at_start.setdefault(ending.name, []).append(seed)
+    look("observations", observations, np.arange(worlds.count), 0)
+    lowest, highest = observations.min(axis=0), observations.max(axis=0)
 
-def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray) -> np.ndarray:
-    return np.array([actors[i](seen) for i, seen in zip(map(int, running), observations, strict=True)])
+    space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+    actors = [policy.episode(seed, space) for seed in range(worlds.count)]
+    running = np.arange(worlds.count)
+    for period in range(1, min(worlds.task.periods, MOST) + 1):
+        actions = [actors[i](row) for i, row in zip(map(int, running), observations, strict=True)]
+        step = worlds.step(np.array(actions), running)
+        seen.periods += len(running)
+        is_unstable = np.array([ending is not None and ending.name == UNSTABLE.name for ending in step.ended])
+        seen.unstable += running[is_unstable].tolist()
+        look("rewards", step.reward_terms[~is_unstable], running[~is_unstable], period)
+        look("observations", step.observations, running, period)
+        lowest = np.minimum(lowest, step.observations.min(axis=0))
+        highest = np.maximum(highest, step.observations.max(axis=0))
+        goes_on = ~step.over & np.isfinite(step.observations).all(axis=1)  # the policy gets no others
+        running, observations = running[goes_on], step.observations[goes_on]
+        if not len(running):
+            break
+    seen.constant = [
+        (number.name, number.term)
+        for number, low, high in zip(worlds.observed, lowest, highest, strict=True)
+        if low == high
+    ]
+    return seen
 
 
 class TaskPlaces:

@@ -12,6 +12,7 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 
 from mjrun.cli.main import COMPLETE
 from mjrun.cli.simulation_command import import_mujoco
+from mjrun.errors import MjrunError
 from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.suffixes import is_hdf5, is_yaml, split_episode
 
@@ -75,7 +76,6 @@ def complete(group: click.Group, instruction: str) -> int:
 def model_values(incomplete: str) -> list[CompletionItem[str]]:
     """Returns the completions of a model: files, or names after a prefix, `scene:`, or after a file, `demo.hdf5:`."""
     import_mujoco()
-    from mjrun.errors import MjrunError
     from mjrun.model.sources import model_collections
     from mjrun.model.sources.demonstration import open_demonstrations
 
@@ -118,7 +118,6 @@ def _compiled(model: object) -> "tuple[mujoco.MjSpec | None, mujoco.MjModel] | N
     if not isinstance(model, str) or model == "-" or is_yaml(model):
         return None
     import_mujoco()
-    from mjrun.errors import MjrunError
     from mjrun.model.sources import parse_source
 
     try:

@@ -2,32 +2,29 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mjrun.cli.console import CiVerdict, Report
 from mjrun.cli.simulation_command import golden_summary
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.diff import sentences
+from mjrun.diff.result import (
+    CellDifference,
+    ColumnDifference,
+    DiffResult,
+    PictureDifference,
+    TableDifference,
+    UnmatchedRows,
+)
 from mjrun.errors import clean, counted, flag, listing, spelled
 from mjrun.formats.input_file import is_file
-
-if TYPE_CHECKING:
-    from mjrun.diff.result import (
-        CellDifference,
-        ColumnDifference,
-        DiffResult,
-        PictureDifference,
-        TableDifference,
-        UnmatchedRows,
-    )
 
 ROWS = 24  # of a table, unless all are asked for
 NAMED = 4  # columns that differ in the first row
 REPORTED = 10  # differences as cases: GitHub shows no more of a step
 
 
-def diff_report(result: "DiffResult", *, every: bool) -> Report:
+def diff_report(result: DiffResult, *, every: bool) -> Report:
     """Returns the report of a comparison; `every` lists all differing columns or values."""
     return Report(
         "diff",
@@ -38,7 +35,7 @@ def diff_report(result: "DiffResult", *, every: bool) -> Report:
     )
 
 
-def text(result: "DiffResult", *, every: bool = False) -> str:
+def text(result: DiffResult, *, every: bool = False) -> str:
     """Formats the verdict and the differences; `every` lists all differing columns or values."""
     if result.equal or (result.golden and result.golden.updated):
         return verdict(result)
@@ -56,7 +53,7 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
     return f"{verdict(result)}\n\n{page.text()}"
 
 
-def verdict(result: "DiffResult") -> str:
+def verdict(result: DiffResult) -> str:
     """Formats the verdict in one line."""
     if result.golden and result.golden.updated:
         return golden_summary(result)
@@ -68,7 +65,7 @@ def verdict(result: "DiffResult") -> str:
     return f"{pair} differ{golden}{f': {spelled(shared, flag)}' if shared else ''}"
 
 
-def cases(result: "DiffResult") -> Iterator[CiVerdict]:
+def cases(result: DiffResult) -> Iterator[CiVerdict]:
     """Yields a case for each difference, or one that passed."""
     if result.equal or (result.golden and result.golden.updated):
         yield CiVerdict(verdict(result))
@@ -79,7 +76,7 @@ def cases(result: "DiffResult") -> Iterator[CiVerdict]:
         yield CiVerdict(result.b, "error", title, sentence, file)
 
 
-def _agreement(result: "DiffResult") -> str:
+def _agreement(result: DiffResult) -> str:
     if result.model:
         places = f"; their XML differs in {counted(len(result.model.xml), 'place')}" if result.model.xml else ""
         return f": they compile to the same model{places}"
@@ -98,12 +95,12 @@ def _agreement(result: "DiffResult") -> str:
     return f"{size}, within the tolerance{largest}"
 
 
-def _is_partial(table: "TableDifference") -> bool:
+def _is_partial(table: TableDifference) -> bool:
     """Returns whether a row or column exists in only one of the two tables."""
     return bool(table.only_a.count or table.only_b.count or table.columns_only_a or table.columns_only_b)
 
 
-def _picture_agreement(picture: "PictureDifference") -> str:
+def _picture_agreement(picture: PictureDifference) -> str:
     size = f": {counted(picture.frames, 'frame')}" if picture.frames > 1 else ":"
     if picture.worst is None:
         return f"{size} pixel for pixel" if picture.frames == 1 else f"{size}, pixel for pixel"
@@ -111,7 +108,7 @@ def _picture_agreement(picture: "PictureDifference") -> str:
     return f"{size}{joint} {sentences.frame_place(picture.worst, picture)}{sentences.frame_facts(picture.worst)}"
 
 
-def _table(page: TerminalReport, result: "DiffResult", table: "TableDifference", every: bool) -> None:
+def _table(page: TerminalReport, result: DiffResult, table: TableDifference, every: bool) -> None:
     what, key = _row_word(result), "number" if table.aligned == "row" else clean(table.aligned)
     differing = [column for column in table.columns if column.first]
     facts = [
@@ -132,7 +129,7 @@ def _table(page: TerminalReport, result: "DiffResult", table: "TableDifference",
         page.note(f"and {counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
 
 
-def _picture(page: TerminalReport, picture: "PictureDifference", differences: Sequence[str]) -> None:
+def _picture(page: TerminalReport, picture: PictureDifference, differences: Sequence[str]) -> None:
     page.lines("differences", [("", sentence) for sentence in differences])
     if picture.frames_a > 1 and picture.frames:
         facts = [
@@ -144,11 +141,11 @@ def _picture(page: TerminalReport, picture: "PictureDifference", differences: Se
         page.lines("all frames", facts)
 
 
-def _row_word(result: "DiffResult") -> str:
+def _row_word(result: DiffResult) -> str:
     return "state" if result.kind == "recording" else "row"
 
 
-def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDifference") -> str:
+def _first_difference(differing: Sequence[ColumnDifference], table: TableDifference) -> str:
     """Formats the columns of the first row with a differing number."""
     firsts = [(column.first, clean(column.name)) for column in differing if column.first]
     if not firsts:
@@ -160,7 +157,7 @@ def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDiff
     )
 
 
-def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") -> list[ReportColumn]:
+def _columns(columns: Sequence[ColumnDifference], table: TableDifference) -> list[ReportColumn]:
     firsts = [column.first for column in columns if column.first]
     cells = [sentences.cell_texts(column, column.first) for column in columns if column.first]
     by_step = table.aligned == "step"
@@ -178,19 +175,19 @@ def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") ->
     ]
 
 
-def _row(cell: "CellDifference", by_step: bool) -> str:
+def _row(cell: CellDifference, by_step: bool) -> str:
     if by_step and cell.at is not None:
         return f"{cell.at:.0f}"
     return str(cell.row) if cell.row == cell.row_b else f"{cell.row}/{cell.row_b}"
 
 
-def _unmatched(rows: "UnmatchedRows", aligned: str) -> str:
+def _unmatched(rows: UnmatchedRows, aligned: str) -> str:
     if not rows.count:
         return ""
     return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}{sentences.unmatched_place(rows, aligned)}"
 
 
-def _size(column: "ColumnDifference", value: float | None) -> str:
+def _size(column: ColumnDifference, value: float | None) -> str:
     return "" if column.text else _number(value)
 
 

@@ -15,7 +15,7 @@ import click
 
 from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.console import CiVerdict, Console, Report, flag
-from mjrun.cli.table_cells import byte_size
+from mjrun.cli.table_cells import byte_size, numbers, texts
 from mjrun.errors import MjrunError, UsageError, clean, counted, option, quoted
 from mjrun.options.model import ServoOptions
 from mjrun.options.output import LAST_INSTANT, RerunOptions, SimulationCommandOptions
@@ -336,7 +336,6 @@ def show_columns(
 
 
 def _show_groups(console: Console, columns: "Sequence[Column]") -> None:
-    from mjrun.cli.table_cells import numbers, texts
     from mjrun.cli.terminal_layout import TerminalReport
     from mjrun.probe.select import column_groups
 

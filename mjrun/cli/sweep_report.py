@@ -14,11 +14,10 @@ from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
 from mjrun.options.option import is_given, options_of
 from mjrun.options.simulation import SimulationOptions
-from mjrun.study.status import age, span_of_time
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.status import StudyStatus, UnusedFiles, age, span_of_time
 
 if TYPE_CHECKING:
-    from mjrun.simulation.simulation import Simulation
-    from mjrun.study.status import StudyStatus, UnusedFiles
     from mjrun.study.study import StudyPreview, StudyResult
 
 SHOWN = 10  # reasons of failures
@@ -27,7 +26,7 @@ HEADINGS = ("min", "5 %", "25 %", "median", "75 %", "95 %", "max")
 MAPPINGS = ("qpos", "qvel", "ctrl")
 
 
-def study_report(result: "StudyResult", simulation: "Simulation", controller: str = "") -> str:
+def study_report(result: "StudyResult", simulation: Simulation, controller: str = "") -> str:
     """Formats the metrics, the failures by reason, and the requirements.
 
     Args:
@@ -58,7 +57,7 @@ def study_report(result: "StudyResult", simulation: "Simulation", controller: st
     return page.text()
 
 
-def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
+def study_markdown(result: "StudyResult", simulation: Simulation) -> str:
     """Formats the report of a study as Markdown, the requirements and failures first."""
     lines = _verdicts(result)
     parts = [f"### mjrun sweep: {escaped(simulation.source.text)}", escaped(_last_line(result))]
@@ -76,7 +75,7 @@ def study_markdown(result: "StudyResult", simulation: "Simulation") -> str:
     return "\n\n".join([*filter(None, parts), *map(markdown_table, filter(None, tables))])
 
 
-def status_report(status: "StudyStatus") -> str:
+def status_report(status: StudyStatus) -> str:
     """Formats the progress of a study, and the ranges that processes work on."""
     page, ranges = TerminalReport(), status.running
     if ranges:
@@ -93,7 +92,7 @@ def status_report(status: "StudyStatus") -> str:
     return page.text()
 
 
-def unused_report(unused: "UnusedFiles") -> str:
+def unused_report(unused: UnusedFiles) -> str:
     """Formats the number and size of unused files of a study."""
     kinds = [f"{counted(each.files, each.noun)} ({byte_size(each.size)})" for each in unused.kinds]
     did = "removed" if unused.is_removed else "would remove"
@@ -261,7 +260,7 @@ def _failures(result: "StudyResult") -> list[ReportColumn]:
     ]
 
 
-def point_command(simulation: "Simulation", values: Mapping[str, str], controller: str = "") -> str:
+def point_command(simulation: Simulation, values: Mapping[str, str], controller: str = "") -> str:
     """Returns the command that simulates one point alone.
 
     Args:

@@ -7,7 +7,7 @@ https://docs.foxglove.dev/docs/sdk/schemas
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -29,6 +29,7 @@ from mcap.writer import Writer  # pyright: ignore[reportMissingImports]
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.formats.calibration_writer import centered_matrix
+from mjrun.model.names import distinct
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.model.table_column import Column
 from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
@@ -217,19 +218,7 @@ def field_names(group: str, names: Sequence[str]) -> list[str]:
     """Returns names of fields that are valid and distinct in every language that protobuf generates code for."""
     # In JSON and in C++, names that only differ in case and underscores collide.
     words = (_identifier(group, name) for name in names)
-    return list(distinct(words, "_", lambda name: name.replace("_", "").lower()))
-
-
-def distinct(names: Iterable[str], mark: str, key: Callable[[str], str] = str) -> Iterator[str]:
-    """Yields names, with the lowest free number appended to those whose `key` occurred before: `a`, `a_2`."""
-    taken = set[str]()
-    for name in names:
-        different, number = name, 1
-        while key(different) in taken:
-            number += 1
-            different = f"{name}{mark}{number}"
-        taken.add(key(different))
-        yield different
+    return list(distinct(words, lambda name: name.replace("_", "").lower()))
 
 
 def _identifier(group: str, text: str) -> str:

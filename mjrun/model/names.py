@@ -1,6 +1,6 @@
 """Kinds of objects, their names and ids, names of controls and components, and members of MuJoCo's enums by name."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
 from fnmatch import fnmatchcase
 from functools import cache
@@ -174,3 +174,15 @@ def enum_value(enum: Any, kind: str, name: str) -> int:
 def is_enum(value: object) -> bool:
     """Returns whether `value` is a member of one of MuJoCo's enums."""
     return isinstance(value, Enum) or hasattr(type(value), "__members__")
+
+
+def distinct(names: Iterable[str], key: Callable[[str], str] = str) -> Iterator[str]:
+    """Yields names, with the lowest free number appended to those whose `key` occurred before: `a`, `a_2`."""
+    taken = set[str]()
+    for name in names:
+        different, number = name, 1
+        while key(different) in taken:
+            number += 1
+            different = f"{name}_{number}"
+        taken.add(key(different))
+        yield different

@@ -9,15 +9,14 @@ from dataclasses import field
 from functools import partial
 from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from mjrun.diff.images_and_videos import WorstFramePair, is_colour
+from mjrun.diff.images_and_videos import WorstFramePair, compare_images, compare_videos, is_colour, require_library
 from mjrun.diff.result import ColumnDifference, DiffResult, FrameDifference
-from mjrun.diff.sentences import frame_facts, percent, table_sentences
-from mjrun.diff.table_files import is_results
+from mjrun.diff.sentences import frame_facts, model_sentences, percent, picture_sentences, table_sentences
+from mjrun.diff.table_files import compare_tables, is_results
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats import codecs, image_reader, tables
@@ -41,13 +40,10 @@ from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write
 from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 
-if TYPE_CHECKING:
-    from mjrun.diff.images_and_videos import WorstFramePair
-
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
 
 
-Compared = tuple[DiffResult, "WorstFramePair | None"]  # the result, and the two frames that differ most
+Compared = tuple[DiffResult, WorstFramePair | None]  # the result, and the two frames that differ most
 DRAWN = 4  # columns whose curves are shown
 LISTED = 100  # columns, and differences of models
 GAP = 8  # pixels between the images
@@ -113,8 +109,6 @@ def _name(compared: ModelLike) -> str | None:
 
 
 def _tables(diff: Diff, a: str, b: str) -> Compared:
-    from mjrun.diff.table_files import compare_tables
-
     table, notes = compare_tables(a, b, diff)
     differences = table_sentences(table, clean(a), clean(b), common=diff.common)
     return DiffResult(TABLE, a, b, not differences, differences, notes, table), None
@@ -131,7 +125,6 @@ def _recordings(diff: Diff, a: str, b: str) -> Compared:
 
 def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -> DiffResult:
     from mjrun.diff.models import compare_models
-    from mjrun.diff.sentences import model_sentences
 
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)
     model = compare_models(source_of(a), source_of(b), tolerances)
@@ -140,9 +133,6 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
 
 
 def _pictures(kind: str, diff: Diff, a: str, b: str) -> Compared:
-    from mjrun.diff.images_and_videos import compare_images, compare_videos, require_library
-    from mjrun.diff.sentences import picture_sentences
-
     for path in (a, b):
         if not is_folder(Path(path)):
             require_file(Path(path), kind, [*image_reader.SUFFIXES, *codecs.suffixes()])

@@ -57,6 +57,7 @@ class ProbeSampler:
       model: the model to simulate: a copy with energy enabled if energy is measured and disabled in the original.
       columns, contact_columns: columns of the trace, `time` first, and of the contact table.
       names: names of the columns of the trace.
+      fields: the fields of MjData that the probes read from recorded fields, not from an MjData.
       reads_fields_only: whether recorded fields determine all rows, without an MjData.
     """
 
@@ -75,7 +76,7 @@ class ProbeSampler:
         self.contact_columns = contact_columns(model) if with_contacts else []
         self._timeline = timeline
         of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
-        self._fields = sorted({name for probe in of_fields for name in probe.fields})
+        self.fields = sorted({name for probe in of_fields for name in probe.fields})
         self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
         self._of_instants = [probe for probe in self.probes if not isinstance(probe, FieldProbe | ContactProbe)]
         self._copies_contacts = with_contacts or any(isinstance(probe, ContactProbe) for probe in self.probes)
@@ -85,7 +86,7 @@ class ProbeSampler:
         self._like: Fields = {}  # an instance of each field
         self._copiers: Sequence[Callable[[], Any]] = ()  # of an instant in the last data
         self.model = model
-        if "energy" in self._fields and not model.opt.enableflags & ENERGY:
+        if "energy" in self.fields and not model.opt.enableflags & ENERGY:
             self.model = copy.copy(model)
             self.model.opt.enableflags |= ENERGY
 
@@ -98,11 +99,6 @@ class ProbeSampler:
     def times(self, steps: np.ndarray) -> Any:
         """Returns the times [s] of `steps` `(n,)`."""
         return seconds(steps, self._timeline.timestep)
-
-    @property
-    def fields(self) -> Sequence[str]:
-        """The fields of MjData that the probes read from recorded fields, not from an MjData."""
-        return self._fields
 
     def tables(self, block: RolloutBlock, chosen: slice = slice(None)) -> np.ndarray:
         """Computes the rows of the `chosen` simulations of a block from fields alone.
@@ -142,7 +138,7 @@ class ProbeSampler:
             yield from self._by_instants(stepper, rows)
             return
         initial = self._initial(stepper)
-        for first, count, fields in blocks(stepper, self._fields, self._timeline.steps):
+        for first, count, fields in blocks(stepper, self.fields, self._timeline.steps):
             steps = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
             if len(steps):
                 index = slice(None) if len(steps) == count else steps - first
@@ -198,10 +194,10 @@ class ProbeSampler:
             self._stepper, self._data, self._initial_values = stepper, None, self._initial(stepper)
         if data is not self._data:  # whose arrays stay in place
             self._data = data
-            self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
-            copiers: list[Callable[[], Any]] = [_copy_of(data, name) for name in self._fields]
-            if "energy" in self._fields and not (model := stepper.model).opt.enableflags & ENERGY:
-                copiers[self._fields.index("energy")] = lambda: _with_energy(model, data).energy.tobytes()
+            self._like = {name: np.asarray(getattr(data, name)) for name in self.fields}
+            copiers: list[Callable[[], Any]] = [_copy_of(data, name) for name in self.fields]
+            if "energy" in self.fields and not (model := stepper.model).opt.enableflags & ENERGY:
+                copiers[self.fields.index("energy")] = lambda: _with_energy(model, data).energy.tobytes()
             for probe in self._of_instants:
                 if isinstance(probe, EpisodeProbe):
                     assert isinstance(stepper, EpisodeStepper)

@@ -66,28 +66,26 @@ class Envelope:
           unless x jumps.
       log: whether bins are of equal ratios of x, which must then be positive, rather than of equal widths.
       breaks: whether a line breaks where x decreases.
+
+    Attributes:
+      ascends: whether x has never decreased.
     """
 
     def __init__(self, curves: int, bins: int, *, log: bool = False, breaks: bool = False) -> None:
         self._bins = _Bins(curves, bins, log)
         self._path = _Path(curves, breaks)
-        self._ascends, self._last = True, -np.inf
-
-    @property
-    def ascends(self) -> bool:
-        """True if x has never decreased."""
-        return self._ascends
+        self.ascends, self._last = True, -np.inf
 
     def feed(self, x: np.ndarray, y: np.ndarray) -> None:
         """Adds samples: `x` `(n,)`, finite, and `y` `(n, curves)`, NaN for a gap."""
-        if self._ascends and len(x):
+        if self.ascends and len(x):
             back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
             first = int(back[0]) if len(back) else len(x)
             self._bins.feed(x[:first], y[:first])
             self._last = float(x[first - 1]) if first else self._last
             if not len(back):
                 return
-            self._ascends = False
+            self.ascends = False
             early = self._bins.release()
             if not early:
                 self._path.follow(self._last)

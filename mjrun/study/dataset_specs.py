@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.codecs import VideoEncoding
+from mjrun.model.names import distinct
 from mjrun.options.image_dataset import CAMERA, LabelledImageOptions
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.simulation.manifest import plain
@@ -148,11 +149,4 @@ def camera_keys(cameras: Sequence[object]) -> tuple[str, ...]:
     from mjrun.camera.script import CameraScript  # which only datasets need
 
     names = [each.name if isinstance(each, CameraScript) else str(each).partition(",")[0] for each in cameras]
-    plain_names = [re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "camera" for name in names]
-    keys = list[str]()
-    for name in plain_names:
-        key, number = name, 2
-        while key in keys:
-            key, number = f"{name}_{number}", number + 1
-        keys.append(key)
-    return tuple(keys)
+    return tuple(distinct(re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "camera" for name in names))

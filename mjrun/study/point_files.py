@@ -19,6 +19,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design_points import parameter_names
 from mjrun.experiment.results_table import ColumnVocabulary
+from mjrun.formats.codecs import encoding
 from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.formats.output_writer import written_file
 from mjrun.formats.study_reader import NAME, read_point, values_in_words
@@ -79,8 +80,6 @@ class PointFileMaker:
             where = f"files of points are made on this machine, and {url} is in a store"
             raise UsageError(f"{option(name)}: {where}\nuse a local folder with the same points")
         if options.contact_sheet is not None:
-            from mjrun.formats.codecs import encoding  # slow to import, and few studies keep files
-
             with concerning("contact_sheet"):
                 encoding(options.contact_sheet).check_fps(options.fps)
         if self.kinds:

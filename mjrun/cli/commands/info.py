@@ -10,6 +10,7 @@ from mjrun.cli.click_command import MODEL, ParsedCommandLine, command
 from mjrun.cli.console import Console, Report
 from mjrun.cli.info_sections import ROWS, SECTIONS, LineSection, demonstrations_page, task_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
+from mjrun.cli.table_cells import ReportColumn
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.every_command import ConfinementOptions
 from mjrun.options.model import InfoOptions, ServoOptions
@@ -149,7 +150,6 @@ def _show_table(
     entries: "Mapping[str, Mapping[str, str]]",
     headings: "Sequence[str]",
 ) -> None:
-    from mjrun.cli.table_cells import ReportColumn
     from mjrun.cli.terminal_layout import TerminalReport
 
     page = TerminalReport()

@@ -17,6 +17,7 @@ from mjrun.cli.simulation_command import (
     stem,
     summary,
 )
+from mjrun.cli.table_cells import numbers, texts
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
@@ -86,7 +87,6 @@ def _is_for_reading(command_line: ParsedCommandLine) -> bool:
 
 def _summarize(console: Console, command_line: ParsedCommandLine) -> None:
     """Prints the range of each column instead of the rows."""
-    from mjrun.cli.table_cells import numbers, texts
     from mjrun.cli.terminal_layout import TerminalReport
     from mjrun.outputs.trace import Trace
     from mjrun.plotting.table_statistics import TableStatisticsAccumulator

@@ -24,8 +24,8 @@ from mjrun.formats import mcap
 from mjrun.formats.ffmpeg import H264Encoder
 from mjrun.formats.glb import write_glb
 from mjrun.formats.image_encoding import ImageData, jpeg, png
-from mjrun.formats.mcap import McapWriter, NumericMessages, TableMessages, distinct, groups
-from mjrun.model.names import BALL, FREE, names, object_names
+from mjrun.formats.mcap import McapWriter, NumericMessages, TableMessages, groups
+from mjrun.model.names import BALL, FREE, distinct, names, object_names
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
 from mjrun.outputs.export import Export, SceneToExport
@@ -82,13 +82,13 @@ def topic_names(cameras: Sequence[str]) -> list[str]:
     """Returns the part of the topics of each camera, of letters, digits, `_` and `-`."""
     rigs = (name.partition(":")[0] for name in cameras)  # `orbit` of `orbit:azimuth=90`
     words = (re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "camera" for name in rigs)
-    return list(distinct(words, "_"))
+    return list(distinct(words))
 
 
 def frame_names(model: mujoco.MjModel, cameras: Sequence[str]) -> list[str]:
     """Returns the name of the frame of each body, the world first, and of each camera."""
     bodies = (clean(name) for name in names(model, "body")[1:])
-    return list(distinct([WORLD, *bodies, *(f"camera/{name}" for name in cameras)], "_"))
+    return list(distinct([WORLD, *bodies, *(f"camera/{name}" for name in cameras)]))
 
 
 def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dict[str, bytes]:

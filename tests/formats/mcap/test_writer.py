@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from mcap.stream_reader import StreamReader  # pyright: ignore[reportMissingImports]
 
 from mjrun.formats import mcap
-from mjrun.formats.mcap import MOST, McapWriter, NumericMessages, TableMessages, distinct, field_names, groups
+from mjrun.formats.mcap import MOST, McapWriter, NumericMessages, TableMessages, field_names, groups
+from mjrun.model.names import distinct
 from mjrun.model.table_column import Column
 from tests.formats.mcap import files
 
@@ -131,7 +132,7 @@ def test_names_that_differ_in_case_only_stay_apart() -> None:
     names = ("knee", "Knee", "kn_ee", "1", "é", "reward")
     assert field_names("qpos", names) == ["knee", "Knee_2", "kn_ee_3", "qpos_1", "qpos", "reward"]
     assert field_names("reward", ["reward"]) == ["reward"]
-    assert list(distinct(["a", "a", "a_2"], "_")) == ["a", "a_2", "a_2_2"]
+    assert list(distinct(["a", "a", "a_2"])) == ["a", "a_2", "a_2_2"]
 
 
 def test_a_table_has_rows_of_numbers_and_texts() -> None:
