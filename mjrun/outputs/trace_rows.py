@@ -203,7 +203,7 @@ class ProbeSampler:
                     assert isinstance(stepper, EpisodeStepper)
                     copiers.append(lambda read=probe.read, stepper=stepper: read(stepper.now()))
                 else:
-                    copiers.append(partial(probe.measure, stepper.model, data))
+                    copiers.append(probe.bind(stepper.model, data))
             if self._copies_contacts:
                 copiers += contact_copiers(data)
             self._copiers = copiers or [lambda: None]  # even if time is the only column, an instant is counted
@@ -238,7 +238,8 @@ class ProbeSampler:
                     assert contacts
                     parts.append(probe.compute(contacts))
                 case _:
-                    parts.append(np.stack(next(measured)))
+                    values = next(measured)
+                    parts.append(np.concatenate(values).reshape(len(values), -1))
         return np.concatenate(parts, axis=1), contacts
 
     def _initial(self, stepper: Stepper) -> Fields:

@@ -140,10 +140,10 @@ class ContactProbe(MjDataProbe):
     def of(cls, columns: Sequence[Any], compute: Callable[[RecordedContacts], np.ndarray]) -> "ContactProbe":
         """Returns the probe, which can also be measured on a single MjData."""
 
-        def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-            return compute(RecordedContacts.of(model, data))[0]
+        def bind(model: mujoco.MjModel, data: mujoco.MjData) -> Callable[[], np.ndarray]:
+            return lambda: compute(RecordedContacts.of(model, data))[0]
 
-        return cls(columns, measure, compute)
+        return cls(columns, bind, compute)
 
     def only(self, indices: Sequence[int]) -> "ContactProbe":
         """Returns the probe with only these of its columns."""

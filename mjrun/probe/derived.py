@@ -148,10 +148,11 @@ def warning(model: mujoco.MjModel) -> MjDataProbe:
     columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
     index = list(kinds.values())
 
-    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        return data.warning.number[index].astype(float)
+    def bind(model: mujoco.MjModel, data: mujoco.MjData) -> Callable[[], np.ndarray]:
+        numbers = data.warning.number
+        return lambda: numbers[index].astype(float)
 
-    return MjDataProbe(columns, measure)
+    return MjDataProbe(columns, bind)
 
 
 DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {

@@ -195,7 +195,7 @@ def test_a_probe_may_be_cut_to_some_of_its_columns() -> None:
     probe = field_probe(MODEL, "xpos").only([4, 0])
     assert [column.name for column in probe.columns] == ["xpos/free/y", "xpos/world/x"]
     assert row(probe, data).tolist() == [data.xpos[1, 1], 0]
-    lone = MjDataProbe(probe.columns, lambda model, data: np.array([1.0, 2.0])).only([1])
+    lone = MjDataProbe(probe.columns, lambda model, data: lambda: np.array([1.0, 2.0])).only([1])
     assert row(lone, data).tolist() == [2.0]
 
 
