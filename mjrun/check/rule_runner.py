@@ -53,12 +53,17 @@ def apply(
     return capped(list(selected(RULES[code].findings(context))))
 
 
+def by_code(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
+    """Returns findings by the code of their rule, those of each as `capped` returns them."""
+    groups: dict[str, list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault(finding.code, []).append(finding)
+    return {code: capped(group) for code, group in groups.items()}
+
+
 def _by_place(findings: Iterable[Finding], model: Path) -> list[Finding]:
     """Returns findings by file and line, those in `model` itself first; at most `MAX_FINDINGS` of each code."""
-    by_code: dict[str, list[Finding]] = {}
-    for finding in findings:
-        by_code.setdefault(finding.code, []).append(finding)
-    shown = [finding for group in by_code.values() for finding in capped(group)]
+    shown = [finding for group in by_code(findings).values() for finding in group]
     return sorted(shown, key=lambda finding: (finding.file != short_path(model), finding.file, finding.line or 0))
 
 

@@ -265,11 +265,8 @@ class TaskChecker(Checker):
         self.write_findings([replace(finding, object="")])
 
     def _write_selected(self, findings: list[Finding]) -> None:
-        by_code: dict[str, list[Finding]] = {}
-        for finding in findings:
-            by_code.setdefault(finding.code, []).append(finding)
-        for code, group in by_code.items():
+        for code, group in rule_runner.by_code(findings).items():
             if code in self.task.codes:
-                news = [finding for finding in rule_runner.capped(group) if finding not in self._written]
+                news = [finding for finding in group if finding not in self._written]
                 self._written += news
                 self.write_findings(news)

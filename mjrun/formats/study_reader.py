@@ -27,7 +27,7 @@ FIRST, STATUS = "point", "status"  # columns around the parameters and the metri
 NAME = "point.json"  # the manifest of a point
 Numbers = Mapping[str, np.ndarray]  # columns (n,), by name
 NO_UNITS: Mapping[str, str] = {}
-_HINT = "a study is a folder that mjrun sweep has written"
+HINT = "a study is a folder that mjrun sweep has written"
 
 
 class TextColumn(Sequence[str]):
@@ -127,7 +127,7 @@ def _missing_results_hint(place: Folder) -> str:
         return f"an evaluation has results for each point of {option('vary')}; `{plot}` plots its episodes"
     if (place / "parts").exists():
         return f"the study is not finished: `mjrun sweep {folder} --collect` makes a table of the finished points"
-    return _HINT
+    return HINT
 
 
 def read_study(folder: str | Path) -> StudyResults:
@@ -144,7 +144,7 @@ def read_study(folder: str | Path) -> StudyResults:
         raise FileError(place.path(), f"has no {RESULTS}", _missing_results_hint(place))
     numbers, texts, names, manifest, units = read_results(path)
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
-        raise FileError(path, "holds no results of a study", _HINT)
+        raise FileError(path, "holds no results of a study", HINT)
     if not texts[STATUS]:
         raise FileError(path, "has no rows")
 
@@ -164,7 +164,7 @@ def _sensitivity(path: str) -> dict[str, dict[str, dict[str, float]]]:
     """
     numbers, texts, _, _, _ = read_results(path)
     if not {"metric", "parameter"} <= texts.keys():
-        raise FileError(path, "holds no sensitivities of a study", _HINT)
+        raise FileError(path, "holds no sensitivities of a study", HINT)
     made = dict[str, dict[str, dict[str, float]]]()
     for index, values in numbers.items():
         for metric, parameter, value in zip(texts["metric"], texts["parameter"], values.tolist(), strict=True):

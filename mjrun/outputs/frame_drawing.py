@@ -18,9 +18,8 @@ from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
 from mjrun.outputs.frame_schedule import FrameSchedule
-from mjrun.outputs.output import OutputResult, PassContext, RenderingResources
+from mjrun.outputs.output import OutputResult, PassContext, R_co, RenderingResources
 from mjrun.outputs.recorded_scene import (
-    R_co,
     RecordedScene,
     RenderedOutputRequest,
     ScenePlan,

@@ -1,6 +1,5 @@
 """Labelled images: colours, depth and masks of an instant, and a record of the objects in view."""
 
-import itertools
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -25,7 +24,7 @@ from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
 from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.drawn_model import HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
+from mjrun.rendering.drawn_model import CORNERS, HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
 from mjrun.rendering.segmentation import NOTHING, Segmentation
 from mjrun.rendering.visual import visual_of
 
@@ -35,7 +34,6 @@ APART = 2.0  # [pixels] around an object, for the radius of flexes and the round
 EVERYWHERE = np.array([-np.inf, -np.inf, np.inf, np.inf])
 COLUMNS = ("pixels", "visible", "truncated")
 IN_VIEW = "objects"
-CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)), float)  # of a box
 
 
 @dataclass(frozen=True)

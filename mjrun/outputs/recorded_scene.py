@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from importlib import import_module
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ from mjrun.outputs import decorations
 from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
-from mjrun.outputs.output import OutputRequest, OutputResult, PassContext
+from mjrun.outputs.output import OutputRequest, OutputResult, PassContext, R_co
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.physics.simulation_loop import Tap
 from mjrun.rendering.added_geoms import Decoration
@@ -33,8 +33,6 @@ from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage,
 from mjrun.rendering.visual import visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
-
-R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
 @options

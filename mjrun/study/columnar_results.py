@@ -149,17 +149,9 @@ class ResultColumns(Sequence[PointResult]):
 
     def rows(self, places: np.ndarray) -> ResultRows:
         """Returns the results at these places."""
-        return ResultRows(
-            status=self.status[places],
-            steps=self.steps[places],
-            exit_code=self.exit_code[places],
-            wall=self.wall[places],
-            metrics=self.metrics[places],
-            message=self._message[places],
-            messages=self._words,
-            host=self._host[places],
-            hosts=self._words,
-        )
+        numbers = {name: getattr(self, name)[places] for name in NUMBERS}
+        message, host = self._message[places], self._host[places]
+        return ResultRows(**numbers, message=message, messages=self._words, host=host, hosts=self._words)
 
     @property
     def is_final(self) -> np.ndarray:

@@ -14,6 +14,7 @@ from pathlib import Path
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean, counted
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
+from mjrun.formats.study_reader import HINT
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
@@ -26,7 +27,6 @@ from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
 from mjrun.study.range_folders import RangeFolders
 
 REFRESH = 5  # [s] between two versions of a page
-HINT = "a study is a folder that mjrun sweep has written"
 RUN = re.compile(r"[0-9a-f]{8}")  # name of the folder of a run in that of Slurm
 
 
