@@ -134,25 +134,22 @@ def _terms(facts: Mapping[str, object]) -> Markup:
 
 
 def _options(options: Mapping[str, object]) -> Iterator[Markup]:
-    rows: list[Markup] = []
-    for key, value in flat(options).items():
-        head = element("th", element("code", key), scope="row")
-        rows.append(element("tr", head, element("td", element("code", _text(value)))))
-    if rows:
-        table = table_element("Options", ["Option", "Value"], rows)
-        yield element("details", element("summary", f"Options ({len(rows)})"), table)
+    rows = [(key, element("code", _text(value))) for key, value in flat(options).items()]
+    return _folded(PageFactTable("Options", "Options", ["Option", "Value"], rows))
 
 
 def _hashes(title: str, entries: object) -> Iterator[Markup]:
     files = [_mapping(file) for file in cast(list[object], entries)] if isinstance(entries, list) else []
-    rows: list[Markup] = []
-    for file in files:
-        head = element("th", element("code", _text(file.get("path", ""))), scope="row")
-        size = element("td", _text(file.get("bytes", "")), class_="number")
-        rows.append(element("tr", head, size, element("td", element("code", _text(file.get("sha256", ""))))))
-    if rows:
-        table = table_element(title, ["File", "Bytes", "SHA-256"], rows, [1])
-        yield element("details", element("summary", f"{title} ({len(rows)})"), table)
+    texts = [[_text(file.get(key, "")) for key in ("path", "bytes", "sha256")] for file in files]
+    rows = [(path, size, element("code", digest)) for path, size, digest in texts]
+    return _folded(PageFactTable(title, title, ["File", "Bytes", "SHA-256"], rows, [1]))
+
+
+def _folded(facts: "PageFactTable") -> Iterator[Markup]:
+    """Yields a table that a click unfolds; nothing if it has no rows."""
+    if facts.rows:
+        summary = element("summary", f"{facts.title} ({len(facts.rows)})")
+        yield element("details", summary, facts_table(facts))
 
 
 def flat(values: Mapping[str, object], above: str = "") -> dict[str, object]:
@@ -540,19 +537,14 @@ def _links(files: Sequence[PageFile]) -> Iterator[Markup]:
 def _columns(table: TableStatistics) -> Markup:
     """Returns the columns of a table, folded if they are many."""
     gaps = any(column.missing for column in table.columns)
-    rows: list[Markup] = []
+    rows: list[Sequence[str]] = []
     for column in table.columns:
-        numbers = [column.least, column.largest, column.mean, column.last]
-        cells = [element("td", _number(value), class_="number") for value in numbers]
-        cells += [element("td", str(column.missing or ""), class_="number")] if gaps else []
-        head = element("th", element("code", column.name), scope="row")
-        rows.append(element("tr", head, element("td", column.unit), *cells))
+        numbers = map(_number, (column.least, column.largest, column.mean, column.last))
+        rows.append([column.name, column.unit, *numbers, *([str(column.missing or "")] if gaps else [])])
     title = f"{table.path}: {_counted(table.rows, 'row')}, {_counted(len(table.columns), 'column')}"
     heads = ["Column", "Unit", "Min", "Max", "Mean", "Last", *(["NaN"] if gaps else [])]
-    numeric = range(2, len(heads))
-    return element(
-        "details", element("summary", title), table_element(title, heads, rows, numeric), open=len(table.columns) <= 40
-    )
+    facts = PageFactTable(title, title, heads, rows, range(2, len(heads)))
+    return element("details", element("summary", title), facts_table(facts), open=len(table.columns) <= 40)
 
 
 def _number(value: float) -> str:
