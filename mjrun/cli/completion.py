@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 SHELLS = ("bash", "zsh", "fish")
 
+SPECIAL = re.compile(r"[^\w@%+=:,./-]")  # characters that Bash may not read as themselves
+QUOTED = set(" \t\n\"'><;|&()")  # characters that are in a word only if they are escaped or quoted
+ENDING = {"'": set("'\\"), '"': set('"$`!\\')}  # characters that may end a quoted text, or be expanded in it
+
 # Metavariables of options whose values are files or folders.
 FILES = ("FILE", "[FILE]", "FILE.xml[:NAME]", "FILE|none", "POLICY", "CODE", "MODEL")
 FOLDERS = ("DIR",)
@@ -56,13 +60,39 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
     def format_completion(self, item: CompletionItem[str]) -> str:
         # Bash replaces only what follows the last character at which it breaks words.
         _, incomplete = self.get_completion_args()
-        breaks = re.escape(os.environ.get("COMP_BREAKS", ""))
+        breaks = re.escape("".join(set(os.environ.get("COMP_BREAKS", "")) - QUOTED))
         finished = re.match(f".*[{breaks}]", incomplete, re.DOTALL) if breaks else None
         start = finished.end() if finished and item.value.startswith(finished[0]) else 0
-        return f"{item.type},{item.value[start:]}"
+        is_escaped = item.type == "plain" and not _open_quote(os.environ["COMP_LINE"])
+        value = item.value[start:]
+        return f"{item.type},{SPECIAL.sub(_with_backslash, value) if is_escaped else value}"
+
+    def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:
+        """Returns the completions, which Bash inserts unchanged, except those that no escape makes safe in quotes."""
+        ending = ENDING.get(_open_quote(os.environ["COMP_LINE"]), set[str]())
+        return [item for item in super().get_completions(args, incomplete) if ending.isdisjoint(item.value)]
 
 
 add_completion_class(_BashCompletion, "bash")
+
+
+def _with_backslash(special: re.Match[str]) -> str:
+    return f"\\{special[0]}"
+
+
+def _open_quote(line: str) -> str:
+    """Returns the quotation mark that is open at the end of a line; empty if none is."""
+    quote, is_escaped = "", False
+    for character in line:
+        if is_escaped:
+            is_escaped = False
+        elif character == "\\" and quote != "'":
+            is_escaped = True
+        elif quote:
+            quote = "" if character == quote else quote
+        elif character in ENDING:
+            quote = character
+    return quote
 
 
 def complete(group: click.Group, instruction: str) -> int:
@@ -110,7 +140,9 @@ def option_values(name: str, metavar: str, model: object, incomplete: str) -> li
 
 
 def _items(values: Iterable[str], incomplete: str) -> list[CompletionItem[str]]:
-    return [CompletionItem(value) for value in dict.fromkeys(values) if value.startswith(incomplete)]
+    # Names of models are untrusted: a line break would begin another completion, and an escape changes a terminal.
+    fitting = (value for value in dict.fromkeys(values) if value.startswith(incomplete) and value.isprintable())
+    return [CompletionItem(value) for value in fitting]
 
 
 def _compiled(model: object) -> "tuple[mujoco.MjSpec | None, mujoco.MjModel] | None":

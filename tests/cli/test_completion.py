@@ -57,6 +57,27 @@ def test_bash_completes_words_at_which_it_breaks(program: Path, tmp_path: Path) 
     assert completed(program, "mjrun vid", tmp_path) == ["video"]
 
 
+NAMES = ["plain", "größe", "two words", "$(touch ran)", "`touch ran`", "a;touch ran", "it's", '5"', "back\\slash", "*"]
+
+
+@pytest.mark.parametrize("opening", ["", "'", '"'])
+def test_names_of_a_model_are_words_for_bash_and_never_code(program: Path, tmp_path: Path, opening: str) -> None:
+    spec = mujoco.MjSpec()
+    for name in (*NAMES, "escape\x1b[2J", "line\nfile,x"):
+        spec.worldbody.add_camera(name=name)
+    (tmp_path / "m.xml").write_text(spec.to_xml())
+    words = completed(program, f"mjrun video m.xml --camera {opening}", tmp_path)
+    read = subprocess.run(
+        ["bash", "--norc", "-c", "printf '%s\\n' " + " ".join(f"{opening}{word}{opening}" for word in words)],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    ).stdout.splitlines()  # fmt: skip
+    unsafe = {"": "", "'": "'\\", '"': '"$`!\\'}[opening]
+    if not opening:
+        assert completed(program, "mjrun video m.xml --camera two\\ w", tmp_path) == ["two\\ words"]
+    assert read == [*(name for name in NAMES if not set(unsafe) & set(name)), *(f"{kind}:" for kind in RIG_EXAMPLES)]
+    assert not (tmp_path / "ran").exists()
+
+
 def test_a_file_of_demonstrations_completes_to_their_names(tmp_path: Path) -> None:
     path = write_demonstrations(tmp_path / "d.hdf5")
     values = [item.value for item in completion.model_values(f"{path}:d")]
