@@ -221,12 +221,11 @@ def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
     with opened_at(manifest, "manifest of a study", [".json"]) as file:
         text = file.read(LARGEST)
     try:
-        facts = json.loads(text)
-        study, command = facts.get("study"), facts.get("command")
+        study = json.loads(text).get("study")
     except (ValueError, AttributeError, RecursionError):
-        study = command = None
-    if study is None:  # no document describes one whose command names code, or a model on standard input
-        hint = f"repeat its command: {clean(str(command))}" if command else "give the study's document instead"
+        study = None
+    if study is None:  # no document describes one that names code, or a model on standard input
+        hint = "give the study's document instead; with code, or a model from standard input, repeat its command"
         raise FileError(manifest, "does not contain a study", hint)
     return _study(manifest, study, Path() if is_url(path) else Path(path), {"output": path, **(given or {})})
 

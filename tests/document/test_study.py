@@ -257,13 +257,9 @@ def test_a_folder_knows_its_study(made: JobPlan) -> None:
     study.write_manifest({})
     again = read_folder("study", {"chunk": 2})
     assert again == replace(study, document=None)
-    for text, hint in (
-        ("{}", "give the study's document instead"),
-        ("[1]", "give the study's document instead"),
-        ('{"command": "mjrun sweep m.xml --controller c.py:f"}', "repeat its command: mjrun sweep m.xml --controller"),
-    ):
+    for text in ("{}", "[1]", '{"command": "mjrun sweep m.xml --controller c.py:f"}'):
         Path("study/study.json").write_text(text)
-        with pytest.raises(FileError, match=f"does not contain a study\n{hint}"):
+        with pytest.raises(FileError, match=r"does not contain a study\n.* repeat its command"):
             read_folder("study")
 
 
