@@ -440,37 +440,37 @@ class OpenExport(output.OpenOutput[ExportResult]):
     """An export with an open file."""
 
     def __init__(
-        self, request: Export, plan: ExportContent, stack: ExitStack, backends: output.RenderingResources
+        self, request: Export, content: ExportContent, stack: ExitStack, backends: output.RenderingResources
     ) -> None:
-        self._request, self._plan, self._context = request, plan, plan.scene.context
-        self._facts = self._context.facts(request, plan.schedule.observed if plan.schedule else None)
+        self._request, self._content, self._context = request, content, content.scene.context
+        self._facts = self._context.facts(request, content.schedule.observed if content.schedule else None)
         self._images: OpenFrames | None = None
-        if plan.images:
+        if content.images:
             from mjrun.outputs.camera_panels import panel_files
             from mjrun.outputs.frame_drawing import open_frames
 
-            files = panel_files(plan.images.request, plan.images.request.output)
-            self._images = open_frames(plan.images, plan.schedule, files, stack, backends, request.jobs)
-        self._states = self._images.states if self._images else open_states(plan.scene, stack)
-        self._rows = stack.enter_context(closing(SpooledRows(len(plan.table.columns) if plan.table else 0)))
-        self._detector = plan.detector
+            files = panel_files(content.images.request, content.images.request.output)
+            self._images = open_frames(content.images, content.schedule, files, stack, backends, request.jobs)
+        self._states = self._images.states if self._images else open_states(content.scene, stack)
+        self._rows = stack.enter_context(closing(SpooledRows(len(content.table.columns) if content.table else 0)))
+        self._detector = content.detector
         self._contacts: ContactRecorder | None = None
         if request.file_format.contacts:
             self._contacts = stack.enter_context(closing(ContactRecorder(self._context.model)))
         destination = StandardOutput() if request.output == "-" else StagedFile(Path(request.output))
         self._writer = stack.enter_context(OutputWriter(destination))
         self._file: BinaryIO = self._writer.open_file()
-        if plan.schedule:
-            self._observe(plan.schedule)
+        if content.schedule:
+            self._observe(content.schedule)
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:
-        self._observe(self._request.schedule_frames(self._plan.scene, event_steps))
+        self._observe(self._request.schedule_frames(self._content.scene, event_steps))
 
     def _observe(self, schedule: FrameSchedule) -> None:
         """Makes the taps that record the frames of a schedule."""
-        self._schedule, table = schedule, self._plan.table
-        self.taps = state_taps(self._plan.scene, schedule, self._states)
-        self._steps = schedule.steps if self._plan.rows is None else self._plan.rows
+        self._schedule, table = schedule, self._content.table
+        self.taps = state_taps(self._content.scene, schedule, self._states)
+        self._steps = schedule.steps if self._content.rows is None else self._content.rows
         if table:
             self._buffer = RowBuffer(table, self._steps, lambda block: self._rows.extend(block.values))
             self.taps.append(Tap(self._steps, self._buffer.record))
@@ -481,11 +481,11 @@ class OpenExport(output.OpenOutput[ExportResult]):
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[ExportResult]:
         """Writes the scene, and draws its images as the format asks for them."""
-        placed = place_scene(self._plan.scene, self._schedule, self._states)
+        placed = place_scene(self._content.scene, self._schedule, self._states)
         marks, verdicts = self._detector.finish() if self._detector else ((), ())
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
         contacts = self._contacts.contacts(len(placed.states)) if self._contacts else None
-        values, plan = self._measured(), self._plan.scene
+        values, plan = self._measured(), self._content.scene
         scene = SceneToExport(self._request, plan, placed, self._images, values, marks, contacts, self._facts)
         with self._writer.writing():
             resolve_name(self._request.file_format.write)(scene, self._file)
@@ -509,7 +509,7 @@ class OpenExport(output.OpenOutput[ExportResult]):
         return output.FinishedOutput(result, [self._writer], {**self._facts, "frames": count}, failed)
 
     def _measured(self) -> MeasuredValues | None:
-        table = self._plan.table
+        table = self._content.table
         if table is None:
             return None
         self._buffer.flush()
