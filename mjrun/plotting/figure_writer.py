@@ -83,9 +83,17 @@ def encoded(
             paint_study(drawing, grid, canvas)
         if format not in DRAWINGS:
             return FORMATS["rgb"][format].encode(ImageData(canvas.pixels(), 0, None, tags))
-        file = io.BytesIO()
-        canvas.figure.savefig(file, format=format, facecolor="auto", metadata=_metadata(format, tags))
-        return file.getvalue() if format == "pdf" else _svg(file.getvalue().decode()).encode()
+        # Not by savefig, which draws every figure once before, for the sake of its layout.
+        file, metadata = io.BytesIO(), _metadata(format, tags)
+        if format == "pdf":
+            from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+            FigureCanvasPdf(canvas.figure).print_pdf(file, metadata=metadata)
+            return file.getvalue()
+        from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+        FigureCanvasSVG(canvas.figure).print_svg(file, metadata=metadata)
+        return _svg(file.getvalue().decode()).encode()
 
 
 def svg_text(drawing: DrawnFigure | DrawnStudyFigure, grid: PanelGrid, style: str) -> str:

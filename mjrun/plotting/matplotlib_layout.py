@@ -68,6 +68,7 @@ def _style(theme: Theme, em: float) -> dict[Any, Any]:
         "axes.labelsize": em,
         "axes.labelpad": 0.3 * em,
         "axes.titlecolor": ink,
+        "axes.titley": 1.0,  # nothing is in its way, which matplotlib would find by measuring all axes
         "axes.titlelocation": "left",
         "axes.titlesize": em,
         "axes.titlepad": 0.4 * em,
