@@ -146,7 +146,7 @@ def warning(model: mujoco.MjModel) -> MjDataProbe:
     """Measures the number of MuJoCo's warnings of each kind, up to this instant."""
     kinds = enum_members(mujoco.mjtWarning)
     columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
-    index = list(kinds.values())
+    index = np.array([*kinds.values()])
 
     def bind(model: mujoco.MjModel, data: mujoco.MjData) -> Callable[[], np.ndarray]:
         numbers = data.warning.number
