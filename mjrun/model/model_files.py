@@ -21,6 +21,7 @@ import zipfile
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field
 from functools import cache
 from pathlib import Path, PurePath, PurePosixPath
@@ -125,12 +126,23 @@ def main_mjcf(path: Path) -> str | None:
         if not path.is_file():  # opening a pipe would block
             return None
         with zipfile.ZipFile(path) as opened:
-            sources = [name for name in opened.namelist() if name.endswith(".xml")]
+            sources = {posixpath.normpath(name): name for name in opened.namelist() if name.endswith(".xml")}
     except (OSError, zipfile.BadZipFile):
         return None
-    expected = [f"{path.stem}.xml", "model.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"]
-    main = next((name for name in expected if name in sources), sources[0] if len(sources) == 1 else None)
-    return main and f"{path}/{main}"
+    expected = ["model.xml", f"{path.stem}.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"]
+    main = next((name for name in expected if name in sources), next(iter(sources)) if len(sources) == 1 else None)
+    return main and f"{path}/{sources[main]}"
+
+
+def _texts_in(archive: Path) -> Iterator[tuple[str, bytes]]:
+    """Yields the paths and contents of all MJCF files in an archive, of which MuJoCo may read any."""
+    faults = (OSError, RuntimeError, ValueError, EOFError, zlib.error, zipfile.BadZipFile)
+    with suppress(*faults), zipfile.ZipFile(archive) as opened:
+        if excess(archive, sum(info.file_size for info in opened.infolist())):  # which is refused when it is loaded
+            return
+        for info in opened.infolist():
+            if info.filename.endswith(".xml") and info.file_size <= MOST:
+                yield f"{archive}/{info.filename}", opened.read(info)
 
 
 def _on_disk(places: Iterable[str]) -> Iterator[str]:
@@ -335,31 +347,31 @@ def _with_files_of(overrides: "Iterable[Override]", text: bytes | None) -> bytes
 def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
     """Collects the file names in a text, and in the files that it includes or attaches."""
     named, waiting, visited = _NamedFiles(), deque([(Path(member or path), text)]), {str(path.absolute())}
+    if path.suffix in ARCHIVES and is_regular(path):
+        waiting.extend((Path(name), inner) for name, inner in _texts_in(path) if name != member or inner != text)
     while waiting and len(visited) <= MAX_FILES:
         by, content = waiting.popleft()
         named.folders |= dict.fromkeys(value for value, _ in _values(_FOLDER, content))
         named.files += [_NamedFile(value, by, line) for value, line in _values(_FILE, content)]
         for tag in _MODEL.finditer(content):
             for name, line in _values(_FILE, tag[0]):
-                for attached in _places(_NamedFile(name, by, line), path, [""]):
-                    place = _main_member(attached)
-                    if confinement() and place.endswith(ARCHIVES) and _archive(place) and file_size(place) is not None:
+                for place in _places(_NamedFile(name, by, line), path, [""]):
+                    whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would never end
+                    if whole in visited or file_size(place) is None:
+                        continue
+                    visited.add(whole)
+                    is_archive = whole.endswith(ARCHIVES)
+                    if is_archive and confinement() and _archive(place):
                         message = f"{quoted(name)} is an archive in an archive, whose files cannot be checked"
                         raise BrokenModelError(by, message, line, "unpack the inner archive into the outer one")
-                    whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would never end
-                    if whole not in visited and (inner := file_content(place)) is not None:
-                        visited.add(whole)
-                        named.models[place] = inner
-                        waiting.append((Path(place), inner))
+                    texts = [*_texts_in(Path(whole))] if is_archive else [(place, file_content(place))]
+                    for inner, inner_text in texts:
+                        if inner_text is not None:
+                            named.models[inner] = inner_text
+                            waiting.append((Path(inner), inner_text))
     if waiting and confinement():
         raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, which is too many to check")
     return named
-
-
-def _main_member(path: str) -> str:
-    """Returns the model that MuJoCo reads in an archive; any other path unchanged."""
-    normal = os.path.normpath(path)
-    return main_mjcf(Path(normal)) or path if normal.endswith(ARCHIVES) else path
 
 
 def _unescaped(value: str) -> str:

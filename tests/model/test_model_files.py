@@ -1,5 +1,6 @@
 """What a model names is looked at before MuJoCo opens it, wherever MuJoCo would look for it."""
 
+import itertools
 import os
 import zipfile
 from pathlib import Path, PurePath, PurePosixPath, PureWindowsPath
@@ -16,7 +17,7 @@ from mjrun.model.model_files import (
     unpacked_size,
     with_absolute_paths,
 )
-from mjrun.model.sources import load
+from mjrun.model.sources import load, source_of
 
 MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
 NAMING = {
@@ -188,22 +189,37 @@ def test_a_file_beyond_what_anybody_writes_by_hand_is_not_read(tmp_path: Path, m
     assert file_content(str(tmp_path / "a.xml")) is None
 
 
-@pytest.mark.parametrize(
-    ("names", "main"),
-    [
-        (("robot.xml", "model.xml"), "robot.xml"),
-        (("model.xml", "part.xml"), "model.xml"),
-        (("robot/robot.xml", "part.xml"), "robot/robot.xml"),
-        (("anything.xml", "arm.obj"), "anything.xml"),
-        (("one.xml", "two.xml"), None),
-        ((), None),
-    ],
-)
-def test_the_main_mjcf_of_an_archive_is_the_one_that_mujoco_reads(
-    tmp_path: Path, names: tuple[str, ...], main: str | None
-) -> None:
-    path = archive(tmp_path / "robot.zip", *names)
-    assert main_mjcf(path) == (f"{path}/{main}" if main else None)
+MEMBERS = ("robot.xml", "model.xml", "robot/robot.xml", "robot/model.xml", "./model.xml", "part.xml")
+
+
+@pytest.mark.parametrize("names", [*itertools.combinations(MEMBERS, 1), *itertools.permutations(MEMBERS, 2)])
+def test_the_main_mjcf_of_an_archive_is_the_one_that_mujoco_reads(tmp_path: Path, names: tuple[str, ...]) -> None:
+    path = tmp_path / "robot.zip"
+    with zipfile.ZipFile(path, "w") as target:
+        for name in names:
+            target.writestr(name, f'<mujoco model="{name}"/>')
+    try:
+        spec = source_of(str(path)).compile()[0]
+        assert spec
+    except BrokenModelError:
+        assert main_mjcf(path) is None
+        return
+    assert main_mjcf(path) == f"{path}/{spec.modelname}"
+
+
+def test_all_mjcf_in_an_archive_is_looked_at(folder: Path) -> None:
+    for name in ("alone.zip", "part.mjz"):
+        with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("z/../model.xml", f"<mujoco>{MESH.format(folder / 'pipe')}{' ' * 999}</mujoco>")
+            archive.writestr("model.xml", f'<mujoco model="m"/>{" " * 999}')
+    (folder / "attaching.xml").write_text('<mujoco><asset><model file="part.mjz"/></asset></mujoco>')
+    for name in ("alone.zip", "attaching.xml"):
+        with pytest.raises(BrokenModelError, match="named pipe"):
+            load(folder / name)
+
+
+def test_no_mjcf_has_no_main_file(tmp_path: Path) -> None:
+    assert main_mjcf(archive(tmp_path / "robot.zip")) is None
 
 
 def test_mjcf_is_its_own_main_file_and_nothing_else_has_one(tmp_path: Path) -> None:
