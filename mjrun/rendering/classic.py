@@ -72,7 +72,7 @@ class ClassicRenderer:
         self._buffer: SingleSampleFramebuffer | None = None  # made when it is needed
         try:
             self._gl = backend.context(width, height)
-            has_shadows = bool(self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW])
+            has_shadows = bool(self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] and model.light_castshadow.any())
             self._context = _offscreen(model, width, height, visual.quality, has_shadows)
         except Exception as error:
             self.close()

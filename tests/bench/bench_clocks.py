@@ -15,7 +15,7 @@ from mjrun.model.source import ModelSource
 MODEL = """
 <mujoco>
   <option timestep=".01"/>
-  <visual><global offwidth="64" offheight="48"/></visual>
+  <visual><global offwidth="64" offheight="48"/><quality shadowsize="256"/></visual>
   <worldbody>
     <light pos="0 0 3"/>
     <geom type="plane" size="1 1 .1"/>

@@ -17,6 +17,7 @@ MODEL = mujoco.MjModel.from_xml_string(
     """
     <mujoco>
       <option timestep=".01"/>
+      <visual><quality shadowsize="256"/></visual>
       <worldbody>
         <light pos="0 0 3"/>
         <geom name="floor" type="plane" size="2 2 .1"/>
