@@ -72,6 +72,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 OF_ALL = {"tmp_path", "tmp_path_factory", "request"}  # fixtures that leave a folder empty
 OF_ALL |= {"workers_are_copies_of_prepared_interpreters", "warp_compiles_without_optimization"}
+OF_ALL |= {"workplace", "monkeypatch"}  # which makes the folder the working directory
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,13 +1,14 @@
 """Tests of many cases as one item: an item costs 5 ms in all, a hundred times as much as most cases.
 
 The cases of a parametrized test are merged where its parameters are all that it takes, or it takes a folder too that no
-fixture fills: each case has one of its own in `tmp_path`. A test that names another fixture stays apart, with a new one
-for each case; so do slow tests, which the workers share. A command line that selects cases, by -k or by an id in
-brackets, merges nothing.
+fixture fills: each case has one of its own in `tmp_path`, and works there if the test works in its folder. A test that
+names another fixture stays apart, with a new one for each case; so do slow tests, which the workers share. A command
+line that selects cases, by -k or by an id in brackets, merges nothing.
 """
 
 import functools
 import inspect
+import os
 from collections.abc import Callable, Collection
 from itertools import product
 from pathlib import Path
@@ -39,11 +40,14 @@ def merged(test: Test, marks: list[pytest.Mark]) -> Test | None:
     def all_cases(tmp_path: Path | None = None) -> None:
         __tracebackhide__ = True
         skipped = list[str]()
+        is_workplace = tmp_path is not None and tmp_path == Path.cwd()
         for number, parts in enumerate(product(*families)):
             case = {name: value for part in parts for name, value in part.items()}
             if tmp_path:
                 case["tmp_path"] = tmp_path / str(number)
                 case["tmp_path"].mkdir()
+                if is_workplace:
+                    os.chdir(case["tmp_path"])
             try:
                 test(**case)
             except pytest.skip.Exception as reason:
