@@ -26,7 +26,7 @@ from mjrun.fitting.outputs import HORIZON, FitOutputs, Solutions
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fitting.shooting_fit import SHORTEST, OriginalAndBestSolutions, ShootingFit
-from mjrun.fitting.shooting_problem import LOSSES, Floats, Solution, with_noise
+from mjrun.fitting.shooting_problem import LOSSES, Floats, RegressionEstimate, Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
@@ -71,23 +71,25 @@ class NoiseRatios:
       ratios: residual over noise of each signal, `(signals,)`.
       shares: residual over spread of each signal, `(signals,)`.
       reduced: reduced χ², about 1 if the model explains all but noise.
-      is_rough: whether contacts make the motion rough.
+      estimate: parameters by regression on simulated logs, if contacts make the motion rough.
     """
 
     ratios: Floats
     shares: Floats
     reduced: float
-    is_rough: bool
+    estimate: RegressionEstimate | None = None
 
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
+        if self.estimate and self.estimate.is_likely:
+            return None  # contacts make the motion rough: simulations differ from each other as much
         if self.reduced < MISFIT:
             return None
         beyond = f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): "
-        if self.is_rough:
+        if self.estimate:
             return (
-                f"{beyond}contacts make the motion rough, and even the nearest simulations rattle differently, or the "
-                "model lacks something, so the intervals may exclude the true values"
+                f"{beyond}contacts make the motion rough, but simulations differ less from each other than from the "
+                "log, so the model lacks something, and the intervals may exclude the true values"
             )
         return (
             f"{beyond}the model lacks something, so the intervals, which cover only scatter, may exclude the true "
@@ -118,7 +120,7 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
     ratios = left / np.maximum(noise, LEAST * spread)
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
-    return NoiseRatios(ratios, left / np.where(spread > 0, spread, np.nan), reduced, bool(solution.variances))
+    return NoiseRatios(ratios, left / np.where(spread > 0, spread, np.nan), reduced, solution.estimate)
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:
@@ -313,7 +315,7 @@ class _Run:
             self._reporter.progress("stages of the fit", 0, 1)
 
         search = self._shooting.search(self._fitted.segments, starts, self._noise, advanced)
-        if not search.best.variances:
+        if not search.best.estimate:
             weighted = self._shooting.weighted(search.best)
             if weighted.cost <= with_noise(search.own, weighted.noise).cost:
                 search.best = weighted

@@ -4,18 +4,9 @@ The state of a chunk affects its own rows alone, so the normal equations are red
 Derivatives with respect to the states, most of the cost, are updated by secants from step to step, and computed again
 only where a step gains less than expected. D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
 parameters" (1963); C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations" (1965).
-
-Contacts make motions rough: a sliding box rattles, and states that no measurement distinguishes rattle differently, so
-the sum of squares jumps between neighbouring points. There, derivatives are fitted to the residuals of ensembles of
-points about one standard error away (as in M. A. Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for
-inverse problems", 2013). The part of a residual that these derivatives do not explain is its roughness. It counts as
-noise, and many times over because it also perturbs the derivatives: rattling signals have little weight, and smooth
-ones decide.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
@@ -45,16 +36,8 @@ STALLED = 3  # consecutive slow steps that end a stage, or a search that is far 
 LONG_STALLED = 10  # consecutive slow steps that end a search which explains the log
 FAR = 100.0  # mean square of residuals above which a search is far from the noise
 GOOD = 0.5  # share of the expected decrease above which derivatives are kept
-LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # least, one more if no longer stretches follow, and most
-POOLED = 3  # rounds whose points are regressed together
-SPREAD = 1.5  # distance between points and their centre, in standard errors
-FARTHEST = 0.3  # largest distance of a point from the centre in any unknown
-REACH = 2.0  # largest step, in standard errors before it
-SETTLED = 0.3  # step of the coordinates, in standard errors, at which rounds end
-SPURIOUS = 10.0  # weight of roughness as noise, for each residual per point
-WIDER = 1000.0  # factor of the steps of finite differences that estimate the first standard errors
-POLISHED = 4  # final batches of states near the best one
-NEAREST = 1e-3  # least distance of such states from the best one, in standard errors
+WIDER = 1000.0  # factor of the steps of finite differences across jumps of the motion
+MISLEADING = 4.0  # ratio of the information by small and by wide differences above which motions are rough
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,139 +279,34 @@ class GaussNewton:
         return self._problem.solution(place.point, place.residuals, list(pairs))
 
 
-@dataclass(frozen=True, eq=False)
-class CovarianceFactors:
-    """Factors of the covariance of the unknowns: matrices that turn independent normal numbers into deviations.
+def state_spread(problem: ShootingProblem) -> Simulating[Floats]:
+    """Estimates standard errors of the states at the start of a problem, by wide differences across jumps.
 
-    Attributes:
-      coordinates: matrix of the coordinates, `(p, p)`.
-      states: matrix of the state of each chunk with constant coordinates, `(chunks, size, size)`.
-      state_jacobians: derivatives of the states with respect to the coordinates, `(chunks, size, p)`.
+    Returns matrices that turn independent normal numbers into deviations, `(chunks, size, size)`.
     """
-
-    coordinates: Floats
-    states: Floats
-    state_jacobians: Floats
-
-    def deviations(self, direction: Floats) -> tuple[Floats, Floats]:
-        """Returns the deviations of the coordinates and of the state of every chunk in a direction `(p + size,)`."""
-        free = len(self.coordinates)
-        turn = np.clip(self.coordinates @ direction[:free], -FARTHEST, FARTHEST)
-        return turn, np.clip(self.states @ direction[free:] + self.state_jacobians @ turn, -FARTHEST, FARTHEST)
-
-    def length(self, turn: Floats, moves: Floats) -> float:
-        """Returns the root mean square of a step, in standard errors."""
-        parts: list[np.ndarray] = [np.linalg.lstsq(self.coordinates, turn, rcond=None)[0]]
-        for root, move, jacobians in zip(self.states, moves, self.state_jacobians, strict=True):
-            parts.append(cast("Floats", np.linalg.lstsq(root, move - jacobians @ turn, rcond=None)[0]))
-        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    normal = yield from _wide(problem)
+    return np.stack([_inverse_root(each) for each in normal.of_states])
 
 
-class EnsembleSearch:
-    """A search for the least sum of squares, with derivatives that are fitted to ensembles of points.
+def is_rough(problem: ShootingProblem, sensitivities: Sequence[tuple[Floats, Floats]]) -> Simulating[bool]:
+    """Returns whether derivatives at the start of a problem mislead because the motion jumps.
 
-    Args:
-      scatter: standard errors of the start; None for those of finite differences, which suit short stretches only.
+    Where it does, small and wide differences promise different information about the coordinates.
     """
-
-    def __init__(self, problem: ShootingProblem, seed: int, scatter: CovarianceFactors | None = None) -> None:
-        self._problem, self._scatter = problem, scatter
-        self._generator = np.random.default_rng(seed)
-        self._rounds: list[tuple[list[Unknowns], list[list[Floats]]]] = []
-
-    def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, CovarianceFactors]]:
-        """Searches from the start of the problem; returns a solution and standard errors.
-
-        Args:
-          is_last: whether no longer stretches follow, so that states are searched for whose simulation is nearest to
-            the log.
-        """
-        problem, middle = self._problem, self._problem.start
-        scatter = self._scatter or (yield from self._first_scatter(middle))
-        least, count = (LEAST_ROUNDS if problem.free else 1) + is_last, 0
-        while True:
-            count += 1
-            yield from self._simulate(middle, scatter)
-            residuals, jacobians, variances = self._regressed(middle)
-            weights = [loss_weights(problem.loss, r, v) for r, v in zip(residuals, variances, strict=True)]
-            normal = _normal_equations(problem, middle, residuals, jacobians, weights)
-            turn, moves = normal.step(middle.coordinates[: problem.free])
-            shorter = min(1.0, REACH / max(scatter.length(turn, moves), 1e-300))
-            middle = _moved(middle, shorter * turn, shorter * moves)
-            scatter = _scatter(normal)
-            is_settled = turn @ normal.matrix @ turn <= SETTLED**2 * len(turn)
-            if count == MOST_ROUNDS or (count >= least and is_settled):
-                break
-        best, residuals = yield from self._nearest(middle, scatter, POLISHED if is_last else 0)
-        pairs = zip(jacobians.of_coordinates, jacobians.of_states, strict=True)
-        return replace(problem.solution(best, residuals, list(pairs)), variances=variances), scatter
-
-    def _first_scatter(self, point: Unknowns) -> Simulating[CovarianceFactors]:
-        (residuals,) = yield from self._problem.residuals([point])
-        jacobians = _Jacobians(*(yield from self._problem.jacobians(point, residuals, wider=WIDER)))
-        weights = [np.ones_like(each) for each in residuals]
-        return _scatter(_normal_equations(self._problem, point, residuals, jacobians, weights))
-
-    def _simulate(self, middle: Unknowns, scatter: CovarianceFactors) -> Simulating[None]:
-        """Adds points around the centre, in opposite directions that are orthogonal in standard errors."""
-        size = self._problem.free + self._problem.size
-        turned, _ = np.linalg.qr(self._generator.normal(size=(size, size)))
-        directions = SPREAD * np.concatenate([turned, -turned])
-        points = [_moved(middle, *scatter.deviations(each)) for each in directions]
-        residuals = yield from self._problem.residuals(points)
-        self._rounds = [*self._rounds[1 - POOLED :], (points, residuals)]
-
-    def _regressed(self, middle: Unknowns) -> tuple[list[Floats], _Jacobians, list[Floats]]:
-        """Fits residuals at the centre, derivatives, and variances of residuals to the points of the last rounds."""
-        free = self._problem.free
-        points = [each for points, _ in self._rounds for each in points]
-        all_residuals = [each for _, residuals in self._rounds for each in residuals]
-        numbers = sum(int(known.sum()) for known in self._problem.known)
-        often = 1 + SPURIOUS * numbers / len(points)
-        turns = np.stack([(each.coordinates - middle.coordinates)[:free] for each in points])
-        at_middle, variances, of_coordinates, of_states = (list[Floats]() for _ in range(4))
-        for i, part in enumerate(self._problem.parts):
-            moves = np.stack([each.deviations[i] - middle.deviations[i] for each in points])
-            unknowns = np.concatenate([turns, moves], axis=1)
-            scales = np.maximum(np.sqrt((unknowns**2).mean(axis=0)), 1e-300)
-            left = np.column_stack([np.ones(len(points)), unknowns / scales])
-            right = np.stack([each[i].ravel() for each in all_residuals])
-            fitted, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-9)
-            rough = ((right - left @ fitted) ** 2).sum(axis=0) / max(len(points) - int(rank), 1)
-            shape = part.values.shape
-            of_unknowns = (fitted[1:] / scales[:, None]).T.reshape(*shape, -1)
-            at_middle.append(fitted[0].reshape(shape))
-            variances.append((1 + often * rough).reshape(shape))
-            of_coordinates.append(of_unknowns[..., :free])
-            of_states.append(of_unknowns[..., free:])
-        return at_middle, _Jacobians(of_coordinates, of_states), variances
-
-    def _nearest(
-        self, middle: Unknowns, scatter: CovarianceFactors, batches: int
-    ) -> Simulating[tuple[Unknowns, list[Floats]]]:
-        """Searches states near a point for the simulation nearest to the log, with constant coordinates."""
-        size, best = self._problem.size, middle
-        (residuals,) = yield from self._problem.residuals([middle])
-        for _ in range(batches):
-            directions = self._generator.normal(size=(2 * size, size)) / np.sqrt(size)
-            widths = NEAREST ** self._generator.random((2 * size, 1))
-            moves = np.einsum("cij,bj->bci", scatter.states, SPREAD * widths * directions)
-            points = [Unknowns(best.coordinates, best.deviations + move) for move in moves]
-            all_residuals = yield from self._problem.residuals(points)
-            candidates = [(best, residuals), *zip(points, all_residuals, strict=True)]
-            best, residuals = min(candidates, key=lambda each: self._problem.cost(*each))
-        return best, residuals
+    (residuals,) = yield from problem.residuals([problem.start])
+    weights = [np.ones_like(each) for each in residuals]
+    of_coordinates, of_states = zip(*sensitivities, strict=True)
+    small = _normal_equations(problem, problem.start, residuals, _Jacobians(of_coordinates, of_states), weights)
+    root = _inverse_root((yield from _wide(problem)).matrix)
+    ratios = np.linalg.eigvalsh(root.T @ small.matrix @ root)
+    return bool(ratios.max() > MISLEADING or ratios.min() < 1 / MISLEADING)
 
 
-def _moved(point: Unknowns, turn: Floats, moves: Floats) -> Unknowns:
-    coordinates = point.coordinates.copy()
-    coordinates[: len(turn)] = np.clip(coordinates[: len(turn)] + turn, 0, 1)
-    return Unknowns(coordinates, point.deviations + moves)
-
-
-def _scatter(normal: _NormalEquations) -> CovarianceFactors:
-    states = np.stack([_inverse_root(each) for each in normal.of_states])
-    return CovarianceFactors(_inverse_root(normal.matrix), states, -normal.state_jacobians)
+def _wide(problem: ShootingProblem) -> Simulating[_NormalEquations]:
+    (residuals,) = yield from problem.residuals([problem.start])
+    jacobians = _Jacobians(*(yield from problem.jacobians(problem.start, residuals, wider=WIDER)))
+    weights = [np.ones_like(each) for each in residuals]
+    return _normal_equations(problem, problem.start, residuals, jacobians, weights)
 
 
 def _inverse_root(matrix: Floats) -> Floats:

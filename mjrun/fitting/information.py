@@ -24,6 +24,7 @@ BLOCKS = 20  # fewest blocks
 DRAWS = 4000
 LAGS = 8  # largest distance of rows whose correlation is tested
 DOUBT = 0.005  # probability that white residuals are rejected
+UNIFORM = 12.0  # inverse variance of a coordinate that may have any value from 0 to 1
 AT_BOUND = 1e-3  # distance from a bound, as a share of the range
 MOST_LEVERAGE = 0.9  # of a block: a parameter that one block alone determines leaves no residuals
 
@@ -77,6 +78,10 @@ def information(parts: Sequence[ProjectedRows]) -> Floats:
 
 def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
     """Returns the information matrix of the coordinates, including priors, `(p, p)`."""
+    if solution.estimate:
+        spread = np.cov(solution.estimate.draws, rowvar=False).reshape(len(parameters), -1)
+        values, vectors = np.linalg.eigh(spread)
+        return (vectors * np.maximum(1 / np.maximum(values, 1e-300) - UNIFORM, 0)) @ vectors.T
     jacobians = [each.prior_slope(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
     return information(projected(solution)) + np.diag(np.square(jacobians))
 
@@ -173,6 +178,10 @@ def intervals(
 
     As blocks are few, percentiles are widened as Student's t widens a normal distribution.
     """
+    level = (1 - confidence) / 2
+    if solution.estimate:
+        draws = solution.estimate.draws
+        return _quantiles(solution, parameters, draws, draws - draws.mean(axis=0), confidence)
     from scipy import special
 
     parts = projected(solution)
@@ -180,7 +189,6 @@ def intervals(
     informations = np.array([a.T @ a for a, _ in blocks])
     scores = np.array([a.T @ r for a, r in blocks])
     whole = all_information(solution, parameters)
-    level = (1 - confidence) / 2
     generator = np.random.default_rng(seed)
     if solution.loss == "linear" and is_white(solution, informations, scores, whole):
         moves, widened = _scattered(solution, whole, generator), 1.0
@@ -191,13 +199,25 @@ def intervals(
             special.stdtrit(freedom, 1 - level) / special.ndtri(1 - level) * np.sqrt(len(blocks) / (len(blocks) - 1))
         )
     moves = widened * moves
+    return _quantiles(solution, parameters, np.clip(solution.coordinates + moves, 0, 1), moves, confidence)
 
-    coordinates = np.clip(solution.coordinates + moves, 0, 1)
-    low, high = np.quantile(coordinates, [level, 1 - level], axis=0)
+
+def _quantiles(
+    solution: Solution, parameters: Sequence[FreeParameter], draws: Floats, moves: Floats, confidence: float
+) -> ParameterIntervals:
+    """Returns intervals between quantiles of draws, extended to the solution.
+
+    Args:
+      draws: coordinates within bounds, `(draws, p)`.
+      moves: deviations that correlations are computed from, `(draws, p)`.
+    """
+    level = (1 - confidence) / 2
+    low, high = np.quantile(draws, [level, 1 - level], axis=0)
+    low, high = np.minimum(low, solution.coordinates), np.maximum(high, solution.coordinates)
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     lowest, highest = values_at(parameters, low), values_at(parameters, high)
-    return ParameterIntervals(lowest, highest, spread / scale / scale[:, None], parameters, coordinates, confidence)
+    return ParameterIntervals(lowest, highest, spread / scale / scale[:, None], parameters, draws, confidence)
 
 
 def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Floats) -> bool:

@@ -3,8 +3,8 @@
 The result explains whole segments, each from one fitted state. They are tried first. If their residuals stay above the
 noise of the log, the search continues from other starts and over short stretches, each from its own state (H. G. Bock,
 "Recent advances in parameter identification techniques for O.D.E.", 1983), which become longer and begin in the states
-of the shorter ones. Contacts can make the sum of squares rough, so that derivatives mislead: ensembles continue from
-the end, over openings of segments that become longer.
+of the shorter ones. Contacts can make the sum of squares rough, so that derivatives mislead: there, regression on
+simulated logs finds the parameters and their errors.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,8 @@ from mjrun.fitting.gauss_newton import (
     EXPLAINED,
     ROUGH_TOLERANCE,
     TOLERANCE,
-    CovarianceFactors,
-    EnsembleSearch,
     GaussNewton,
+    is_rough,
 )
 from mjrun.fitting.measurements import LEAST_NOISE, LogSegment, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
@@ -33,19 +32,19 @@ from mjrun.fitting.shooting_problem import (
     Simulating,
     Solution,
     together,
-    with_noise,
 )
-from mjrun.fitting.starting_states import StateGuesses, simulated_starts
+from mjrun.fitting.simulated_regression import RegressionSearch
+from mjrun.fitting.starting_states import WINDOW, StateGuesses, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
 FINE = 1e-4  # reduced χ² below which derivatives have found the motion exactly
-CONTACT_EVALUATIONS = 24  # limit of evaluations from which ensembles continue beside contacts
+CONTACT_EVALUATIONS = 24  # limit of evaluations beside contacts
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
 WEIGHTINGS = 4  # most searches with other weights of signals
-SHOTS = 3  # number of searches by ensembles
+NEAR = 1.0  # largest distance of a solution from the estimate by regression, in standard errors
 WHOLE = 10**9  # rows
 
 
@@ -118,7 +117,9 @@ class ShootingFit:
           coordinates: coordinates of the parameters; None for the original model.
         """
         solution = self._run(self._grown(parts, coordinates, noise, fixed=True))
-        return self._smoothed(solution, coordinates, noise, fixed=True)
+        if not self._is_stopped(solution):
+            return solution
+        return min([solution, self._regressed(parts, coordinates, noise, fixed=True)], key=lambda each: each.cost)
 
     def compared(self, parts: Sequence[Chunk], coordinates: Floats, noise: Floats) -> list[Solution]:
         """Follows `parts` with the original model and with other parameters.
@@ -163,21 +164,17 @@ class ShootingFit:
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
         search = OriginalAndBestSolutions(own, first, ["whole segments"])
         if self._is_stopped(first):
-            search.ways.append("whole segments, smoothed by ensembles across contacts")
-            search.best = self._smoothed(first, first.coordinates, noise, advanced=advanced)
-
-        if search.best.reduced >= EXPLAINED:
+            self._regress(search, noise, advanced)
+        if search.best.reduced >= EXPLAINED and not _is_likely(search.best):
             self._continue(search, segments, starts, noise, advanced)
-        if self._predictor.has_impacts and search.best.reduced > FINE:
-            level = noise * max(1.0, search.best.reduced**0.5)
-            tasks = [self._rough(whole, search.best.coordinates, level, seed=seed) for seed in range(SHOTS)]
-            best = with_noise(min(together(self._predictor, tasks), key=lambda each: each.cost), noise)
-            if best.reduced < EXPLAINED * search.best.reduced:
-                search.ways.append("ensembles of nearby states, as contacts make the motion rough")
-                search.best = best
+        if self._predictor.has_impacts:
+            if not self._is_rough(search.best):
+                search.best = replace(search.best, estimate=None)
+            elif not _is_likely(search.best):
+                self._regress(search, noise, advanced)
         if search.best.cost <= own.cost:
             return search
-        if search.best.variances:  # no simulation is nearer to the log than that of the original model
+        if search.best.estimate:  # no simulation is nearer to the log than that of the original model
             search.best = replace(search.best, coordinates=starts[0], states=own.states, residuals=own.residuals)
         else:  # from the states that fit the original model best
             better = self.solve(whole, starts[0], own.states, noise)
@@ -188,36 +185,47 @@ class ShootingFit:
         """Returns whether jumps of the motion at contacts may have ended a search."""
         return self._predictor.has_impacts and solution.reduced >= EXPLAINED
 
-    def _smoothed(
-        self,
-        solution: Solution,
-        coordinates: Floats | None,
-        noise: Floats,
-        *,
-        fixed: bool = False,
-        advanced: Advanced | None = None,
-    ) -> Solution:
-        """Continues searches that jumps of the motion have ended, while this halves the cost.
+    def _is_rough(self, solution: Solution) -> bool:
+        """Returns whether derivatives do not show the errors of a solution beside contacts."""
+        if not FINE < solution.reduced < EXPLAINED:
+            return solution.reduced >= EXPLAINED
+        problem = self._problem(solution.chunks, solution.coordinates, solution.states, solution.noise)
+        return self._run(is_rough(problem, solution.sensitivities))
 
-        Ensembles that take all residuals for noise are wide enough to cross jumps; derivatives continue from there.
+    def _regress(self, search: OriginalAndBestSolutions, noise: Floats, advanced: Advanced | None) -> None:
+        """Continues a search by regression on simulated logs, and keeps the nearest solution that this permits."""
+        search.ways.append("regression on simulated logs, as contacts make the motion rough")
+        end = self._regressed(search.best.chunks, search.best.coordinates, noise)
+        if not (estimate := end.estimate):
+            return
+        middle, errors = estimate.draws.mean(axis=0), estimate.draws.std(axis=0)
+        is_near = (np.abs(search.best.coordinates - middle) <= NEAR * errors).all()
+        best = search.best if search.best.cost < end.cost and (is_near or not _is_likely(end)) else end
+        search.best = replace(best, estimate=estimate)
+        if advanced:
+            advanced(search.best)
+
+    def _regressed(
+        self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats, *, fixed: bool = False
+    ) -> Solution:
+        """Solves chunks by regression on simulated logs, then by derivatives as far as the estimate permits.
 
         Args:
-          coordinates: coordinates of the solution; None for the original model.
+          coordinates: coordinates around which simulations are drawn; None for the original model.
           fixed: whether the parameters are constant.
         """
-        parts, is_gain, seed = solution.chunks, True, 0
-        while is_gain and self._is_stopped(solution):
-            level = noise * solution.reduced**0.5
-            wide = with_noise(self._run(self._rough(parts, coordinates, level, fixed=fixed, seed=seed)), noise)
-            place = None if coordinates is None else wide.coordinates
-            search = GaussNewton(self._problem(parts, place, wide.states, noise, fixed=fixed), advanced)
-            tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
-            narrow = self._run(search.minimize(CONTACT_EVALUATIONS, tolerance))
-            best = min([wide, narrow], key=lambda each: each.cost)
-            is_gain, seed = best.cost < 0.5 * solution.cost, seed + 1
-            if best.cost < solution.cost:
-                solution, coordinates = best, None if coordinates is None else best.coordinates
-        return solution
+        openings = [_opening(part, WINDOW) for part in parts]
+        states = self.guessed(parts, coordinates)
+        opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
+        nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed).estimate())
+        place = None if coordinates is None else nearest.coordinates
+        problem = self._problem(parts, place, problem.states(nearest), noise, fixed=fixed)
+        end = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))
+        if estimate and problem.free:
+            errors = estimate.draws.std(axis=0)
+            if (np.abs(end.coordinates - nearest.coordinates) > NEAR * errors).any():
+                end = self._run(GaussNewton(problem).look())
+        return replace(end, estimate=estimate)
 
     def _continue(
         self,
@@ -294,30 +302,6 @@ class ShootingFit:
         evaluations = CONTACT_EVALUATIONS if self._predictor.has_impacts else EVALUATIONS
         return (yield from search.minimize(evaluations, tolerance))
 
-    def _rough(
-        self,
-        parts: Sequence[Chunk],
-        coordinates: Floats | None,
-        noise: Floats,
-        *,
-        fixed: bool = False,
-        seed: int = 0,
-    ) -> Simulating[Solution]:
-        """Solves openings of chunks of increasing length by ensembles, each from the end of the one before."""
-        states, rows = self.guessed(parts, coordinates), SHORTEST
-        scatter: CovarianceFactors | None = None
-        while True:
-            openings = [_opening(part, rows) for part in parts]
-            is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
-            problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
-            search = EnsembleSearch(problem, self._seed + seed, scatter)
-            end: tuple[Solution, CovarianceFactors] = yield from search.minimize(is_last=is_last)
-            solution, scatter = end
-            if is_last:
-                return solution
-            states, coordinates = solution.states, None if coordinates is None else solution.coordinates
-            rows *= 2
-
     def _problem(
         self,
         parts: Sequence[Chunk],
@@ -333,6 +317,11 @@ class ShootingFit:
     def _run(self, task: Simulating[Result]) -> Result:
         (result,) = together(self._predictor, [task])
         return result
+
+
+def _is_likely(solution: Solution) -> bool:
+    """Returns whether regression on simulated logs has found the log to be like them."""
+    return solution.estimate is not None and solution.estimate.is_likely
 
 
 def _begin(chunk: Chunk) -> tuple[int, int]:

@@ -31,7 +31,26 @@ LOSS_SLOPES: dict[str, Callable[[Floats], Floats]] = {
 NUDGE = 1e-5  # step of finite differences of coordinates, which go from 0 to 1
 STATE_NUDGE = 1e-6  # step of finite differences of positions, velocities and activations
 STATE_SCALE = 10.0  # standard deviation of a prior of states, for components that no signal determines
+UNLIKELY = 0.005  # probability below which a log is not one of the model
 PENALTY = 1e3  # residual where a simulation fails, in standard deviations of the noise
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionEstimate:
+    """Parameters by regression on simulated logs.
+
+    Attributes:
+      draws: coordinates that the log permits, `(draws, p)`.
+      probability: probability that a log of this model differs as much from the simulations as the real one does.
+    """
+
+    draws: Floats
+    probability: float
+
+    @property
+    def is_likely(self) -> bool:
+        """True if the log may be one of this model."""
+        return self.probability >= UNLIKELY
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +67,7 @@ class Solution:
         `(n, signals, size)`.
       noise: assumed standard deviation of each signal, `(signals,)`.
       loss: loss function of the residuals.
-      variances: variances of the residuals in the shape of `residuals`, if contacts make the motion rough; otherwise
-        empty, and all are 1.
+      estimate: parameters by regression on simulated logs, if contacts make the motion rough.
     """
 
     chunks: Sequence[Chunk]
@@ -59,7 +77,7 @@ class Solution:
     sensitivities: Sequence[tuple[Floats, Floats]]
     noise: Floats
     loss: str = "linear"
-    variances: Sequence[Floats] = ()
+    estimate: RegressionEstimate | None = None
 
     @property
     def cost(self) -> float:
@@ -97,14 +115,13 @@ class Solution:
 
     @property
     def weights(self) -> list[Floats]:
-        """Weights of the squared residuals, in the shape of `residuals`; 1 with a linear loss and smooth motion."""
-        variances = self.variances or [np.ones_like(each) for each in self.residuals]
-        return [loss_weights(self.loss, *each) for each in zip(self.residuals, variances, strict=True)]
+        """Weights of the squared residuals, in the shape of `residuals`; 1 with a linear loss."""
+        return [loss_weights(self.loss, each) for each in self.residuals]
 
 
-def loss_weights(loss: str, residuals: Floats, variances: Floats | float = 1.0) -> Floats:
+def loss_weights(loss: str, residuals: Floats) -> Floats:
     """Returns the weights of squared residuals: derivatives of the loss by these squares."""
-    return LOSS_SLOPES[loss](residuals**2 / variances) / variances
+    return LOSS_SLOPES[loss](residuals**2)
 
 
 def with_noise(solution: Solution, noise: Floats) -> Solution:
@@ -112,8 +129,7 @@ def with_noise(solution: Solution, noise: Floats) -> Solution:
     factor = solution.noise / noise
     residuals = [each * factor for each in solution.residuals]
     jacobians = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
-    variances = [each * factor**2 for each in solution.variances]
-    return replace(solution, residuals=residuals, sensitivities=jacobians, noise=noise, variances=variances)
+    return replace(solution, residuals=residuals, sensitivities=jacobians, noise=noise)
 
 
 Result = TypeVar("Result")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.fitting.fit import all_at_bounds, improvement, misfit
-from mjrun.fitting.shooting_problem import Solution
+from mjrun.fitting.shooting_problem import RegressionEstimate, Solution
 from mjrun.model.table_column import Column
 from tests.fitting.problems import solved
 
@@ -31,9 +31,10 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
     assert doubled.reduced == pytest.approx(4 * fit.reduced)
     assert doubled.ratios == pytest.approx(2 * fit.ratios)
     assert f"reduced χ² {doubled.reduced:.3g}" in (doubled.warning() or "")
-    rough = replace(solution, variances=[np.ones_like(each) for each in solution.residuals])
-    assert "rattle" in (misfit(rough, solution.noise / 2, ()).warning() or "")
-    assert "rattle" not in (doubled.warning() or "")
+    for probability, warned in ((0.5, False), (0.001, True)):
+        rough = replace(solution, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
+        assert ("contacts" in (misfit(rough, solution.noise / 2, ()).warning() or "")) == warned
+    assert "contacts" not in (doubled.warning() or "")
 
 
 def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:

@@ -1,0 +1,142 @@
+"""Regression on simulated logs: least squares agree where motion is smooth, and bare loops know the truth elsewhere."""
+
+from collections.abc import Generator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.fitting.information import all_information, intervals
+from mjrun.fitting.measurements import LogSegment
+from mjrun.fitting.shooting_fit import ShootingFit
+from mjrun.fitting.shooting_problem import RegressionEstimate, Unknowns, together, with_noise
+from mjrun.fitting.simulated_regression import RegressionSearch
+from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
+
+SLIDE = """<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="2 2 .1" friction="{1}"/>
+    <body pos="0 0 .05">
+      <joint name="x" type="slide" axis="1 0 0" damping="{0}"/>
+      <joint name="z" type="slide" axis="0 0 1"/>
+      <geom type="box" size=".05 .05 .05" mass="0.5" friction="0.3"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="x"/></actuator>
+</mujoco>"""
+DAMPING, FRICTION, NOISE = 0.1, 0.4, 1e-3
+FREE = (("joint/x.damping", "0..1"), ("geom/floor.friction[0]", "0.05..1"))
+EVERY, ROWS = 5, 200
+
+
+def slide_log(seed: int, stiffness: float = 0.0) -> LogSegment:
+    """A box that a motor pushes until it slides, again and again, by a bare loop of MuJoCo."""
+    model = mujoco.MjModel.from_xml_string(SLIDE.format(DAMPING, FRICTION))
+    model.jnt_stiffness[0] = stiffness
+    data, generator = mujoco.MjData(model), np.random.default_rng(seed)
+    frequency = generator.uniform(0.7, 1.3)
+    times, places, controls = list[float](), list[float](), list[float]()
+    for _ in range(ROWS):
+        data.ctrl[0] = 3.5 * np.sign(np.sin(2 * np.pi * frequency * data.time)) * (0.6 + 0.4 * np.sin(data.time))
+        times.append(data.time)
+        places.append(data.qpos[0])
+        controls.append(data.ctrl[0])
+        for _ in range(EVERY):
+            mujoco.mj_step(model, data)
+    values = np.array(places)[:, None] + generator.normal(0, NOISE, (ROWS, 1))
+    return LogSegment("log", np.array(times), values, np.array(controls)[:, None])
+
+
+def slide_shooting(folder: Path, log: LogSegment) -> tuple[ShootingFit, list]:
+    model = folder / "slide.xml"
+    model.write_text(SLIDE.format(1.6 * DAMPING, 1.6 * FRICTION))
+    shoot, _, _, parameters = shooting_of(model, FREE, ["qpos/x"], ["ctrl/motor"], log)
+    return shoot, parameters
+
+
+def search_of(
+    shoot: ShootingFit, log: LogSegment, coordinates: np.ndarray, noise: float, seed: int = 0
+) -> RegressionSearch:
+    """Returns a search of the whole log around `coordinates`."""
+    (whole,) = shoot.cut([log])
+    first = replace(whole, rows=slice(0, 9), positions=whole.positions[:9])
+    states = shoot.guessed([whole], coordinates)
+    opening, problem = (shoot._problem([part], coordinates, states, np.array([noise])) for part in (first, whole))
+    return RegressionSearch(problem, opening, seed)
+
+
+def regressed(shoot: ShootingFit, search: RegressionSearch) -> tuple[Unknowns, RegressionEstimate]:
+    ((nearest, estimate),) = together(predictor_of(shoot), [search.estimate()])
+    assert estimate
+    return nearest, estimate
+
+
+def test_where_motion_is_smooth_it_agrees_with_least_squares(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pendulum, from draws among which it moves nearly linearly: about the same values and errors."""
+    monkeypatch.setattr("mjrun.fitting.simulated_regression.WIDE", 0.03)
+    solution, parameters = solved()
+    shoot, _ = shooting(THREE)
+    nearest, estimate = regressed(shoot, search_of(shoot, segments()[0], solution.coordinates, solution.noise[0]))
+    errors = np.sqrt(np.diag(np.linalg.inv(all_information(solution, parameters))))
+    middle = estimate.draws.mean(axis=0)
+    assert (np.abs(middle - solution.coordinates) < 1.5 * errors).all()
+    assert estimate.draws.std(axis=0) == pytest.approx(errors, rel=0.5)
+    assert (np.abs(nearest.coordinates - middle) < 0.3 * errors).all()
+    assert estimate.probability > 0.05
+
+
+@pytest.mark.slow
+def test_a_box_that_sticks_and_slides_shows_its_friction_and_damping(tmp_path: Path) -> None:
+    """Intervals contain the truth and exclude the values of the model, 60 % above it."""
+    log = slide_log(0)
+    shoot, parameters = slide_shooting(tmp_path, log)
+    start = np.array([each.first_coordinate for each in parameters])
+    best = shoot.search([log], [start], np.array([NOISE])).best
+    known = intervals(with_noise(best, best.observed_noise), parameters, 0.95, 0)
+    assert known.low[0] < DAMPING < known.high[0] < 1.6 * DAMPING
+    assert known.low[1] < FRICTION < known.high[1] < 1.05 * FRICTION
+    assert best.estimate
+    assert best.estimate.is_likely
+
+
+@pytest.mark.slow
+def test_a_log_of_another_system_is_unlikely(tmp_path: Path) -> None:
+    """A spring that the model lacks holds the box."""
+    log = slide_log(0, stiffness=10.0)
+    shoot, _ = slide_shooting(tmp_path, log)
+    _, estimate = regressed(shoot, search_of(shoot, log, np.array([0.16, 0.6]), NOISE))
+    assert not estimate.is_likely
+
+
+def test_the_same_seed_gives_the_same_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjrun.fitting.simulated_regression.MOST_ROUNDS", 2)
+    solution, _ = solved()
+    shoot, _ = shooting(THREE)
+    searches = [search_of(shoot, segments(0.5)[0], solution.coordinates, solution.noise[0], seed) for seed in (0, 0, 1)]
+    first, second, other = (regressed(shoot, each)[1].draws for each in searches)
+    np.testing.assert_array_equal(first, second)
+    assert not np.array_equal(first, other)
+    assert first.min() >= 0
+    assert first.max() <= 1
+
+
+def test_without_simulations_that_succeed_there_is_no_estimate() -> None:
+    solution, _ = solved()
+    shoot, _ = shooting(THREE)
+    running = search_of(shoot, segments(0.5)[0], solution.coordinates, solution.noise[0]).estimate()
+
+    def failing() -> Generator[Any, Any, Any]:
+        """Answers every simulation of the search with a failure."""
+        asked = next(running)
+        while True:
+            asked = running.send([np.full((len(each.chunk.positions), 1), np.nan) for each in asked])
+            yield
+
+    with pytest.raises(RuntimeError) as stopped:
+        list(failing())
+    assert isinstance(stopped.value.__cause__, StopIteration)
+    assert stopped.value.__cause__.value[1] is None
