@@ -81,9 +81,7 @@ class NoiseRatios:
 
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
-        if self.estimate and self.estimate.is_likely:
-            return None  # contacts make the motion rough: simulations differ from each other as much
-        if self.reduced < MISFIT:
+        if self.reduced < MISFIT or self.remark():
             return None
         beyond = f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): "
         if self.estimate:
@@ -94,6 +92,15 @@ class NoiseRatios:
         return (
             f"{beyond}the model lacks something, so the intervals, which cover only scatter, may exclude the true "
             f"values\nif the noise is larger than the high frequencies of the log suggest, set {option('noise')}"
+        )
+
+    def remark(self) -> str | None:
+        """Returns a sentence on residuals beyond the noise that are no misfit, or None."""
+        if self.reduced < MISFIT or not (self.estimate and self.estimate.is_likely):
+            return None
+        return (
+            f"contacts make the motion rough: simulations of it differ from each other as much as from the log, so a "
+            f"reduced χ² of {self.reduced:.3g} shows no misfit"
         )
 
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
@@ -277,6 +284,8 @@ class _Run:
         last = self._own_noise(search.best)
         known = sensitivity([last], self._parameters)
         left = misfit(search.best, self._noise, self._measurements.rotations)
+        if remark := left.remark():
+            self._reporter.note(remark)
         failures = self._predictor.failures.sentence(self._parameters)
         hints = [each for each in (left.warning(), failures) if each]
         reasons = [left.refusal(self._predictor.columns, self._noise)]
@@ -443,7 +452,7 @@ class _Run:
             len(self._fitted.segments),
             self._predictor.rollouts,
             [],
-            [*self._measurements.remarks, *map(spelled, hints)],
+            [*self._measurements.remarks, *filter(None, [left.remark()]), *map(spelled, hints)],
             ways,
             [],
             time.perf_counter() - self._begin,

@@ -33,7 +33,10 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
     assert f"reduced χ² {doubled.reduced:.3g}" in (doubled.warning() or "")
     for probability, warned in ((0.5, False), (0.001, True)):
         rough = replace(solution, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
-        assert ("contacts" in (misfit(rough, solution.noise / 2, ()).warning() or "")) == warned
+        residuals = misfit(rough, solution.noise / 2, ())
+        assert ("contacts" in (residuals.warning() or "")) == warned
+        assert ("no misfit" in (residuals.remark() or "")) == (not warned)
+    assert misfit(rough, solution.noise, ()).remark() is None
     assert "contacts" not in (doubled.warning() or "")
 
 
