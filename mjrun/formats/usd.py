@@ -5,8 +5,10 @@ The axes are MuJoCo's, z up, and lengths are in metres. Time code k is frame k, 
 
 import json
 import math
+import os
 import shutil
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -35,6 +37,7 @@ FOCAL_LENGTH = 24.0  # of cameras with perspective, in tenths of a unit; only it
 TENTHS = 10.0  # units of the aperture of orthographic cameras in a metre
 LAMP = 0.01  # radius of lights with a place [m]
 UNIMPORTANT = "Unable to set permissions"  # a warning about temporary files of confined processes
+MODIFIED = (1980, 1, 1, 0, 0, 0, 0, 0, -1)  # local time of the files in a package: the same bytes at any time
 JUST_BEFORE = 1e-3  # frames before a change at which a value that does not move linearly is repeated
 
 
@@ -255,7 +258,9 @@ class _Writer:
 def _package(files: Sequence[Path], target: Path) -> Path:
     """Writes a package of files, of which the first is the scene; returns its path."""
     writer = Sdf.ZipFileWriter.CreateNew(str(target))
+    modified = time.mktime(MODIFIED)
     for file in files:
+        os.utime(file, (modified, modified))  # which the package stores
         writer.AddFile(str(file), file.name)
     if not writer.Save():
         raise FileError(target, "the package cannot be made")

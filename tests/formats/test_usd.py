@@ -2,6 +2,7 @@
 
 import io
 import math
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,13 @@ def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> No
     assert ".usdz" in remarks[0]
     surface = UsdShade.Shader(plain.GetPrimAtPath("/World/Looks/checker/surface"))
     assert np.allclose(surface.GetInput("diffuseColor").Get(), 0.5)
+
+
+def test_a_package_does_not_depend_on_the_time_of_day(tmp_path: Path) -> None:
+    stage, _ = stage_of(tmp_path, SceneGraph(NODES), suffix=".usdz")
+    assert stage.GetPrimAtPath("/World/ball")
+    with zipfile.ZipFile(tmp_path / "a.usdz") as package:
+        assert {entry.date_time for entry in package.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
 def test_what_comes_and_goes_is_invisible_meanwhile_and_does_not_glide(tmp_path: Path) -> None:
