@@ -2634,7 +2634,7 @@ def sweep(
     Args:
       model: a model as in `mjrun.Simulation`, or a simulation.
       options: the options of `mjrun.Simulation` and `mjrun.Study`. Without `output`, the files of the study exist as
-        long as the result.
+        long as the result; with it, `mjrun sweep FOLDER` continues the study, unless it has code or a model in memory.
 
     Raises:
       TypeError: an option is unknown.

@@ -76,17 +76,18 @@ def sweep(model: Simulated, **options: object) -> "StudyResult":
     Args:
       model: a model as in `mjrun.Simulation`, or a simulation.
       options: the options of `mjrun.Simulation` and `mjrun.Study`. Without `output`, the files of the study exist as
-        long as the result.
+        long as the result; with it, `mjrun sweep FOLDER` continues the study, unless it has code or a model in memory.
 
     Raises:
       TypeError: an option is unknown.
       MjrunError: as `mjrun.Study(…).run()` raises.
     """
+    from mjrun.document.study import with_document
     from mjrun.study.study import Study
 
     described, chosen = options_for("sweep", options, Simulation, Study)
     simulation = _simulation("sweep", model, described)
-    return _in_folder(chosen, lambda folder: Study(simulation, folder, **chosen).run())
+    return _in_folder(chosen, lambda folder: with_document(Study(simulation, folder, **chosen)).run())
 
 
 def evaluate(task: ModelSource | str, **options: object) -> "EvaluationResult":

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import mjrun
+from mjrun.document.study import read_folder
 from mjrun.errors import FailedAssertionError, UnknownNameError
 from mjrun.in_memory import frames
 from mjrun.python_help import OF_FILES
@@ -127,6 +128,9 @@ def test_a_study_in_memory_has_the_numbers_of_its_folder_and_leaves_nothing(swin
     del result
     assert not folder.exists()
     assert (tmp_path / "s" / "results.csv").is_file()
+    again = read_folder(str(tmp_path / "s")).run()
+    assert (again.points, again.simulated) == (3, 0)
+    assert again.table["far"].tolist() == kept.table["far"].tolist()
 
 
 def _without(options: dict[str, object], name: str) -> dict[str, object]:

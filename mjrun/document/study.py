@@ -15,6 +15,7 @@ require: max(drift) < 0.5
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -130,6 +131,13 @@ def portable_document(study: Study, folder: str | Path) -> Mapped:
     return moved
 
 
+def with_document(study: Study) -> Study:
+    """Returns the study with its document for the manifest, if a document can represent it."""
+    with suppress(UsageError):
+        return replace(study, document=portable_document(study, study.output))
+    return study
+
+
 class _PlainValueKind(Kind[V, V]):
     """Plain values with a rule of JSON Schema; an empty rule accepts everything."""
 
@@ -224,8 +232,8 @@ def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
         study = json.loads(text).get("study")
     except (ValueError, AttributeError, RecursionError):
         study = None
-    if study is None:  # no document describes one that names code, or a model on standard input
-        hint = "give the study's document instead; with code, or a model from standard input, repeat its command"
+    if study is None:  # no document describes code, a model in memory or one on standard input; mjrun.Study writes none
+        hint = "give the study's document instead, or repeat the command or the Python code that wrote the folder"
         raise FileError(manifest, "does not contain a study", hint)
     return _study(manifest, study, Path() if is_url(path) else Path(path), {"output": path, **(given or {})})
 

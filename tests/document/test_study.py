@@ -259,7 +259,7 @@ def test_a_folder_knows_its_study(made: JobPlan) -> None:
     assert again == replace(study, document=None)
     for text in ("{}", "[1]", '{"command": "mjrun sweep m.xml --controller c.py:f"}'):
         Path("study/study.json").write_text(text)
-        with pytest.raises(FileError, match=r"does not contain a study\n.* repeat its command"):
+        with pytest.raises(FileError, match=r"does not contain a study\n.* repeat the command or the Python code"):
             read_folder("study")
 
 

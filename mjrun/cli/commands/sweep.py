@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -122,9 +122,11 @@ def sweep(console: Console, command_line: ParsedCommandLine) -> None:
             preview = study.preview()
             console.answer(Report("", preview, lambda: preview_report(preview)))
         elif options.plan is not None:
-            _write_plan(console, _with_document(study, required=True), options.plan)
+            _write_plan(console, study, options.plan)
         else:
-            study = replace(_with_document(study), with_csv=form == "csv")
+            from mjrun.document.study import with_document
+
+            study = replace(with_document(study), with_csv=form == "csv")
             report = partial(_report, study, str(command_line.value("controller") or ""))
             with reported_failures(console, report, form=form):
                 result = study.collect(console) if options.collect else study.run(console)
@@ -221,20 +223,11 @@ def _accepted_beside(file: str) -> Sequence[str]:
     return ("export_to",) if is_yaml(file) else ("export_to", *WITH_RESULTS)
 
 
-def _with_document(study: "Study", *, required: bool = False) -> "Study":
-    """Adds the study's document for the manifest, if a document can represent the study."""
-    from mjrun.document.study import portable_document
-
-    with nullcontext() if required else suppress(UsageError):
-        return replace(study, document=portable_document(study, study.output))
-    return study
-
-
 def _write_plan(console: Console, study: "Study", path: str) -> None:
-    from mjrun.document.study import write_plan
+    from mjrun.document.study import portable_document, write_plan
     from mjrun.study.job_plan import plan
 
-    made = plan(study)
+    made = plan(replace(study, document=portable_document(study, study.output)))
     write_plan(path, made)
     if console.verbosity >= 0:
         console.result(f"{clean(path)}: {counted(made.count, 'point')}")
