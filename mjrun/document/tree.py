@@ -244,7 +244,7 @@ def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequen
     path = violation.path
     if violation.keys is not None:
         keys = [*violation.keys, *(more_keys if len(path) == 1 and violation.keys else ())]
-        return Fault(key_mark(tree, path), path_text(path[:-1]), *_unknown(str(path[-1]), keys))
+        return Fault(key_mark(tree, path), path_text(path[:-1]), *_unknown(str(path[-1]), keys, violation.places))
     if violation.error:
         return fault_at(tree, (*path, *violation.error.path), violation.error)
     if violation.message:
@@ -255,9 +255,9 @@ def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequen
     return Fault(node.mark, path_text(path), f"expected {violation.expected}, got {described(node)}{hint}")
 
 
-def _unknown(key: str, keys: Sequence[str]) -> tuple[str, str]:
-    """Returns the message about an unknown key, and the valid keys."""
-    meant = [name for name in OTHER_NAMES.get(key, ()) if name in keys]
+def _unknown(key: str, keys: Sequence[str], places: Sequence[str]) -> tuple[str, str]:
+    """Returns the message about an unknown key, which `places` would accept, and the valid keys."""
+    meant = [*(name for name in OTHER_NAMES.get(key, ()) if name in keys), *places]
     message = f"unknown key {quoted(shortened(key))}{suggestion(key, keys, *meant)}"
     return message, f"; keys: {listing(keys)}" if keys else ""
 

@@ -62,6 +62,7 @@ class SchemaViolation:
       error: the error that the conversion of the value raised; it has a separate path.
       hint: text after the expected and the actual value.
       keys: the keys of the mapping if `path` ends with an unknown key.
+      places: paths, as text, of items that would accept this key, such as `videos[0].fps`.
     """
 
     path: Path = ()
@@ -70,6 +71,7 @@ class SchemaViolation:
     error: UsageError | None = None
     hint: str = ""
     keys: Sequence[str] | None = None
+    places: Sequence[str] = ()
 
 
 class SchemaViolationError(ValueError):

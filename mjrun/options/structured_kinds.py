@@ -98,7 +98,8 @@ class OptionsMappingKind(Kind[T, T]):
             if each is None:
                 # Comparing thousands of keys to suggest similar ones would be slow, and few are shown.
                 keys = [*options] if len(violations.all) < FAULTS else []
-                violations.all.append(SchemaViolation((key,), keys=keys))
+                places = [*_places(key, written, options)] if keys else []
+                violations.all.append(SchemaViolation((key,), keys=keys, places=places))
                 continue
             with violations.at(key):
                 values[each.attribute] = reader.form(each.kind).read(part, reader)
@@ -133,6 +134,17 @@ class OptionsMappingKind(Kind[T, T]):
 
     def plain(self, value: T) -> object:
         return plain_values(cast("Options", value))
+
+
+def _places(key: str, written: Mapping[str, object], options: Mapping[str, Option]) -> Iterator[str]:
+    """Yields the place of `key` in the first item of each list in `written` whose items accept it."""
+    for name, part in written.items():
+        kind = options[name].kind if name in options else None
+        if not isinstance(kind, ListKind) or not mappings_in(part):
+            continue
+        item = kind.each.members.get("object") if isinstance(kind.each, OneOfKind) else kind.each
+        if isinstance(item, OptionsMappingKind) and key in item.keys:
+            yield f"{name}[0].{key}"
 
 
 class ListKind(Kind[Sequence[T], tuple[T, ...]], Generic[T]):

@@ -50,6 +50,10 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
                 "keys: duration, steps, model, films, start"
             ],
         ),
+        (
+            "fps=5",
+            ["fps=5: unknown key 'fps' (did you mean 'films[0].fps'?); keys: duration, steps, model, films, start"],
+        ),
         ("duration=[1", ["duration=[1: this bracket is not closed"]),
         ("duration=a: 1", ["duration=a: 1: expected one value, [a list] or {a: mapping}"]),
         ("duration=- 1", ["duration=- 1: expected one value, [a list] or {a: mapping}"]),

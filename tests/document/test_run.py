@@ -356,6 +356,12 @@ def test_visual_flags_that_there_are_not_are_reported_with_those_that_are_like_t
     )
 
 
+def test_an_unknown_key_is_suggested_where_an_output_of_the_document_accepts_it() -> None:
+    text = f"{HEAD}videos: [{{output: a.mp4}}]\nimages: [a.png]\nexports: [{{output: a.html}}]"
+    (message,) = problems(text, "fps=30")
+    assert message.startswith("fps=30: unknown key 'fps' (did you mean 'videos[0].fps' or 'exports[0].fps'?); ")
+
+
 def test_what_is_wrong_in_a_setting_is_reported_at_the_setting() -> None:
     assert problems(f"{HEAD}videos: [{{output: a.mp4}}]", "videos[0].fps=fast", "duration=1", "steps=2") == [
         "videos[0].fps=fast: expected a positive number, got 'fast'",
