@@ -94,21 +94,20 @@ def scratch_folder() -> Iterator[Path]:
     Raises:
       FileError: it cannot be created.
     """
-    try:
-        home = _temporary_home()
-        remove_left_behind(home)
-        note_folder(home)
-        temporary = TemporaryOutput(home / "mjrun", folder=True)
-    except OSError as error:
-        where = tempfile.tempdir or "no folder"
-        reason = f"cannot hold temporary files: {error.strerror or error}"
-        raise FileError(where, reason, "set TMPDIR to another folder") from None
-    try:
-        inner = temporary.path / "files"  # outputs in the outer one, which is locked, could not be published
-        inner.mkdir()
+    with contextlib.ExitStack() as stack:
+        try:
+            home = _temporary_home()
+            remove_left_behind(home)
+            note_folder(home)
+            temporary = TemporaryOutput(home / "mjrun", folder=True)
+            stack.callback(temporary.remove)
+            inner = temporary.path / "files"  # outputs in the outer one, which is locked, could not be published
+            inner.mkdir()
+        except OSError as error:
+            where = tempfile.tempdir or "no folder"
+            reason = f"cannot hold temporary files: {error.strerror or error}"
+            raise FileError(where, reason, "set TMPDIR to another folder") from None
         yield inner
-    finally:
-        temporary.remove()
 
 
 def _temporary_home() -> Path:

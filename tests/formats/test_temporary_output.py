@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -98,6 +99,21 @@ def test_a_scratch_folder_is_removed_by_its_process_or_by_the_next(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
     with pytest.raises(FileError, match=r"none: cannot hold temporary files: No such file"), scratch_folder():
         pass
+
+
+def test_a_scratch_folder_whose_disk_fills_up_is_reported_and_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def mkdir(path: Path, *how: Any) -> None:
+        if path.name == "files":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        os.mkdir(path, *how)  # noqa: PTH102
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with pytest.raises(FileError, match=r"cannot hold temporary files: No space left"), scratch_folder():
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_scratch_folder_is_where_tmpdir_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
