@@ -250,6 +250,19 @@ def walk(node: Node) -> Iterator[Node]:
     yield node
 
 
+def meaning(value: Any) -> Any:
+    """Returns a key of an expression, or of a part of one: the same wherever equal ones are written."""
+    match value:
+        case NumericExpression() | BooleanExpression():
+            parts = (part for name, part in vars(value).items() if name not in ("start", "end"))
+            return type(value), *map(meaning, parts)
+        case tuple():
+            return tuple(map(meaning, value))
+        case float():
+            return value.hex()  # 0 and −0 differ
+    return value
+
+
 def columns_read(node: Node) -> tuple[str, ...]:
     """Returns the names of the columns that `node` reads, in the order of their first occurrence."""
     names: dict[str, None] = {}

@@ -1,7 +1,7 @@
 """The values of expressions on rows: a tree becomes a function once, which is called on each block of rows.
 
 Aggregates may also be combined without rows: their values are Python's numbers. Columns that are adjacent in a matrix
-have vectors that are parts of it.
+have vectors that are parts of it; equal sums, norms and extremes of the columns of a matrix are computed once.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,6 +13,7 @@ import numpy as np
 from mjrun.probe import expression as tree
 
 REMEMBERED = 1024  # expressions
+OF_OTHER_ROWS = (tree.AggregateCall, tree.PreviousValue, tree.TextMatch)  # whose values are known beforehand
 
 
 class ColumnLayout:
@@ -40,6 +41,9 @@ class ColumnMatrix(Mapping[str, Any]):
       layout: places of the columns in the matrix.
       matrix: `(n, columns)`.
       others: columns outside the matrix.
+
+    Attributes:
+      reduced: the values of reductions that have been computed, by their identity.
     """
 
     def __init__(self, layout: ColumnLayout, matrix: np.ndarray, others: Mapping[str, Any]) -> None:
@@ -47,6 +51,7 @@ class ColumnMatrix(Mapping[str, Any]):
         self._matrix = matrix
         self._others = others
         self._columns = dict[str, Any](others)
+        self.reduced = dict[object, Any]()
 
     def __getitem__(self, name: str) -> Any:
         column = self._columns.get(name)
@@ -102,9 +107,8 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
             return lambda columns, known: known[value]
         case tree.FunctionCall():
             return _call(value)
-        case tree.RowwiseReduction(name=name, operands=operands):
-            reduced, numbers = tree.REDUCED[name], _side_by_side(operands)
-            return lambda columns, known: reduced(numbers(columns, known), axis=-1)
+        case tree.RowwiseReduction():
+            return _reduction(value)
         case tree.ConditionalValue(condition=condition, operands=operands):
             return _choice(truth_evaluation(condition), *_aligned(operands), is_vector=value.width > 0)
     raise TypeError(value)
@@ -130,6 +134,29 @@ def truth_evaluation(truth: tree.BooleanExpression) -> Evaluation:
 
             return operation
     raise TypeError(truth)
+
+
+@lru_cache(REMEMBERED)
+def _identity(meaning: tuple[Any, ...]) -> object:
+    """Returns an object for all expressions with a meaning, whose hash takes no time."""
+    return object()
+
+
+def _reduction(value: tree.RowwiseReduction) -> Evaluation:
+    """Evaluates a reduction; that of a matrix once, however many expressions contain it."""
+    function, numbers = tree.REDUCED[value.name], _side_by_side(value.operands)
+    depends_on_known = any(isinstance(node, OF_OTHER_ROWS) for node in tree.walk(value))
+    identity = None if depends_on_known else _identity(tree.meaning(value))
+
+    def reduced(columns: Columns, known: KnownValues) -> Any:
+        if identity is None or not isinstance(columns, ColumnMatrix):
+            return function(numbers(columns, known), axis=-1)
+        values = columns.reduced.get(identity)
+        if values is None:
+            values = columns.reduced[identity] = function(numbers(columns, known), axis=-1)
+        return values
+
+    return reduced
 
 
 def _choice(holds: Evaluation, first: Evaluation, second: Evaluation, is_vector: bool) -> Evaluation:

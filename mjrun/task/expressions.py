@@ -75,6 +75,7 @@ class TaskExpressions:
                 conditions.append(parse_task_condition(termination.when, columns, f"terminations.{name}.when"))
 
         self._weights = [reward.weight for reward in task.rewards.values()]
+        self._weight_column = np.array(self._weights, float)[:, None]
         self._rewards = [each.evaluator(count) for each in rewards]
         self._conditions = [each.evaluator(count) for each in conditions]
         self._values = {name: each.evaluator(count) for name, each in values.items()}
@@ -171,8 +172,9 @@ class TaskExpressions:
         """
         terms = np.empty((len(self._rewards), count))
         with np.errstate(all="ignore"):
-            for term, each, weight in zip(terms, self._rewards, self._weights, strict=True):
-                np.multiply(each.advance(columns, ids), weight, out=term)
+            for row, each in enumerate(self._rewards):
+                terms[row] = each.advance(columns, ids)
+            terms *= self._weight_column
             return terms, self._codes([each.advance(columns, ids) for each in self._conditions], count)
 
     def values(self, columns: ColumnMatrix, ids: np.ndarray | None, first: bool) -> Mapping[str, np.ndarray]:

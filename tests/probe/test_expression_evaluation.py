@@ -43,6 +43,31 @@ def test_values_are_numpys_whatever_holds_the_columns(text: str, expected: np.nd
         np.testing.assert_array_equal(np.broadcast_to(ready(one, {}), 1), whole[row : row + 1])
 
 
+class CountingMatrix(ColumnMatrix):
+    """Columns that count the reads of vectors."""
+
+    reads = 0
+
+    def vector(self, names: tuple[str, ...]) -> np.ndarray:
+        self.reads += 1
+        return super().vector(names)
+
+
+def test_equal_reductions_of_a_matrix_are_computed_once() -> None:
+    matrix = CountingMatrix(ColumnLayout(NAMES), TABLE, {})
+    texts = {
+        "where(isfinite('v/*'), 1, 0)": (np.ones(40), 1),
+        "max(abs('v/*')) + a": (np.abs(V).max(axis=1) + A, 1),
+        "sum('v/*' * 0)": ((V * 0.0).sum(axis=1), 2),
+        "max(abs('v/*')) - 1": (np.abs(V).max(axis=1) - 1, 2),
+        "max('v/*' * 0)": ((V * 0.0).max(axis=1), 3),
+        "max('v/*' * -0)": ((V * -0.0).max(axis=1), 4),
+    }
+    for text, (expected, reads) in texts.items():
+        values = evaluate(parser(text).row_value(), matrix, {})
+        assert (values.tobytes(), matrix.reads) == (expected.tobytes(), reads), text
+
+
 def test_conditions_are_numpys() -> None:
     truth = parser("not (a > 0 or b < 0) and isfinite('v/*')").condition()
     np.testing.assert_array_equal(evaluate_truth(truth, COLUMNS, {}), ~((A > 0) | (B < 0)))
