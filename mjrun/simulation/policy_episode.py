@@ -372,14 +372,22 @@ def cached_policy(
         return load.load_policy(policy, trust=trust, normalize=normalize, place=place)
     files = [stored for file in policy_files(policy, normalize) if is_file(stored := place(file))]
     versions = tuple((str(file.resolve()), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    return _read_policy(policy, trust, normalize, _Files(place, versions))
+    files = _Files([place], versions)
+    try:
+        return _read_policy(policy, trust, normalize, files)
+    finally:
+        files.places.clear()  # the cache would keep it, and with it the copies of all files of a simulation
 
 
 @dataclass(frozen=True)
 class _Files:
-    """Paths and versions of the files of a policy; the versions identify it in the cache."""
+    """Paths and versions of the files of a policy; the versions identify it in the cache.
 
-    place: Callable[[str | Path], Path] = field(compare=False)
+    Attributes:
+      places: the function that returns where a file is read, until the policy has been read.
+    """
+
+    places: list[Callable[[str | Path], Path]] = field(compare=False)
     versions: tuple[tuple[str, int, int], ...]
 
 
@@ -387,7 +395,7 @@ class _Files:
 def _read_policy(policy: str, trust: bool, normalize: str | None, files: _Files) -> "Policy":
     from mjrun.policy import load
 
-    return load.load_policy(policy, trust=trust, normalize=normalize, place=files.place)
+    return load.load_policy(policy, trust=trust, normalize=normalize, place=files.places[0])
 
 
 def policy_files(policy: object, normalize: str | None = None) -> list[Path]:

@@ -1,5 +1,6 @@
 """Simulations that a policy drives, against bare loops."""
 
+import gc
 import json
 import pickle
 from collections.abc import Iterator
@@ -261,6 +262,17 @@ def test_a_trace_of_a_task_is_a_bare_loop_of_physics_and_inference(task: Path, t
     assert result.episode is not None
     assert result.episode.ending == ("timeout" if len(table) == 51 else "fast")
     assert result.episode.total == table[-1, -1]
+
+
+def test_a_policy_that_is_kept_for_later_keeps_no_copies_of_files(task: Path) -> None:
+    simulation = Simulation(read_task(task), policy=str(task.with_suffix(".onnx"))).with_snapshot()
+    assert simulation.snapshot
+    folder = simulation.snapshot.root
+    assert simulation.episode
+    assert folder.is_dir()
+    del simulation
+    gc.collect()
+    assert not folder.exists()
 
 
 def test_a_task_lasts_until_it_ends_or_as_long_as_is_reported(task: Path, tmp_path: Path) -> None:
