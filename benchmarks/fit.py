@@ -150,7 +150,7 @@ def by_mjrun(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> N
     row.seconds.append(time.process_time() - begin)
     row.errors.append([abs(p.value / t - 1) for p, t in zip(result.parameters, problem.truth, strict=True)])
     row.hits += [p.low <= t <= p.high for p, t in zip(result.parameters, problem.truth, strict=True)]
-    row.warned += result.reduced_chi2 >= 2
+    row.warned += any("lacks something" in each for each in result.remarks)
     row.rollouts.append(result.rollouts)
 
 
