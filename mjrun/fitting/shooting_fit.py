@@ -216,6 +216,9 @@ class ShootingFit:
         """
         openings = [_opening(part, WINDOW) for part in parts]
         states = self.guessed(parts, coordinates)
+        if self._loss != "linear":  # guesses do not ignore outliers
+            opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
+            states = self._run(opening.approach()).states
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
         nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed).estimate())
         place = None if coordinates is None else nearest.coordinates

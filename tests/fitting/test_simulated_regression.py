@@ -89,6 +89,21 @@ def test_where_motion_is_smooth_it_agrees_with_least_squares(monkeypatch: pytest
     assert estimate.probability > 0.05
 
 
+def test_a_robust_loss_ignores_an_outlier_in_the_first_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fourth value of a pendulum's log, to which its initial state is guessed, is wrong by 50 mrad."""
+    monkeypatch.setattr("mjrun.fitting.simulated_regression.WIDE", 0.03)
+    solution, parameters = solved()
+    (log,) = segments()
+    values = log.values.copy()
+    values[3] += 0.05
+    shoot, _ = shooting(THREE)
+    shoot._loss = "huber"
+    end = shoot._regressed(shoot.cut([replace(log, values=values)]), solution.coordinates, solution.noise)
+    assert end.estimate
+    errors = np.sqrt(np.diag(np.linalg.inv(all_information(solution, parameters))))
+    assert (np.abs(end.estimate.draws.mean(axis=0) - solution.coordinates) < 3 * errors).all()
+
+
 @pytest.mark.slow
 def test_a_box_that_sticks_and_slides_shows_its_friction_and_damping(tmp_path: Path) -> None:
     """Intervals contain the truth and exclude the values of the model, 60 % above it."""
