@@ -182,7 +182,7 @@ class _DataColumns:
         self.measured: list[tuple[slice, MjDataProbe]] = []
         self._computations: list[Callable[[mujoco.MjModel, mujoco.MjData], None]] = []
         self._computed: list[tuple[slice, str, slice | np.ndarray]] = []
-        self._views: dict[int, list[tuple[slice, np.ndarray, slice | np.ndarray]]] = {}  # of each MjData, by its id
+        self._views: dict[int, list[tuple[slice, np.ndarray, np.ndarray | None]]] = {}  # of each MjData, by its id
         self._lock = Lock()  # probes may share memory
 
     @property
@@ -208,10 +208,15 @@ class _DataColumns:
         for computation in self._computations:
             computation(model, data)
         if (views := self._views.get(id(data))) is None:
-            views = [(place, getattr(data, field).reshape(-1), places) for place, field, places in self._computed]
-            self._views[id(data)] = views
-        for place, values, places in views:
-            row[place] = values[places]
+            views = self._views[id(data)] = [*self._viewed(data)]
+        for place, values, scattered in views:
+            row[place] = values if scattered is None else values[scattered]
+
+    def _viewed(self, data: mujoco.MjData) -> Iterator[tuple[slice, np.ndarray, np.ndarray | None]]:
+        """Yields views of the computed numbers; with the places of those that are not adjacent, which have none."""
+        for place, field, places in self._computed:
+            values = getattr(data, field).reshape(-1)
+            yield (place, values[places], None) if isinstance(places, slice) else (place, values, places)
 
 
 class BatchColumns:
