@@ -41,9 +41,9 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.study import executors
-from mjrun.study.chunk_files import PartFiles, PartWriter
 from mjrun.study.job_plan import task_blocks, task_points
 from mjrun.study.leases import BEAT, POLL, Leases, PointLeaser
+from mjrun.study.part_files import PartFiles, PartWriter
 from mjrun.study.range_folders import SIZES
 from mjrun.study.spec import PointResult
 
@@ -251,7 +251,7 @@ def simulated(
     """
     with patch("mjrun.study.range_folders.SIZES", tuple(sizes)), tempfile.TemporaryDirectory(dir=folder) as root:
         cluster = _Cluster(Path(root), points, nodes, seconds, failures, seed, is_shared=is_shared)
-        with patch("mjrun.study.leases.time", cluster.clock), patch("mjrun.study.chunk_files.time", cluster.clock):
+        with patch("mjrun.study.leases.time", cluster.clock), patch("mjrun.study.part_files.time", cluster.clock):
             end = cluster.run()
         counts, start = cluster.counts.copy(), time.process_time()
         files = PartFiles(cluster.folder, [METRIC], STUDY, points)

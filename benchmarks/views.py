@@ -19,7 +19,7 @@ from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.rendering.backend import BackendDetector, WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 from mjrun.simulation.simulation import Simulation
 
@@ -44,7 +44,7 @@ def costs(
     with ExitStack() as stack:
         renderers = {
             quality: stack.enter_context(
-                closing(ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model)))
+                closing(ClassicRenderer(model, size, backend, Visual(quality=quality), SegmentationIds(model)))
             )
             for quality in dict.fromkeys(quality for quality, _ in CASES.values())
         }

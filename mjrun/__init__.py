@@ -55,7 +55,7 @@ _HOMES = {
     "RecordingResult": "mjrun.outputs.recording",
     "Reset": "mjrun.task.task",
     "Reward": "mjrun.task.task",
-    "Segmentation": "mjrun.rendering.segmentation",
+    "SegmentationIds": "mjrun.rendering.segmentation",
     "Simulation": "mjrun.simulation.simulation",
     "Study": "mjrun.study.study",
     "StudyResult": "mjrun.study.study",

@@ -54,7 +54,7 @@ from mjrun.plotting.table_figure import read_table as read_table
 from mjrun.policy.load import load_policy as load_policy
 from mjrun.policy.policy import ActionSpace as ActionSpace
 from mjrun.policy.policy import Policy as Policy
-from mjrun.rendering.segmentation import Segmentation as Segmentation
+from mjrun.rendering.segmentation import SegmentationIds as SegmentationIds
 from mjrun.rendering.single_render import render as render
 from mjrun.rendering.visual import Visual as Visual
 from mjrun.simulation.input_snapshot import InputSnapshot
@@ -114,7 +114,7 @@ __all__ = [
     "RecordingResult",
     "Reset",
     "Reward",
-    "Segmentation",
+    "SegmentationIds",
     "Simulation",
     "Study",
     "StudyResult",

@@ -71,7 +71,7 @@ LIBRARIES = {
         "formats.tables",
         "formats.episodes.lerobot",
         "formats.study_reader",
-        "study.chunk_files",
+        "study.part_files",
     ),
     "fsspec": ("formats.local_and_remote_folders",),
     "distributed": ("study.clusters",),

@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.statistics import SampleStatistics, summarized
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.confinement.self_confinement import confined_load
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
@@ -92,11 +92,11 @@ class TimedClassicRenderer(ClassicRenderer):
         with self.watch.part(UPDATE):
             super().set_state(state, index)
 
-    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         with self.watch.part(READ):
             return super().render(pose, views)
 
-    def _update_scene(self, pose: Pose) -> None:
+    def _update_scene(self, pose: CameraPose) -> None:
         with self.watch.part(UPDATE):
             super()._update_scene(pose)
 
@@ -106,7 +106,7 @@ class TimedClassicRenderer(ClassicRenderer):
             mujoco.mjr_finish()
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
 
-    def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
+    def _exact(self, seen: RenderedView, pose: CameraPose, views: Sequence[str]) -> RenderedView:
         if self._buffer is None:
             self._buffer = _TimedBuffer(self.size, self.watch)
         return super()._exact(seen, pose, views)
@@ -152,7 +152,7 @@ class TimedFilamentRenderer(FilamentRenderer):
         with self.watch.part(UPDATE):
             super().set_state(state, index)
 
-    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         with self.watch.part(DRAW):
             return super().render(pose, views)
 

@@ -12,8 +12,8 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class ConfidenceInterval:
-    """An interval, and the probability that an interval computed this way contains the true value."""
+class IntervalWithCoverage:
+    """A confidence interval, and the probability that an interval computed this way contains the true value."""
 
     low: float
     high: float
@@ -66,7 +66,7 @@ def median(samples: Sequence[float]) -> float:
     return float(np.median(samples))
 
 
-def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) -> ConfidenceInterval | None:
+def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) -> IntervalWithCoverage | None:
     """Returns the interval between two order statistics that contains the true median with at least `confidence`.
 
     The number of samples below the true median is binomial (n, 1/2) whatever the distribution, if the samples are
@@ -83,7 +83,7 @@ def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) ->
         covered = coverage(len(ordered), k)
         if covered < confidence:
             break
-        narrowest = ConfidenceInterval(float(ordered[k - 1]), float(ordered[-k]), float(covered))
+        narrowest = IntervalWithCoverage(float(ordered[k - 1]), float(ordered[-k]), float(covered))
 
     return narrowest
 
@@ -95,7 +95,7 @@ def coverage(n: int, k: int) -> Fraction:
 
 def ratio_interval(
     samples: Sequence[float], base: Sequence[float], confidence: float = CONFIDENCE
-) -> ConfidenceInterval | None:
+) -> IntervalWithCoverage | None:
     """Returns an interval for the ratio of the true medians of `samples` and `base`, both positive.
 
     Order statistics enclose each median at a confidence of (1 + `confidence`) / 2. Both intervals hold at the same time
@@ -110,4 +110,4 @@ def ratio_interval(
     if numerator is None or denominator is None:
         return None
     low, high = numerator.low / denominator.high, numerator.high / denominator.low
-    return ConfidenceInterval(low, high, numerator.confidence + denominator.confidence - 1)
+    return IntervalWithCoverage(low, high, numerator.confidence + denominator.confidence - 1)

@@ -63,7 +63,7 @@ class Frustum:
 
 
 @dataclass(frozen=True)
-class Pose:
+class CameraPose:
     """The position and view of a camera.
 
     Attributes:
@@ -105,15 +105,15 @@ class Pose:
         roll = math.atan2(float(self.up @ level[:, 0]), float(self.up @ level[:, 1]))
         return math.degrees(azimuth), math.degrees(elevation), math.degrees(roll)
 
-    def opened(self, fovy: float) -> "Pose":
+    def opened(self, fovy: float) -> "CameraPose":
         """Returns the pose with another vertical field of view [deg]; [m] if orthographic."""
         return replace(self, frustum=self.frustum.opened(fovy))
 
-    def rolled(self, roll: float) -> "Pose":
+    def rolled(self, roll: float) -> "CameraPose":
         """Returns the pose turned clockwise around the axis of view [deg]."""
         return replace(self, rotation=self.rotation @ turn(2, -roll))
 
-    def panned(self, pan: float, tilt: float) -> "Pose":
+    def panned(self, pan: float, tilt: float) -> "CameraPose":
         """Returns the pose turned to the left by `pan` and then up by `tilt` [deg], about the camera's axes."""
         return replace(self, rotation=self.rotation @ turn(1, pan) @ turn(0, tilt))
 
@@ -155,13 +155,13 @@ def heading(direction: np.ndarray) -> tuple[float, float]:
     return azimuth, math.degrees(math.atan2(z, across))
 
 
-def around(lookat: np.ndarray, distance: float, azimuth: float, elevation: float, frustum: Frustum) -> Pose:
+def around(lookat: np.ndarray, distance: float, azimuth: float, elevation: float, frustum: Frustum) -> CameraPose:
     """Returns the pose of MuJoCo's free camera, as in mjv_updateCamera, in float64 (lengths [m], angles [deg])."""
     turn = rotation(azimuth, elevation)
-    return Pose(lookat + distance * turn[:, 2], turn, frustum, distance)
+    return CameraPose(lookat + distance * turn[:, 2], turn, frustum, distance)
 
 
-def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float) -> Pose:
+def fitted(pose: CameraPose, points: np.ndarray, size: tuple[int, int], margin: float) -> CameraPose:
     """Moves `pose` until `points` `(n, 3)` [m] just fit into an image of `size`, in the same direction of view.
 
     The middle of the box around them is in the middle of the image, which is `margin` times as large as they
@@ -175,17 +175,17 @@ def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float)
     if seen.orthographic:
         half = margin * np.abs(sides * [size[1] / size[0], 1]).max()
         distance = max(pose.distance, clear)
-        return Pose(center - distance * pose.forward, pose.rotation, seen.opened(2 * half), distance)
+        return CameraPose(center - distance * pose.forward, pose.rotation, seen.opened(2 * half), distance)
     # On the plane at depth 1, the image is `middle` ± `half`, which may lie beside the axis.
     middle = np.array([seen.center, (seen.top + seen.bottom) / 2]) / seen.near
     half = np.array([seen.halfwidth(size), (seen.top - seen.bottom) / 2]) / seen.near / margin
     needed = np.abs(sides - depths[:, None] * middle) / half - depths[:, None]
     distance = max(float(needed.max()), clear)
     toward = pose.rotation @ [*middle, -1]
-    return Pose(center - distance * toward, pose.rotation, seen, distance)
+    return CameraPose(center - distance * toward, pose.rotation, seen, distance)
 
 
-def contains(pose: Pose, points: np.ndarray, size: tuple[int, int]) -> bool:
+def contains(pose: CameraPose, points: np.ndarray, size: tuple[int, int]) -> bool:
     """Returns whether all of `points` `(n, 3)` [m] are inside an image of `size`, in front of the near plane."""
     local = (points - pose.position) @ pose.rotation
     seen, depths = pose.frustum, -local[:, 2]
@@ -195,7 +195,7 @@ def contains(pose: Pose, points: np.ndarray, size: tuple[int, int]) -> bool:
     return bool(np.all(across & down & (depths >= seen.near)))
 
 
-def pose_of(scene: mujoco.MjvScene) -> Pose:
+def pose_of(scene: mujoco.MjvScene) -> CameraPose:
     """Returns the pose of the camera in `scene` without stereo: midway between its two eyes."""
     camera = mujoco.mjv_averageCamera(scene.camera[0], scene.camera[1])
     forward = np.array(camera.forward, np.float64)
@@ -211,7 +211,9 @@ def pose_of(scene: mujoco.MjvScene) -> Pose:
         far=float(camera.frustum_far),
         orthographic=bool(camera.orthographic),
     )
-    return Pose(np.array(camera.pos, np.float64), np.column_stack([right, np.cross(right, forward), -forward]), frustum)
+    return CameraPose(
+        np.array(camera.pos, np.float64), np.column_stack([right, np.cross(right, forward), -forward]), frustum
+    )
 
 
 def turn(axis: int, angle: float) -> np.ndarray:
@@ -229,26 +231,26 @@ def user_camera() -> mujoco.MjvCamera:
     return camera
 
 
-class PoseArray(Sequence[tuple[Pose, ...]]):
+class CameraPoseArray(Sequence[tuple[CameraPose, ...]]):
     """The pose of each camera for each frame, stored as numbers: the objects of a long video would fill the memory.
 
     Args:
       cameras: the poses of each camera, in the order of frames; equally many of each.
     """
 
-    def __init__(self, cameras: Iterable[Iterable[Pose]]) -> None:
+    def __init__(self, cameras: Iterable[Iterable[CameraPose]]) -> None:
         self._tracks = [_Track(poses) for poses in cameras]
 
     def __len__(self) -> int:
         return min(map(len, self._tracks))
 
     @overload
-    def __getitem__(self, index: int) -> tuple[Pose, ...]: ...
+    def __getitem__(self, index: int) -> tuple[CameraPose, ...]: ...
 
     @overload
-    def __getitem__(self, index: slice) -> list[tuple[Pose, ...]]: ...
+    def __getitem__(self, index: slice) -> list[tuple[CameraPose, ...]]: ...
 
-    def __getitem__(self, index: int | slice) -> tuple[Pose, ...] | list[tuple[Pose, ...]]:
+    def __getitem__(self, index: int | slice) -> tuple[CameraPose, ...] | list[tuple[CameraPose, ...]]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         return tuple(track[index] for track in self._tracks)
@@ -257,7 +259,7 @@ class PoseArray(Sequence[tuple[Pose, ...]]):
 class _Track:
     """The poses of one camera; repeated poses are stored once."""
 
-    def __init__(self, poses: Iterable[Pose]) -> None:
+    def __init__(self, poses: Iterable[CameraPose]) -> None:
         self._numbers, self._rows = array("d"), array("l")
         last = b""
         for pose in poses:
@@ -272,15 +274,15 @@ class _Track:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def __getitem__(self, index: int) -> Pose:
+    def __getitem__(self, index: int) -> CameraPose:
         start = NUMBERS * self._rows[index]
         numbers = np.array(self._numbers[start : start + NUMBERS])
         distance, *frustum, orthographic = numbers[12:].tolist()
         seen = Frustum(*frustum, orthographic=bool(orthographic))
-        return Pose(numbers[:3], numbers[3:12].reshape(3, 3), seen, distance)
+        return CameraPose(numbers[:3], numbers[3:12].reshape(3, 3), seen, distance)
 
 
-def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:
+def lens(pose: CameraPose, size: tuple[int, int]) -> CameraCalibration:
     """Returns the calibrated camera of an image of `size` rendered from `pose`.
 
     Valid for every camera of MuJoCo: by fovy, with explicit intrinsics, free, orthographic. As in mjr_render, a

@@ -17,7 +17,7 @@ from mjrun import errors
 from mjrun.camera import rigs
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, ObjectNameKind, RampKind, Shake
+from mjrun.camera.settings import BLENDS, EASINGS, EasedNumber, ObjectNameKind, RampKind, Shake, ShotBlend
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, near
 from mjrun.model.names import identify, names
@@ -114,24 +114,24 @@ class InstantOrEventKind(OneOfKind["float | str | Fraction | ConditionEvent", "F
         return plain_values(value) if isinstance(value, ConditionEvent) else value
 
 
-class _BlendKind(OneOfKind["Blend | str | float", Blend]):
+class _BlendKind(OneOfKind["ShotBlend | str | float", ShotBlend]):
     """A blend, its shape or its width."""
 
     def __init__(self) -> None:
         forms = "a shape, a width [s] or {shape, width}"
         shape, width = ChoiceKind((*BLENDS,)), RealKind(above=0)
-        super().__init__(forms, string=shape, number=width, object=OptionsMappingKind(Blend, Blend))
+        super().__init__(forms, string=shape, number=width, object=OptionsMappingKind(ShotBlend, ShotBlend))
 
-    def __call__(self, value: "Blend | str | float") -> Blend:
+    def __call__(self, value: "ShotBlend | str | float") -> ShotBlend:
         match value:
-            case Blend():
+            case ShotBlend():
                 return value
             case str():
-                return Blend(shape=value)
+                return ShotBlend(shape=value)
             case _:
-                return Blend(width=value)
+                return ShotBlend(width=value)
 
-    def plain(self, value: Blend) -> object:
+    def plain(self, value: ShotBlend) -> object:
         return plain_values(value)
 
 
@@ -176,7 +176,7 @@ class Shot(Options):
         kw_only=False,
         help="Simulated seconds per second of video: 0.5 is slow motion.",
     )
-    blend: Blend | None = option(
+    blend: ShotBlend | None = option(
         converter=optional(_BlendKind()),
         default=None,
         kw_only=False,

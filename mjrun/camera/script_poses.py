@@ -6,7 +6,7 @@ from itertools import groupby
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
+from mjrun.camera.pose import EMPTY_FRUSTUM, CameraPose, Frustum, fitted, rotation
 from mjrun.camera.rigs.auto import BoundAutoRig, OutermostPoints
 from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
@@ -54,7 +54,7 @@ class BoundCameraScript:
         times: Sequence[float],
         video_times: Sequence[float],
         spans: Sequence[Span],
-    ) -> Iterator[Pose]:
+    ) -> Iterator[CameraPose]:
         """Yields the pose of each frame, in order. The frames of a blend are read before its first pose is yielded.
 
         Args:
@@ -97,7 +97,7 @@ class BoundCameraScript:
         remarks = [self._shots[i].aim_at_motion(outermost) for i, outermost in collections.items()]
         return [f"{text}; {option('camera')} free stays where MuJoCo puts it" for text in remarks if text]
 
-    def pose(self, state: np.ndarray) -> Pose:
+    def pose(self, state: np.ndarray) -> CameraPose:
         """Returns the pose for one state, at the beginning of the first shot."""
         later = [(np.inf, np.inf)] * (len(self._shots) - 1)
         return next(self.poses([state], [0.0], [0.0], [(0.0, 0.0), *later]))
@@ -115,7 +115,7 @@ class BoundCameraScript:
         poses = {i: self._shots[i].pose(self._data, _shot_time(time, spans[i]), self._size) for i in _visible(weights)}
         return _FrameView(time, video_time, weights, poses)
 
-    def _blended(self, views: Sequence["_FrameView"], spans: Sequence[Span]) -> list[Pose]:
+    def _blended(self, views: Sequence["_FrameView"], spans: Sequence[Span]) -> list[CameraPose]:
         """Blends the poses of frames that several shots contribute to: each shot into those before it."""
         poses = [view.poses.get(0) for view in views]
         for i in range(1, len(spans)):
@@ -129,7 +129,7 @@ class BoundCameraScript:
                     poses[k] = pose
         return [pose for pose in poses if pose]
 
-    def _shaken(self, pose: Pose, view: "_FrameView") -> Pose:
+    def _shaken(self, pose: CameraPose, view: "_FrameView") -> CameraPose:
         if not any(self._shakes):
             return pose
         angles = np.zeros(2)
@@ -177,7 +177,7 @@ class _BoundShot:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
         return self.rig.aim_at_motion(outermost) if isinstance(self.rig, BoundAutoRig) else ""
 
-    def pose(self, data: mujoco.MjData, at: ShotTime, size: tuple[int, int]) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime, size: tuple[int, int]) -> CameraPose:
         pose = self.rig.pose(data, at)
         if self.shot.fovy:
             pose = pose.opened(self.shot.fovy.at(at.phase))
@@ -195,7 +195,7 @@ class _FrameView:
     time: float
     video_time: float
     weights: list[float]
-    poses: dict[int, Pose]
+    poses: dict[int, CameraPose]
 
 
 def _bound_shot(shot: Shot, cameras: MujocoCameras, where: str) -> _BoundShot:
@@ -224,8 +224,8 @@ def _visible(weights: Sequence[float]) -> list[int]:
 
 
 def _crossfade(
-    before: Sequence[Pose], after: Sequence[Pose], weights: np.ndarray, join: int, size: tuple[int, int]
-) -> list[Pose]:
+    before: Sequence[CameraPose], after: Sequence[CameraPose], weights: np.ndarray, join: int, size: tuple[int, int]
+) -> list[CameraPose]:
     """Blends poses into others by `weights`, linear in target, distance, angles and tangents of the frustum.
 
     Angles take the short way at the frame `join`. From there they continue without jumps, so that a camera that is
@@ -234,13 +234,13 @@ def _crossfade(
     starts, ends = (_continued(np.array([p.angles for p in poses]), join) for poses in (before, after))
     ends -= 360 * np.rint((ends[join] - starts[join]) / 360)
     angles = starts + weights[:, None] * (ends - starts)
-    poses = list[Pose]()
+    poses = list[CameraPose]()
     for a, b, share, (azimuth, elevation, roll) in zip(before, after, weights, angles, strict=True):
         turn = rotation(azimuth, elevation, roll)
         distance = a.distance + share * (b.distance - a.distance)
         lookat = a.lookat + share * (b.lookat - a.lookat)
         frustum = _between(a.frustum, b.frustum, share, size)
-        poses.append(Pose(lookat + distance * turn[:, 2], turn, frustum, distance))
+        poses.append(CameraPose(lookat + distance * turn[:, 2], turn, frustum, distance))
     return poses
 
 

@@ -55,7 +55,7 @@ class EasedNumber:
 
 
 @options
-class Blend(Options):
+class ShotBlend(Options):
     """The transition from one shot to the next."""
 
     shape: str = option(
@@ -69,7 +69,7 @@ class Blend(Options):
     )
 
 
-def blend_weight(blend: Blend | None, since: float) -> float:
+def blend_weight(blend: ShotBlend | None, since: float) -> float:
     """Returns the weight of a shot, `since` it began [s], from 0 to 1; without a blend, a step."""
     if blend is None:
         return float(since >= -SAME_TIME)
@@ -91,7 +91,7 @@ class Shake(Options):
 
 
 class ShakeNoise:
-    """Smooth noise on two angles: sums of sines with random phases, of 0.5 to 1.5 times the frequency.
+    """The smooth noise of a shake on two angles: sums of sines with random phases, of 0.5 to 1.5 times the frequency.
 
     Over a long time the standard deviation is exactly `shake.angle`: since frequencies differ, the variances of the
     sines add up.

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelResult
+from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelCheckResult
 from mjrun.check.rule_catalogue import codes, matching_codes, threshold_values
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import (
@@ -30,7 +30,7 @@ from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.xml_source import scan
 from mjrun.options.check import EXTRAS, CheckOptions
 from mjrun.options.number_kinds import AUTO
-from mjrun.options.option import Requirement, options
+from mjrun.options.option import OptionRequirement, options
 from mjrun.options.policy import NORMALIZE_REQUIREMENT, PolicyOptions
 from mjrun.packages import computing_versions, installed_version
 from mjrun.platform.cores import available_cores
@@ -56,7 +56,7 @@ FRAGMENT = "mujocoinclude"  # the root of a file that other models include
 
 @dataclass(frozen=True)
 class CheckResult:
-    """The results for all models, in the order given.
+    """The result of a check: those of all models, in the order given.
 
     Attributes:
       mjrun: the version that checked them.
@@ -72,7 +72,7 @@ class CheckResult:
     """
 
     mjrun: str = field(default=__version__, kw_only=True)
-    models: tuple[ModelResult, ...]
+    models: tuple[ModelCheckResult, ...]
     skipped: int
     code: int
     gone: int = 0
@@ -106,10 +106,10 @@ class ModelCheck(PolicyOptions, CheckOptions):
       UsageError: a code, severity or number is invalid.
     """
 
-    requirements: ClassVar[tuple[Requirement, ...]] = (
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
         NORMALIZE_REQUIREMENT,
-        Requirement("dry_run", "fix", "whose changes it counts"),
-        Requirement("update_baseline", "baseline", "which it replaces"),
+        OptionRequirement("dry_run", "fix", "whose changes it counts"),
+        OptionRequirement("update_baseline", "baseline", "which it replaces"),
     )
     task_reader: ClassVar[str] = ""
 
@@ -164,7 +164,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         self,
         reporter: Reporter | None = None,
         spelling: Spelling = str,
-        finished: Callable[[ModelResult], object] = lambda result: None,
+        finished: Callable[[ModelCheckResult], object] = lambda result: None,
         before_fix: "BeforeFix | None" = None,
     ) -> CheckResult:
         """Checks all models.
@@ -190,7 +190,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
             paths = ChangedModels(self.changed_since).of(paths)
 
-        def reported(result: ModelResult) -> ModelResult:
+        def reported(result: ModelCheckResult) -> ModelCheckResult:
             new = result if known is None else _without_known(result, known)
             finished(new)
             return new
@@ -200,7 +200,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             fixing = self._fixing(paths, workers, spelling, before_fix)
             count = itertools.count(1)
 
-            def checked(each: FixResult) -> ModelResult:
+            def checked(each: FixResult) -> ModelCheckResult:
                 reporter.progress("models", next(count), len(paths))
                 return each.result if fixing else reported(each.result)
 
@@ -314,7 +314,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         if self._accepted:
             reported = [replace(each, fixes=()) if self._accepted.contains(each) else each for each in reported]
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
-        result = _in_spelling(ModelResult(task.model, loads, tuple(reported), suppressed), spelling)
+        result = _in_spelling(ModelCheckResult(task.model, loads, tuple(reported), suppressed), spelling)
         changes = next((message["changes"] for message in output.messages if "changes" in message), None)
         return FixResult(result, changes)
 
@@ -370,29 +370,29 @@ class ModelCheck(PolicyOptions, CheckOptions):
             return CRASH.in_model(model, message, CRASH_REMEDY)
         return INTERNAL_ERROR.in_model(model, f"mjrun failed while {stage}{detail}", "please report it")
 
-    def _exit_code(self, results: Sequence[ModelResult]) -> int:
+    def _exit_code(self, results: Sequence[ModelCheckResult]) -> int:
         if any(not (result.loads or _is_known_not_to_load(result)) for result in results):
             return 3
         least = SEVERITIES.index(self.fail_on)
         return int(any(SEVERITIES.index(f.severity) >= least for result in results for f in result.findings))
 
 
-def _without_known(result: ModelResult, known: "Baseline") -> ModelResult:
+def _without_known(result: ModelCheckResult, known: "Baseline") -> ModelCheckResult:
     """Returns a result without the findings of a baseline."""
     new = known.new(result.findings)
     return replace(result, findings=new, known=len(result.findings) - len(new))
 
 
-def worst_first(models: Iterable[ModelResult]) -> list[ModelResult]:
+def worst_first(models: Iterable[ModelCheckResult]) -> list[ModelCheckResult]:
     """Returns models that do not load first, then by their numbers of errors, warnings and notes."""
 
-    def badness(model: ModelResult) -> tuple[int, ...]:
+    def badness(model: ModelCheckResult) -> tuple[int, ...]:
         return (not model.loads, *(model.count(severity) for severity in reversed(SEVERITIES)))
 
     return sorted(models, key=badness, reverse=True)
 
 
-def _is_known_not_to_load(result: ModelResult) -> bool:
+def _is_known_not_to_load(result: ModelCheckResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
@@ -412,7 +412,7 @@ def _with_reason(finding: Finding, model: Path) -> Finding:
     return replace(finding, remedy=f"{finding.remedy}\nnot fixed: {reason}".lstrip("\n"))
 
 
-def _in_spelling(result: ModelResult, spelling: Spelling) -> ModelResult:
+def _in_spelling(result: ModelCheckResult, spelling: Spelling) -> ModelCheckResult:
     """Returns a result in whose texts mjrun's options are spelled."""
     texts = ((each, spelled(each.message, spelling), spelled(each.remedy, spelling)) for each in result.findings)
     return replace(result, findings=tuple(replace(each, message=one, remedy=two) for each, one, two in texts))

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import SEVERITIES, Finding, FixedModelCopy, ModelResult, without_repeats
+from mjrun.check.rule import SEVERITIES, Finding, FixedModelCopy, ModelCheckResult, without_repeats
 from mjrun.check.rule_runner import RULES
 from mjrun.check.rules.body_sizes import INFINITE
 from mjrun.errors import ModelError, NoRendererError, clean, counted
@@ -43,8 +43,8 @@ MAX_PICTURES = 100
 VISIBLE = ("geom", "key_qpos")  # the beginnings of fields whose changes can be seen
 
 
-class PicturedModel:
-    """A model whose findings are drawn.
+class FindingRenderer:
+    """A renderer of the findings of one model.
 
     Raises:
       ModelError: the model does not load.
@@ -151,35 +151,35 @@ class FindingCards:
         self._pictures = 0
         self._can_render = True
 
-    def of(self, result: ModelResult) -> Iterator[PageCard]:
+    def of(self, result: ModelCheckResult) -> Iterator[PageCard]:
         """Yields a card for each finding of a model, the worst first."""
-        model = self._pictured(result.model) if result.loads and result.findings else None
+        renderer = self._renderer_of(result.model) if result.loads and result.findings else None
         for finding in sorted(result.findings, key=lambda each: -SEVERITIES.index(each.severity)):
-            image = self._picture(model, finding)
+            image = self._picture(renderer, finding)
             yield _card(finding, finding.severity, finding.remedy.splitlines(), [image] if image else [])
 
     def add_fixes(self, copy: FixedModelCopy, findings: Sequence[Finding]) -> None:
         """Adds a card for each finding that is fixed in the copy of a model, with pictures of both if it is visible."""
         visible = [f for f in findings if any(name.startswith(VISIBLE) for fix in f.fixes for name in fix.fields)]
-        models = [self._pictured(str(path)) for path in (copy.original, copy.path)] if visible else []
+        renderers = [self._renderer_of(str(path)) for path in (copy.original, copy.path)] if visible else []
         for finding in findings:
-            images = [self._picture(model, finding) for model in models] if finding in visible else []
+            images = [self._picture(renderer, finding) for renderer in renderers] if finding in visible else []
             caption = ["The pictures show it before and after the fix."] if images and all(images) else []
             self.fixes.append(_card(finding, "fix", caption, images if caption else []))
 
-    def _pictured(self, path: str) -> PicturedModel | None:
+    def _renderer_of(self, path: str) -> FindingRenderer | None:
         if not self._can_render or self._pictures >= MAX_PICTURES:
             return None
         try:
-            return PicturedModel(path)
+            return FindingRenderer(path)
         except ModelError:  # changed since, or a task
             return None
 
-    def _picture(self, model: PicturedModel | None, finding: Finding) -> bytes:
-        if model is None or not self._can_render or self._pictures >= MAX_PICTURES:
+    def _picture(self, renderer: FindingRenderer | None, finding: Finding) -> bytes:
+        if renderer is None or not self._can_render or self._pictures >= MAX_PICTURES:
             return b""
         try:
-            image = model.picture(finding)
+            image = renderer.picture(finding)
         except NoRendererError as error:
             self._reporter.warn(f"the page has no pictures: {str(error).partition(chr(10))[0]}")
             self._can_render = False

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from mjrun.check.rule import Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelResult, short_path
+from mjrun.check.rule import Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelCheckResult, short_path
 from mjrun.check.rules.check_itself import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass
@@ -69,7 +69,7 @@ class _Attempt(NamedTuple):
 
     texts: dict[str, bytes]
     fixes: list[tuple[str, Fix]]
-    results: list[ModelResult]
+    results: list[ModelCheckResult]
     problem: str = ""
 
 
@@ -100,7 +100,7 @@ class ModelFixer:
         self._groups = _groups(models)
         self.files: list[FixedFile] = []
 
-    def fixed(self, results: Sequence[ModelResult], *, dry_run: bool) -> list[ModelResult]:
+    def fixed(self, results: Sequence[ModelCheckResult], *, dry_run: bool) -> list[ModelCheckResult]:
         """Fixes the models, unless this is a dry run, and returns the results after that."""
         by_model = {result.model: result for result in results}
         for group in self._groups:
@@ -109,7 +109,7 @@ class ModelFixer:
                 by_model |= {result.model: result for result in self._fix(group, own, dry_run)}
         return [by_model[result.model] for result in results]
 
-    def _fix(self, group: _Group, results: Sequence[ModelResult], dry_run: bool) -> list[ModelResult]:
+    def _fix(self, group: _Group, results: Sequence[ModelCheckResult], dry_run: bool) -> list[ModelCheckResult]:
         """Fixes models that share files, and returns the results for them."""
         outside = dict.fromkeys(file for file in _edited_files(results) if not self._is_inside(file))
         problems = _shown_once(group, dict.fromkeys(outside, OUTSIDE if self._trees else IN_COLLECTION))
@@ -129,7 +129,7 @@ class ModelFixer:
         return _with_problems(attempt.results, [*problems, *obstacles])
 
     @staticmethod
-    def _report(group: _Group, attempt: _Attempt, results: Sequence[ModelResult], before: BeforeFix) -> None:
+    def _report(group: _Group, attempt: _Attempt, results: Sequence[ModelCheckResult], before: BeforeFix) -> None:
         """Reports fixed models while both they and their copies exist."""
         fixed = {code for code, _ in attempt.fixes}
         with _Mirror(group) as mirror:
@@ -137,7 +137,7 @@ class ModelFixer:
             for copy, result in zip(mirror.copies(None), results, strict=True):
                 before(copy, [finding for finding in result.findings if finding.fixes and finding.code in fixed])
 
-    def _proved(self, group: _Group, results: Sequence[ModelResult]) -> tuple[_Attempt, list[str]]:
+    def _proved(self, group: _Group, results: Sequence[ModelCheckResult]) -> tuple[_Attempt, list[str]]:
         """Returns the fixes that pass the proof, all or those of some rules, and the reasons against the others."""
         best, accepted, problems = _Attempt(group.texts, [], list(results)), list[str](), list[str]()
         whole = self._attempt(group, results, None)
@@ -153,7 +153,7 @@ class ModelFixer:
                 best = attempt
         return best, problems
 
-    def _attempt(self, group: _Group, results: Sequence[ModelResult], codes: Collection[str] | None) -> _Attempt:
+    def _attempt(self, group: _Group, results: Sequence[ModelCheckResult], codes: Collection[str] | None) -> _Attempt:
         """Fixes violations of some rules, or of all, in copies, until none is left."""
         texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [FixResult(result) for result in results]
         with ExitStack() as stack:
@@ -264,7 +264,7 @@ def _link(file: Path, copy: Path) -> None:
         shutil.copyfile(file, copy)
 
 
-def _edited_files(results: Sequence[ModelResult]) -> Iterator[str]:
+def _edited_files(results: Sequence[ModelCheckResult]) -> Iterator[str]:
     for result in results:
         for finding in result.findings:
             yield from (os.path.realpath(edit.file) for fix in finding.fixes for edit in fix.edits)
@@ -285,7 +285,7 @@ def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...
     return {file: edited(texts.get(file, b""), [edit for edit in edits if edit.file == file]) for file in files}
 
 
-def _problem(before: Sequence[ModelResult], after: Sequence[FixResult], fixes: Sequence[tuple[str, Fix]]) -> str:
+def _problem(before: Sequence[ModelCheckResult], after: Sequence[FixResult], fixes: Sequence[tuple[str, Fix]]) -> str:
     """Returns the reason why fixes must not be made; empty without one."""
     allowed = [pattern for _, fix in fixes for pattern in fix.fields]
     if not fixes:
@@ -391,7 +391,7 @@ def _diff(old_name: str, name: str, old: bytes, new: bytes) -> str:
     return "".join(difflib.unified_diff(before, after, old_name, name))
 
 
-def _with_problems(results: Sequence[ModelResult], problems: Sequence[tuple[str, str]]) -> list[ModelResult]:
+def _with_problems(results: Sequence[ModelCheckResult], problems: Sequence[tuple[str, str]]) -> list[ModelCheckResult]:
     """Returns results with a finding for each problem, at the first model."""
     findings = [NOT_FIXED.in_model(Path(file), reason) for file, reason in problems]
     first, *others = results

@@ -209,7 +209,7 @@ def _made(fix: MakeFix) -> Fix | str:
 
 
 @dataclass(frozen=True)
-class ModelResult:
+class ModelCheckResult:
     """The result for one model.
 
     Attributes:
@@ -231,7 +231,7 @@ class ModelResult:
         return sum(finding.severity == severity for finding in self.findings)
 
 
-def without_repeats(models: Iterable[ModelResult]) -> Iterator[ModelResult]:
+def without_repeats(models: Iterable[ModelCheckResult]) -> Iterator[ModelCheckResult]:
     """Yields models without the findings of earlier ones, which are in a file that both include."""
     first = dict[tuple[object, ...], str]()
     for model in models:
@@ -269,7 +269,7 @@ class FixResult(NamedTuple):
         the original was not loaded, too.
     """
 
-    result: ModelResult
+    result: ModelCheckResult
     changes: Sequence[tuple[str, str]] | None = None
 
 

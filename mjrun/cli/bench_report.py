@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from mjrun.cli.console import Report
+from mjrun.cli.console import CommandReport
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
@@ -28,10 +28,10 @@ INDENT = "\u2003"  # of phases within others on a page: browsers join spaces
 Table = list[list[str]]  # rows of cells, the first is the header
 
 
-def bench_report(result: "BenchResult") -> Report:
+def bench_report(result: "BenchResult") -> CommandReport:
     """Returns the report of a benchmark."""
     forms = {"csv": lambda: csv_table(result), "markdown": lambda: markdown(result)}
-    return Report("bench", result, lambda: text(result), forms=forms)
+    return CommandReport("bench", result, lambda: text(result), forms=forms)
 
 
 def text(result: "BenchResult") -> str:

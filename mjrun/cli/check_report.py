@@ -10,10 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
-from mjrun.check.check import CheckResult, ModelResult, worst_first
+from mjrun.check.check import CheckResult, ModelCheckResult, worst_first
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repeats
 from mjrun.check.rule_catalogue import explanation, local_page, published_page, topic
-from mjrun.cli.console import CiVerdict, Report, linked, shows_links
+from mjrun.cli.console import CiVerdict, CommandReport, linked, shows_links
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import clean
 from mjrun.version import __version__
@@ -22,9 +22,9 @@ SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
 HOME = "https://pypi.org/project/mjrun/"
 
 
-def check_report(result: CheckResult) -> Report:
+def check_report(result: CheckResult) -> CommandReport:
     """Returns the report of a check."""
-    return Report(
+    return CommandReport(
         "check",
         result,
         text=lambda: "\n".join(lines(result, linked_code if shows_links(sys.stdout) else str)),
@@ -132,7 +132,7 @@ def scan_lines(result: CheckResult) -> Iterator[str]:
             yield f"{numbers}  {clean(model.model)}  {codes}" + ("" if model.loads else "  (does not load)")
 
 
-def model_line(result: ModelResult) -> str:
+def model_line(result: ModelCheckResult) -> str:
     """Formats the result for one model as a line of JSON."""
     return json.dumps(asdict(result))
 
@@ -199,7 +199,7 @@ def _shown(result: CheckResult) -> Iterator[tuple[Finding, str]]:
     return _all(without_repeats(result.models))
 
 
-def _all(models: Iterable[ModelResult]) -> Iterator[tuple[Finding, str]]:
+def _all(models: Iterable[ModelCheckResult]) -> Iterator[tuple[Finding, str]]:
     """Yields all findings, each with its model."""
     return ((finding, model.model) for model in models for finding in model.findings)
 

@@ -21,7 +21,7 @@ from mjrun.errors import UsageError, listing, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
 from mjrun.options.kinds import AnyKind, ChoiceKind, FlagKind, OneOrMoreKind
-from mjrun.options.option import OTHER_NAMES, FrontEnd, Option, Options, Requirement, given_values, options_of
+from mjrun.options.option import OTHER_NAMES, FrontEnd, Option, OptionRequirement, Options, given_values, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind
 
@@ -54,7 +54,7 @@ class ParsedCommandLine:
         options = {each.attribute: self._params[each.name] for each in options_of(cls) if each.name in self._params}
         return cls(**{**options, **values})
 
-    def require(self, requirement: Requirement, made: Options) -> None:
+    def require(self, requirement: OptionRequirement, made: Options) -> None:
         """Checks that an option of the command itself has its partner among the options of the product.
 
         Raises:

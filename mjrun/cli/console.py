@@ -71,7 +71,7 @@ class CiVerdict:
 
 
 @dataclass(frozen=True)
-class Report:
+class CommandReport:
     """The report of a command; each form is made only if it is printed.
 
     Attributes:
@@ -126,7 +126,7 @@ class Console:
         self.verbosity = 0
         self.debug = False
         self.code = 0
-        self.report: Report | None = None
+        self.report: CommandReport | None = None
         self.page: str | None = None  # about the result
         self._progress: Progress | None = None
         self._task: TaskID | None = None
@@ -156,7 +156,7 @@ class Console:
         """Prints the command's answer, one line or a document, to stdout."""
         print(text, flush=True)  # noqa: T201
 
-    def answer(self, report: Report, form: str = "", *, is_piped: bool = False) -> None:
+    def answer(self, report: CommandReport, form: str = "", *, is_piped: bool = False) -> None:
         """Prints a report: as a document, in another form, or in prose.
 
         Args:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mjrun.cli.console import CiVerdict, Report
+from mjrun.cli.console import CiVerdict, CommandReport
 from mjrun.cli.simulation_command import golden_summary
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalReport
@@ -12,9 +12,9 @@ from mjrun.diff.result import (
     CellDifference,
     ColumnDifference,
     DiffResult,
-    PictureDifference,
     TableDifference,
     UnmatchedRows,
+    VideoOrImageDifference,
 )
 from mjrun.errors import clean, counted, flag, listing, spelled
 from mjrun.formats.input_file import is_file
@@ -24,9 +24,9 @@ NAMED = 4  # columns that differ in the first row
 REPORTED = 10  # differences as cases: GitHub shows no more of a step
 
 
-def diff_report(result: DiffResult, *, every: bool) -> Report:
+def diff_report(result: DiffResult, *, every: bool) -> CommandReport:
     """Returns the report of a comparison; `every` lists all differing columns or values."""
-    return Report(
+    return CommandReport(
         "diff",
         result,
         summary=lambda: text(result, every=every),
@@ -100,7 +100,7 @@ def _is_partial(table: TableDifference) -> bool:
     return bool(table.only_a.count or table.only_b.count or table.columns_only_a or table.columns_only_b)
 
 
-def _picture_agreement(picture: PictureDifference) -> str:
+def _picture_agreement(picture: VideoOrImageDifference) -> str:
     size = f": {counted(picture.frames, 'frame')}" if picture.frames > 1 else ":"
     if picture.worst is None:
         return f"{size} pixel for pixel" if picture.frames == 1 else f"{size}, pixel for pixel"
@@ -129,7 +129,7 @@ def _table(page: TerminalReport, result: DiffResult, table: TableDifference, eve
         page.note(f"and {counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
 
 
-def _picture(page: TerminalReport, picture: PictureDifference, differences: Sequence[str]) -> None:
+def _picture(page: TerminalReport, picture: VideoOrImageDifference, differences: Sequence[str]) -> None:
     page.lines("differences", [("", sentence) for sentence in differences])
     if picture.frames_a > 1 and picture.frames:
         facts = [

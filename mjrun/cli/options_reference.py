@@ -32,7 +32,7 @@ that is repeatable on the command line is a list in documents and in Python, whe
 
 
 @dataclass(frozen=True)
-class OptionOwner:
+class _OptionOwner:
     """A command, an output or a part of a document that accepts the options of a section.
 
     Attributes:
@@ -60,7 +60,7 @@ class _OwnedSection(NamedTuple):
     """A section of one owner, with the Python classes of its options that have another one than the owner."""
 
     title: str
-    owner: OptionOwner
+    owner: _OptionOwner
     options: Sequence[Option]
     classes: Mapping[str, str]
 
@@ -71,9 +71,9 @@ class OptionSection:
 
     title: str
     options: dict[str, Option] = field(default_factory=dict[str, Option])
-    owners: dict[str, list[OptionOwner]] = field(default_factory=dict[str, list[OptionOwner]])
+    owners: dict[str, list[_OptionOwner]] = field(default_factory=dict[str, list[_OptionOwner]])
 
-    def add(self, owner: OptionOwner, options: Sequence[Option], classes: Mapping[str, str]) -> None:
+    def add(self, owner: _OptionOwner, options: Sequence[Option], classes: Mapping[str, str]) -> None:
         """Adds options of an owner; `classes` are the Python classes of options that have another one, and no key."""
         for each in options:
             self.options.setdefault(each.name, each)
@@ -86,7 +86,7 @@ class OptionSection:
         agree = all(self.options.get(each.name, each) == each for each in options)
         return agree and (names <= set(self.options) or names >= set(self.options))
 
-    def all_owners(self) -> list[OptionOwner]:
+    def all_owners(self) -> list[_OptionOwner]:
         return list(dict.fromkeys(owner for owners in self.owners.values() for owner in owners))
 
 
@@ -133,24 +133,24 @@ def _sections() -> "Iterator[_OwnedSection]":
         command = load_command(name)
         declared = [param.declared for param in command.params if isinstance(param, DeclaredOption)]
         facts = command.declaration
-        simulation = OptionOwner(name, TOP_LEVEL if facts.key else "", "Simulation")
+        simulation = _OptionOwner(name, TOP_LEVEL if facts.key else "", "Simulation")
         own = {each.name for cls in facts.options if cls not in facts.classes for each in options_of(cls)}
         classes = {each.name: name for cls, name in facts.classes.items() for each in options_of(cls)}
         others = {name: cls for name, cls in classes.items() if name not in own}
-        for title, owner, options, _ in _by_section(OptionOwner(name, facts.key, facts.python), declared):
+        for title, owner, options, _ in _by_section(_OptionOwner(name, facts.key, facts.python), declared):
             simulates = SimulationOptions in facts.options and title in SIMULATION_SECTIONS
             yield _OwnedSection(title, simulation if simulates else owner, options, {} if simulates else others)
     of_commands = {load_command(name).declaration.key for name in COMMANDS}
     for key, output in OUTPUTS.items():
         if key not in of_commands:
-            yield from _by_section(OptionOwner("", key, output.__name__.removesuffix("Options")), options_of(output))
-    yield from _by_section(OptionOwner("", TOP_LEVEL), options_of(PageOptions))
-    yield from _by_section(OptionOwner("", TOP_LEVEL, "", TASK), options_of(TaskOptions))
+            yield from _by_section(_OptionOwner("", key, output.__name__.removesuffix("Options")), options_of(output))
+    yield from _by_section(_OptionOwner("", TOP_LEVEL), options_of(PageOptions))
+    yield from _by_section(_OptionOwner("", TOP_LEVEL, "", TASK), options_of(TaskOptions))
     for key, (entry, declared) in PARTS.items():
-        yield from _by_section(OptionOwner("", key + entry, declared.section, TASK), options_of(declared))
+        yield from _by_section(_OptionOwner("", key + entry, declared.section, TASK), options_of(declared))
 
 
-def _by_section(owner: OptionOwner, options: Sequence[Option]) -> "Iterator[_OwnedSection]":
+def _by_section(owner: _OptionOwner, options: Sequence[Option]) -> "Iterator[_OwnedSection]":
     for title in dict.fromkeys(each.section for each in options):
         yield _OwnedSection(title, owner, [each for each in options if each.section == title], {})
 
@@ -185,7 +185,7 @@ def _section_lines(section: OptionSection) -> Iterator[str]:
         yield f"| {' | '.join(map(_cell, cells))} |"
 
 
-def _front_ends(each: Option, owners: Sequence[OptionOwner]) -> FrontEnd:
+def _front_ends(each: Option, owners: Sequence[_OptionOwner]) -> FrontEnd:
     """Returns the front ends that accept an option of `owners`."""
     homes = FrontEnd(0)
     for owner in owners:
@@ -234,7 +234,7 @@ def _unavailable(missing: FrontEnd) -> str:
     return f"Not {names[missing]}." if missing else ""
 
 
-def _restriction(owners: Sequence[OptionOwner], all_owners: Sequence[OptionOwner]) -> str:
+def _restriction(owners: Sequence[_OptionOwner], all_owners: Sequence[_OptionOwner]) -> str:
     """Returns the sentence for an option that only some owners of the section accept."""
     named = {str(owner) for owner in owners}
     others = [owner for owner in all_owners if str(owner) not in named]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import ParsedCommandLine
-from mjrun.cli.console import CiVerdict, Console, Report, flag
+from mjrun.cli.console import CiVerdict, CommandReport, Console, flag
 from mjrun.cli.table_cells import byte_size, numbers, texts
 from mjrun.errors import MjrunError, UsageError, clean, counted, option, quoted
 from mjrun.options.model import ServoOptions
@@ -168,7 +168,7 @@ def make_outputs(
     request: "OutputRequest[R]",
     time: Fraction | None = None,
     step: int | None = None,
-    report: "Callable[[R], Report] | None" = None,
+    report: "Callable[[R], CommandReport] | None" = None,
 ) -> "R":
     """Makes the requested output, and a recording and a keyframe if asked for; or prints a document for all.
 
@@ -210,7 +210,7 @@ def _make_if_changed(
     console: Console,
     requests: "Sequence[OutputRequest[OutputResult]]",
     options: RerunOptions,
-    report: Callable[[Any], Report],
+    report: Callable[[Any], CommandReport],
 ) -> "OutputResult":
     """Makes outputs unless they are up to date, which ends the command."""
     from mjrun.outputs.perform import PublishedOutput, perform
@@ -227,9 +227,9 @@ def _make_if_changed(
     return result
 
 
-def unchanged(earlier: "EarlierReport") -> Report:
+def unchanged(earlier: "EarlierReport") -> CommandReport:
     """Returns the report of a run that is not repeated."""
-    return Report(
+    return CommandReport(
         "",
         earlier,
         summary=lambda: earlier.sentence,
@@ -255,9 +255,9 @@ def show(console: Console, command_line: ParsedCommandLine, result: "OutputResul
     console.answer(_report(result), is_piped=payload_on_stdout(command_line, default_output))
 
 
-def _report(result: "OutputResult") -> Report:
+def _report(result: "OutputResult") -> CommandReport:
     kind = type(result).__name__.removesuffix("Result").lower()
-    return Report(kind, result, summary=lambda: summary(result))
+    return CommandReport(kind, result, summary=lambda: summary(result))
 
 
 def payload_on_stdout(command_line: ParsedCommandLine, default_output: str = "") -> bool:
@@ -284,7 +284,7 @@ def is_study(path: str) -> bool:
 @contextmanager
 def reported_failures(
     console: Console,
-    report: Callable[[Sequence[Any]], Report],
+    report: Callable[[Sequence[Any]], CommandReport],
     in_prose: type[MjrunError] = MjrunError,
     form: str = "",
 ) -> Generator[None, None, None]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.diff.result import SSIM_WINDOW, FrameDifference, PictureDifference
+from mjrun.diff.result import SSIM_WINDOW, FrameDifference, VideoOrImageDifference
 from mjrun.diff.tolerances import Tolerance, finite_or_none
 from mjrun.errors import FileError, option
 from mjrun.formats.image_reader import read_image, read_palette
@@ -138,7 +138,7 @@ class WorstFramePair:
     b: np.ndarray
 
 
-def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
+def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[VideoOrImageDifference, WorstFramePair | None]:
     """Compares two images. Images with the same palette are compared by its indices, as numbers.
 
     Raises:
@@ -150,7 +150,7 @@ def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
     return compare(one, other, tolerance)
 
 
-def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
+def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[VideoOrImageDifference, WorstFramePair | None]:
     """Compares two videos, or folders of images.
 
     Raises:
@@ -160,7 +160,7 @@ def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
     return compare(_frames(a), _frames(b), tolerance)
 
 
-def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifference, WorstFramePair | None]:
+def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[VideoOrImageDifference, WorstFramePair | None]:
     """Returns the differences of two videos or images, and the worst pair of frames; None if sizes or kinds differ."""
     summary = _FrameDifferenceAccumulator(a, b)
     for one, other in zip_longest(a, b):
@@ -220,11 +220,11 @@ class _FrameDifferenceAccumulator:
         self._squares += comparison.mean_square
         self._similarity += math.nan if comparison.ssim is None else comparison.ssim
 
-    def result(self) -> PictureDifference:
+    def result(self) -> VideoOrImageDifference:
         """Returns the differences in all frames."""
         frames = max(1, self._frames)
         kinds = " and ".join(sorted(self._kinds))
-        return PictureDifference(
+        return VideoOrImageDifference(
             pixels=kinds,
             size_a=self._a.size,
             size_b=self._b.size,

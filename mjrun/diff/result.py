@@ -144,7 +144,7 @@ class FrameDifference:
 
 
 @dataclass(frozen=True)
-class PictureDifference:
+class VideoOrImageDifference:
     """The differences of two videos or images.
 
     Attributes:
@@ -228,7 +228,7 @@ class FieldDifference:
 
 @dataclass(frozen=True)
 class ArrayDifference:
-    """Data of one asset or flex, or of the whole model, that differ between two models.
+    """An array that differs between two models: of one asset or flex, or of the whole model.
 
     Attributes:
       field, object: as for FieldDifference.
@@ -372,6 +372,6 @@ class DiffResult:
     notes: Sequence[str] = ()
     table: TableDifference | None = None
     model: ModelComparison | None = None
-    picture: PictureDifference | None = None
+    picture: VideoOrImageDifference | None = None
     golden: GoldenVersions | None = None
     schema: str = SCHEMA

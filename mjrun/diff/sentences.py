@@ -17,11 +17,11 @@ from mjrun.diff.result import (
     FrameDifference,
     GoldenVersions,
     ModelComparison,
-    PictureDifference,
     TableDifference,
     UnmatchedObject,
     UnmatchedRows,
     Value,
+    VideoOrImageDifference,
     XmlChange,
 )
 from mjrun.errors import UsageError, clean, counted, listing, option, plain, quoted
@@ -244,7 +244,7 @@ def _xml_line(change: XmlChange) -> str:
     return f"{places}: {element} {clean(change.attribute)} {a} → {b}"
 
 
-def picture_sentences(picture: PictureDifference, a: str, b: str, options: PictureDiffOptions) -> list[str]:
+def picture_sentences(picture: VideoOrImageDifference, a: str, b: str, options: PictureDiffOptions) -> list[str]:
     """Returns the differences beyond the limits of `options`; without limits, every pixel beyond the tolerance counts.
 
     Raises:
@@ -275,14 +275,14 @@ def percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def frame_place(frame: FrameDifference, picture: PictureDifference) -> str:
+def frame_place(frame: FrameDifference, picture: VideoOrImageDifference) -> str:
     """Returns the place of a frame, `frame 17, time 0.283 s: `; empty for images."""
     if picture.frames_a == picture.frames_b == 1 and frame.time is None:
         return ""
     return f"frame {frame.frame}" + ("" if frame.time is None else f", time {frame.time:.6g} s") + ": "
 
 
-def _require_fitting(picture: PictureDifference, options: PictureDiffOptions) -> None:
+def _require_fitting(picture: VideoOrImageDifference, options: PictureDiffOptions) -> None:
     limits = {"min_psnr": options.min_psnr, "min_ssim": options.min_ssim}
     for name, limit in limits.items():
         if limit is not None and picture.pixels == "numbers":
@@ -293,7 +293,7 @@ def _require_fitting(picture: PictureDifference, options: PictureDiffOptions) ->
         raise UsageError(f"{option('min_ssim')} requires images of at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels")
 
 
-def _structure(picture: PictureDifference, a: str, b: str) -> Iterator[str]:
+def _structure(picture: VideoOrImageDifference, a: str, b: str) -> Iterator[str]:
     """Yields the differences other than those of pixels."""
     if picture.size_a != picture.size_b:
         one, other = (f"{width}x{height}" for width, height in (picture.size_a, picture.size_b))
@@ -306,7 +306,7 @@ def _structure(picture: PictureDifference, a: str, b: str) -> Iterator[str]:
         yield f"the number of frames is {picture.frames_a} in {a}, {picture.frames_b} in {b}"
 
 
-def _changed(picture: PictureDifference) -> Iterator[str]:
+def _changed(picture: VideoOrImageDifference) -> Iterator[str]:
     if picture.first is None or picture.worst is None:
         return
     if picture.frames_a == picture.frames_b == 1:
@@ -318,7 +318,7 @@ def _changed(picture: PictureDifference) -> Iterator[str]:
         yield f"worst {frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
 
 
-def _beyond_limits(picture: PictureDifference, options: PictureDiffOptions) -> Iterator[str]:
+def _beyond_limits(picture: VideoOrImageDifference, options: PictureDiffOptions) -> Iterator[str]:
     """Yields the worst frame by each limit that is exceeded."""
     worst, similar, changed = picture.worst, picture.least_similar, picture.most_changed
     if options.min_psnr is not None and worst and worst.psnr is not None and worst.psnr < options.min_psnr:

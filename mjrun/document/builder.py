@@ -9,7 +9,7 @@ from typing import Generic, TypeVar, cast
 
 from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import read
-from mjrun.document.tree import DeclaredAt, DocumentPath, Fault, MappingNode, document_error, option_fault
+from mjrun.document.tree import DeclaredAt, DocumentFault, DocumentPath, MappingNode, document_error, option_fault
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.kinds import TextKind
 from mjrun.options.option import Options, document_key, document_options, requirements_of
@@ -45,7 +45,7 @@ class DocumentValueBuilder:
     ) -> None:
         self.tree, self.folders = tree, folders
         self._declared_at, self._overriding = declared_at, overriding
-        self._faults: list[Fault] = []
+        self._faults: list[DocumentFault] = []
 
     def raise_faults(self) -> None:
         """Raises DocumentError with all faults, if there are any."""

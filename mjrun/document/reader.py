@@ -39,7 +39,7 @@ def merged(above: tree.Node, below: tree.Node | None) -> tree.Node:
     return tree.MappingNode(above.mark, {**below.entries, **entries}, {**below.keys, **above.keys})
 
 
-def without_variables(root: tree.MappingNode) -> tuple[tree.MappingNode, list[tree.Fault]]:
+def without_variables(root: tree.MappingNode) -> tuple[tree.MappingNode, list[tree.DocumentFault]]:
     """Returns `root` without its `vars`, with every `${name}` replaced by its value, and the faults.
 
     A scalar that consists of `${name}` gets the value of the variable, number or text; within a longer text, the
@@ -55,7 +55,7 @@ def without_variables(root: tree.MappingNode) -> tuple[tree.MappingNode, list[tr
 class _Resolver:
     def __init__(self) -> None:
         self.variables: dict[str, tree.Node] = {}
-        self.faults: list[tree.Fault] = []
+        self.faults: list[tree.DocumentFault] = []
         self.substituted = 0
 
     def define(self, node: tree.Node | None) -> None:
@@ -128,7 +128,7 @@ class _Resolver:
         return value if isinstance(value, tree.ScalarNode) else None
 
     def _fault(self, mark: tree.DocumentPlace, path: tree.DocumentPath, message: str) -> None:
-        self.faults.append(tree.Fault(mark, tree.path_text(path), message))
+        self.faults.append(tree.DocumentFault(mark, tree.path_text(path), message))
 
 
 def _unknown(name: str, variables: Mapping[str, tree.Node]) -> str:
@@ -198,14 +198,14 @@ def unchecked_document(path: Path | str, suffixes: Sequence[str] = ()) -> tree.M
     return node if isinstance(node, tree.MappingNode) else None
 
 
-def other_kind(root: tree.MappingNode, expected: str) -> tree.Fault | None:
+def other_kind(root: tree.MappingNode, expected: str) -> tree.DocumentFault | None:
     """Returns the fault if `root` is a document of another kind than `expected`, the name of a model."""
     kind, wanted = kind_of(root), KINDS.get(expected)
     if kind is None or wanted is None or kind is wanted:
         return None
     key = next(key for key in root.entries if key in kind.keys)
     message = f"{quoted(key)} makes this {kind.name}, for {kind.use}; expected {wanted.name}"
-    return tree.Fault(root.keys[key], "", message)
+    return tree.DocumentFault(root.keys[key], "", message)
 
 
 class _InvalidPathError(Exception):
@@ -214,7 +214,7 @@ class _InvalidPathError(Exception):
 
 def assign(
     root: tree.MappingNode, assignments: Sequence[str], order: int, fixed: Sequence[str] = (), named: Sequence[str] = ()
-) -> tuple[tree.MappingNode, list[tree.Fault]]:
+) -> tuple[tree.MappingNode, list[tree.DocumentFault]]:
     """Applies `assignments` to `root` in turn; returns the new tree and the faults.
 
     Missing mappings are created; items of lists must exist.
@@ -226,7 +226,7 @@ def assign(
     """  # fmt: skip
     from mjrun.document.yaml_text import compose
 
-    faults: list[tree.Fault] = []
+    faults: list[tree.DocumentFault] = []
     for i, assignment in enumerate(assignments):
         mark = tree.DocumentPlace(order + i, 0, 0, tree.shortened(assignment, SHOWN))
         key, equals, text = assignment.partition("=")
@@ -242,7 +242,7 @@ def assign(
             if value or not value_faults:
                 root = _with(root, path, value or tree.ScalarNode(mark, None, ""))
         except _InvalidPathError as error:
-            faults.append(tree.Fault(mark, "", str(error)))
+            faults.append(tree.DocumentFault(mark, "", str(error)))
     return root, faults
 
 
@@ -345,7 +345,7 @@ class _Reader:
     def __init__(self, path: Path, variables: bool) -> None:
         self.path, self.variables = path, variables
         self.files: list[str] = []
-        self.faults: list[tree.Fault] = []
+        self.faults: list[tree.DocumentFault] = []
 
     def document(self, path: Path, order: int, hint: str = "") -> tree.MappingNode | None:
         """Returns the mapping in the file at `path`; None if there is no such mapping."""
@@ -356,25 +356,27 @@ class _Reader:
 
         top = tree.DocumentPlace(order, 0, 0, str(path))
         if len(data) > LARGEST:
-            self.faults.append(tree.Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))
+            self.faults.append(
+                tree.DocumentFault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun")
+            )
             return None
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             before = error.object[: error.start].decode("utf-8")  # after the byte order mark
             mark = tree.DocumentPlace(order, *LineIndex(before).at(len(before)), str(path))
-            self.faults.append(tree.Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
+            self.faults.append(tree.DocumentFault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
             return None
         lines = LineIndex(text)
         node, faults = compose(text, lambda index: tree.DocumentPlace(order, *lines.at(index), str(path)))
         self.faults += faults
         if node is None and not faults:
-            self.faults.append(tree.Fault(top, "", "the document is empty"))
+            self.faults.append(tree.DocumentFault(top, "", "the document is empty"))
         elif node is not None and not isinstance(node, tree.MappingNode | tree.ReportedFaultNode):
             # Its content is not quoted: it may be a file other than a document, with secrets.
             form = "text" if isinstance(node, tree.ScalarNode) and node.text else tree.described(node)
             hint = "" if is_yaml(path) else f"; documents end in {' or '.join(YAML)}"
-            self.faults.append(tree.Fault(node.mark, "", f"expected a mapping, got {form}{hint}"))
+            self.faults.append(tree.DocumentFault(node.mark, "", f"expected a mapping, got {form}{hint}"))
         return node if isinstance(node, tree.MappingNode) else None
 
     def with_defaults(self, root: tree.MappingNode) -> tree.MappingNode | None:
@@ -385,15 +387,17 @@ class _Reader:
             return root
         if not isinstance(path, tree.ScalarNode) or not isinstance(path.value, str) or not path.value:
             self.faults.append(
-                tree.Fault(path.mark, DEFAULTS, f"expected the path of a document, got {tree.described(path)}")
+                tree.DocumentFault(path.mark, DEFAULTS, f"expected the path of a document, got {tree.described(path)}")
             )
             return root
         if not is_yaml(path.value):  # a file of another kind is neither read nor quoted
-            self.faults.append(tree.Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
+            self.faults.append(tree.DocumentFault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
             return root
         below = self.document(self.path.parent / path.value, tree.DEFAULTS, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:
-            self.faults.append(tree.Fault(below.keys[DEFAULTS], "", "the document in defaults cannot have defaults"))
+            self.faults.append(
+                tree.DocumentFault(below.keys[DEFAULTS], "", "the document in defaults cannot have defaults")
+            )
             below = below.without(DEFAULTS)
         both = merged(root, below)
         return both if below and isinstance(both, tree.MappingNode) else None

@@ -30,8 +30,8 @@ from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_o
 from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
+    DocumentFault,
     DocumentPath,
-    Fault,
     MappingNode,
     document_error,
     find,
@@ -145,7 +145,7 @@ class LoadedRunDocument:
                 raise
             raise document_error(self._fault(*fault) for fault in faulty.faults) from error
 
-    def _fault(self, index: int | None, error: UsageError) -> Fault:
+    def _fault(self, index: int | None, error: UsageError) -> DocumentFault:
         """Returns the fault for `error` at its option, or else at its request."""
         place: DocumentPath = () if index is None else self._places[index]
         return option_fault(self._tree, place, error, _declared_at)

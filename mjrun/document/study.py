@@ -25,8 +25,8 @@ from mjrun.document.builder import LoadedDocument, SimulationDocumentReader, Val
 from mjrun.document.paths import DocumentContext
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import (
+    DocumentFault,
     DocumentPlace,
-    Fault,
     Mapped,
     MappingNode,
     Node,
@@ -209,7 +209,7 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> JobPlan |
         return None
     plan = _line(path, *lines[0])
     if len(lines) > 1:
-        raise document_error([Fault(DocumentPlace(0, lines[1][0], 1, path), "", "a plan is one line")])
+        raise document_error([DocumentFault(DocumentPlace(0, lines[1][0], 1, path), "", "a plan is one line")])
     folder = Path(path).parent
     values = dict(given or {})
     if "output" not in values:
@@ -260,11 +260,13 @@ def _line(path: str, number: int, text: bytes) -> _PlannedStudy:
         value = json.loads(text[:LARGEST])
         tree = node_of(value, mark)
     except (ValueError, RecursionError) as error:
-        raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
+        raise document_error([DocumentFault(mark, "", f"not JSON: {clean(str(error))}")]) from None
     line = _read(LINE, value, tree, ReadingContext())
     ends = [end for each in line.ranges for end in each]
     if any(one >= other for one, other in pairwise([-1, *ends])) or any(len(each) != 2 for each in line.ranges):
-        raise document_error([Fault(mark, "ranges", "expected ascending pairs: the first point, that after the last")])
+        raise document_error(
+            [DocumentFault(mark, "ranges", "expected ascending pairs: the first point, that after the last")]
+        )
     return line
 
 

@@ -57,8 +57,8 @@ class DocumentPlace(NamedTuple):
         return clean(self.source) + (f":{self.line}:{self.column}" if self.line else "")
 
 
-class Fault(NamedTuple):
-    """A problem at a place of a document; faults are reported in order.
+class DocumentFault(NamedTuple):
+    """A problem at a place of a document; `document_error` reports faults in order.
 
     Attributes:
       choices: the end of the message, which later faults with the same choices omit.
@@ -217,7 +217,7 @@ NAMED = (
 )
 
 
-def document_error(faults: Iterable[Fault], more: Sequence[DocumentProblem] = ()) -> DocumentError:
+def document_error(faults: Iterable[DocumentFault], more: Sequence[DocumentProblem] = ()) -> DocumentError:
     """Returns the error with all `faults`, ordered by place, and `more` problems from other documents."""
     problems, listed = list[DocumentProblem](), {""}
     for fault in sorted(set(faults)):
@@ -226,13 +226,15 @@ def document_error(faults: Iterable[Fault], more: Sequence[DocumentProblem] = ()
     return DocumentError([*problems, *more])
 
 
-def _problem(fault: Fault, choices: str) -> DocumentProblem:
+def _problem(fault: DocumentFault, choices: str) -> DocumentProblem:
     # An assignment already contains the path.
     named = not fault.mark.line and fault.mark.source.startswith(f"{fault.path}=")
     return DocumentProblem(str(fault.mark), "" if named else fault.path, fault.message + choices)
 
 
-def violation_faults(violations: Iterable[SchemaViolation], tree: Node, more_keys: Sequence[str] = ()) -> list[Fault]:
+def violation_faults(
+    violations: Iterable[SchemaViolation], tree: Node, more_keys: Sequence[str] = ()
+) -> list[DocumentFault]:
     """Returns the faults in `tree` that are not reported yet; `more_keys` are additional top-level keys."""
     nodes = ((violation, find(tree, violation.path)) for violation in violations)
     return [
@@ -240,19 +242,21 @@ def violation_faults(violations: Iterable[SchemaViolation], tree: Node, more_key
     ]
 
 
-def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequence[str]) -> Fault:
+def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequence[str]) -> DocumentFault:
     path = violation.path
     if violation.keys is not None:
         keys = [*violation.keys, *(more_keys if len(path) == 1 and violation.keys else ())]
-        return Fault(key_mark(tree, path), path_text(path[:-1]), *_unknown(str(path[-1]), keys, violation.places))
+        return DocumentFault(
+            key_mark(tree, path), path_text(path[:-1]), *_unknown(str(path[-1]), keys, violation.places)
+        )
     if violation.error:
         return fault_at(tree, (*path, *violation.error.path), violation.error)
     if violation.message:
-        return Fault(node.mark, path_text(path), spelled(violation.message))
+        return DocumentFault(node.mark, path_text(path), spelled(violation.message))
     hint = violation.hint
     if violation.expected == TYPES["string"] and isinstance(node, ScalarNode) and node.text:
         hint = f"; to write text, use quotes: {quoted(shortened(node.text))}"
-    return Fault(node.mark, path_text(path), f"expected {violation.expected}, got {described(node)}{hint}")
+    return DocumentFault(node.mark, path_text(path), f"expected {violation.expected}, got {described(node)}{hint}")
 
 
 def _unknown(key: str, keys: Sequence[str], places: Sequence[str]) -> tuple[str, str]:
@@ -262,16 +266,16 @@ def _unknown(key: str, keys: Sequence[str], places: Sequence[str]) -> tuple[str,
     return message, f"; keys: {listing(keys)}" if keys else ""
 
 
-def fault_at(tree: Node, path: DocumentPath, error: UsageError) -> Fault:
+def fault_at(tree: Node, path: DocumentPath, error: UsageError) -> DocumentFault:
     """Returns the fault for `error` at the place that `path` leads to."""
     path = written_path(tree, path)
     owners = [tuple(owner.split(".")) for owner in NAMED]
     named = any(path[: len(owner)] == owner and len(path) > len(owner) for owner in owners)
     mark = key_mark(tree, path) if named else find(tree, path).mark
-    return Fault(mark, path_text(path), error.one_line(error.path))
+    return DocumentFault(mark, path_text(path), error.one_line(error.path))
 
 
-def option_fault(tree: MappingNode, place: DocumentPath, error: UsageError, declared_at: DeclaredAt) -> Fault:
+def option_fault(tree: MappingNode, place: DocumentPath, error: UsageError, declared_at: DeclaredAt) -> DocumentFault:
     """Returns the fault for `error` at its option below `place`."""
     return fault_at(tree, (*place, *_entry_path(tree, place, error.path, declared_at(place))), error)
 

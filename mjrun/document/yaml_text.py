@@ -88,7 +88,7 @@ class LineIndex:
         return line, index - self._starts[line - 1] + 1
 
 
-def compose(text: str, place: MarkAt, inline: bool = False) -> tuple[tree.Node | None, list[tree.Fault]]:
+def compose(text: str, place: MarkAt, inline: bool = False) -> tuple[tree.Node | None, list[tree.DocumentFault]]:
     """Returns the tree of `text` and its faults; no tree if the text is empty or cannot be parsed further.
 
     Aliases, anchors, tags, directives, merge keys and further documents are faults; keys are unique texts.
@@ -110,7 +110,7 @@ class _UnreadableError(Exception):
 class _Composer:
     def __init__(self, text: str, place: MarkAt, inline: bool) -> None:
         self.text, self.place, self.inline = text, place, inline
-        self.faults: list[tree.Fault] = []
+        self.faults: list[tree.DocumentFault] = []
         self.nodes = self.depth = 0
 
     def document(self) -> tree.Node | None:
@@ -138,11 +138,11 @@ class _Composer:
             self._halt(self.loader.get_mark().index, "this escape means no character")
 
     def _halt(self, index: int, message: str) -> NoReturn:
-        self.faults.append(tree.Fault(self.place(index), "", message))
+        self.faults.append(tree.DocumentFault(self.place(index), "", message))
         raise _UnreadableError
 
     def _fault(self, mark: tree.DocumentPlace, path: tree.DocumentPath, message: str) -> None:
-        self.faults.append(tree.Fault(mark, tree.path_text(path), message))
+        self.faults.append(tree.DocumentFault(mark, tree.path_text(path), message))
 
     def _check_directives(self, start: events.DocumentStartEvent) -> None:
         if start.tags or start.version not in (None, (1, 2)):

@@ -30,9 +30,9 @@ from mjrun.evaluation.execution import forget_code, play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
 from mjrun.evaluation.summaries import (
     FILES,
-    EpisodeSummary,
     PointSummary,
     PolicyComparison,
+    PolicySummary,
     episode_table,
     point_table,
     summaries,
@@ -347,7 +347,7 @@ class EvaluationResult:
     episodes: int
     seed: int
     confidence: float
-    policies: Sequence[EpisodeSummary]
+    policies: Sequence[PolicySummary]
     comparison: PolicyComparison | None
     names: Sequence[str]
     points: Sequence[PointSummary]
@@ -478,7 +478,7 @@ def _publish(writers: Sequence[OutputWriter], folder: Path, videos: Sequence[str
         raise
 
 
-def _warn_of_returns(policies: Sequence[EpisodeSummary], reporter: Reporter) -> None:
+def _warn_of_returns(policies: Sequence[PolicySummary], reporter: Reporter) -> None:
     """Warns of returns that are not finite, which the summaries exclude."""
     for policy in policies:
         if missing := policy.episodes - policy.returns.count:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.errors import clean
-from mjrun.evaluation.summaries import FILES, LENGTH, RETURN, EpisodeSummary, PairedDifference, doubts, seed_column
+from mjrun.evaluation.summaries import FILES, LENGTH, RETURN, PairedDifference, PolicySummary, doubts, seed_column
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page_parts import (
     interval,
@@ -67,7 +67,7 @@ def write_evaluation_page(
     write_results_page(options.html, page)
 
 
-def _policy(summary: EpisodeSummary, result: "EvaluationResult", *, several: bool) -> PageFactTable:
+def _policy(summary: PolicySummary, result: "EvaluationResult", *, several: bool) -> PageFactTable:
     named: dict[str, NumberSummary] = {"return": summary.returns, "length [s]": summary.lengths}
     named |= {f"reward {name}": each for name, each in summary.rewards.items()}
     named |= {with_unit(name, result.units.get(name)): each for name, each in summary.metrics.items()}
@@ -122,7 +122,7 @@ def _comparison(result: "EvaluationResult") -> list[PageFactTable]:
     return [PageFactTable("Comparison", caption, heads, rows, range(1, 5))]
 
 
-def _endings(policies: Sequence[EpisodeSummary]) -> list[PageFactTable]:
+def _endings(policies: Sequence[PolicySummary]) -> list[PageFactTable]:
     rows = [
         (each.ending, clean(policy.policy), each.outcome, *_share(each.share))
         for policy in policies

@@ -28,7 +28,7 @@ from mjrun.options.option import is_given
 from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.python_code import PickledWithCode
 from mjrun.reporter import Reporter
-from mjrun.study.chunk_files import point_keys, study_identity
+from mjrun.study.part_files import point_keys, study_identity
 from mjrun.study.prepared_points import PreparedPoints
 from mjrun.study.spec import PointResult, ShippedStudy, StudyPoint, StudySpec
 from mjrun.task.task import Task

@@ -48,7 +48,7 @@ class EndingCount:
 
 
 @dataclass(frozen=True)
-class EpisodeSummary:
+class PolicySummary:
     """Summary of the episodes of one policy.
 
     Attributes:
@@ -133,12 +133,12 @@ class PointSummary:
 
     point: int
     values: Mapping[str, str]
-    policies: Sequence[EpisodeSummary]
+    policies: Sequence[PolicySummary]
     comparison: PolicyComparison | None
 
 
 @dataclass(frozen=True)
-class Summaries:
+class EvaluationSummaries:
     """All summaries of an evaluation.
 
     Attributes:
@@ -147,7 +147,7 @@ class Summaries:
       points: summary of each point, if something varies.
     """
 
-    policies: Sequence[EpisodeSummary]
+    policies: Sequence[PolicySummary]
     comparison: PolicyComparison | None
     points: Sequence[PointSummary]
 
@@ -158,7 +158,7 @@ def summaries(
     metrics: Sequence[str],
     policies: Sequence[Sequence[PlayedEpisodes]],
     confidence: float,
-) -> Summaries:
+) -> EvaluationSummaries:
     """Summarizes the episodes that `policies`, one or two, have played at every point.
 
     Args:
@@ -166,7 +166,7 @@ def summaries(
     """
     can_succeed = player.can_succeed or any(each.successes.any() for groups in policies for each in groups)
 
-    def summary(groups: Sequence[PlayedEpisodes]) -> EpisodeSummary:
+    def summary(groups: Sequence[PlayedEpisodes]) -> PolicySummary:
         episodes = [episode for group in groups for episode in group.episodes]
         names = list(dict.fromkeys(group.policy for group in groups))
         name = names[0] if len(names) == 1 else f"{len(names)} policies"
@@ -180,7 +180,7 @@ def summaries(
         for point, parts in enumerate(zip(*policies, strict=True)):
             groups = [[part] for part in parts]
             by_point.append(PointSummary(point, points.values(point), [*map(summary, groups)], comparison(groups)))
-    return Summaries([*map(summary, policies)], comparison(policies), by_point)
+    return EvaluationSummaries([*map(summary, policies)], comparison(policies), by_point)
 
 
 def summary_of(
@@ -191,7 +191,7 @@ def summary_of(
     confidence: float,
     *,
     can_succeed: bool,
-) -> EpisodeSummary:
+) -> PolicySummary:
     """Summarizes `episodes` of a policy.
 
     Args:
@@ -215,7 +215,7 @@ def summary_of(
     ]
     succeeded = [episode.outcome == OUTCOMES[0] for episode in episodes]
 
-    return EpisodeSummary(
+    return PolicySummary(
         policy=policy,
         episodes=len(episodes),
         failed=requested - len(episodes) - missing,
@@ -229,7 +229,7 @@ def summary_of(
     )
 
 
-def doubts(policies: Sequence[EpisodeSummary], comparison: PolicyComparison | None, confidence: float) -> list[str]:
+def doubts(policies: Sequence[PolicySummary], comparison: PolicyComparison | None, confidence: float) -> list[str]:
     """Returns for each policy a sentence about the interval of the mean return, or an empty text if it is reliable.
 
     A last sentence concerns the difference of two policies.
@@ -393,7 +393,7 @@ class Estimate:
     interval: Interval
 
 
-def measures(summary: EpisodeSummary, comparison: PolicyComparison | None) -> dict[str, Estimate]:
+def measures(summary: PolicySummary, comparison: PolicyComparison | None) -> dict[str, Estimate]:
     """Returns the numbers of a policy's episodes, by name."""
     made = dict[str, Estimate]()
     if summary.success:
@@ -456,7 +456,7 @@ class PassCriteria:
                     raise BadValueError(option("fail_below"), f"{name}={least:g}", "a share, such as 90% or 0.9")
 
     def verdicts(
-        self, table: ResultsTable, count: int, summary: EpisodeSummary, comparison: PolicyComparison | None
+        self, table: ResultsTable, count: int, summary: PolicySummary, comparison: PolicyComparison | None
     ) -> list[Verdict]:
         """Returns whether each requirement and each threshold holds for the episodes that did not fail.
 

@@ -12,7 +12,7 @@ from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
-from mjrun.plotting.html_page import FileManifest, Page, PageFactTable, PageFigure, PageFile, page_file
+from mjrun.plotting.html_page import FileManifest, Page, PageFactTable, PageFigure, ShownFile, page_file
 from mjrun.plotting.page_writer import PageWriter, check_page_name
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
@@ -86,7 +86,7 @@ def table_figure(path: str | Path, options: FigureOptions) -> PageFigure:
         return figure.for_page()
 
 
-def shown_files(paths: Iterable[str], options: PageOptions) -> list[PageFile]:
+def shown_files(paths: Iterable[str], options: PageOptions) -> list[ShownFile]:
     """Returns the first files for a page, embedded up to the size that `options` allow."""
     return [page_file(path, str(options.html), options.embed_up_to) for path in [*paths][:MOST_VIDEOS]]
 

@@ -13,7 +13,13 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.experiment.results_table import ResultsTable
 from mjrun.experiment.samplers import SAMPLES, STEP
-from mjrun.experiment.statistics import NO_INTERVAL, Interval, mean_interval, percentile_interval, resamples_of
+from mjrun.experiment.statistics import (
+    NO_INTERVAL,
+    Interval,
+    mean_interval,
+    percentile_interval,
+    resamples_of,
+)
 from mjrun.formats.study_reader import SENSITIVITY
 from mjrun.model.table_column import Column
 

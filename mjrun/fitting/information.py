@@ -30,7 +30,7 @@ MOST_LEVERAGE = 0.9  # of a block: a parameter that one block alone determines l
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectedRows:
+class _ProjectedRows:
     """Rows of a linear least-squares problem in the coordinates of the parameters alone.
 
     Attributes:
@@ -44,7 +44,7 @@ class ProjectedRows:
     times: Floats
 
 
-def projected(solution: Solution) -> list[ProjectedRows]:
+def projected(solution: Solution) -> list[_ProjectedRows]:
     """Returns the rows of each chunk of a solution, with the weights of its loss.
 
     Projection on the complement of their derivatives B eliminates the states of a chunk: with a QR factorization of B,
@@ -59,7 +59,7 @@ def projected(solution: Solution) -> list[ProjectedRows]:
     ]
 
 
-def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, weights: Floats) -> ProjectedRows:
+def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, weights: Floats) -> _ProjectedRows:
     known = np.isfinite(residuals)
     rows = np.broadcast_to(np.linspace(0, 1, len(residuals))[:, None], residuals.shape)[known]
     w = weights[known]
@@ -68,10 +68,10 @@ def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, wei
     q, _ = np.linalg.qr(np.concatenate([b, np.eye(size) / STATE_SCALE]))
     a = np.concatenate([a, np.zeros((size, a.shape[1]))])
     r = np.concatenate([r, np.zeros(size)])
-    return ProjectedRows((a - q @ (q.T @ a))[:count], (r - q @ (q.T @ r))[:count], rows)
+    return _ProjectedRows((a - q @ (q.T @ a))[:count], (r - q @ (q.T @ r))[:count], rows)
 
 
-def information(parts: Sequence[ProjectedRows]) -> Floats:
+def information(parts: Sequence[_ProjectedRows]) -> Floats:
     """Returns the information matrix of the coordinates, `(p, p)`."""
     return np.sum([part.jacobians.T @ part.jacobians for part in parts], axis=0)
 
@@ -301,7 +301,7 @@ def _degrees_of_freedom(informations: Floats, whole: Floats) -> Floats:
     return np.maximum(variances.sum(axis=0) ** 2 / np.maximum((variances**2).sum(axis=0), 1e-300), 2.0)
 
 
-def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
+def _blocks(part: _ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
     """Divides the rows of a chunk into `count` blocks of time."""
     places = np.minimum((part.times * count).astype(int), count - 1)
     return [(part.jacobians[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]

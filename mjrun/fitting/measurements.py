@@ -14,7 +14,7 @@ from mjrun.errors import BadValueError, FileError, UnknownNameError, UsageError,
 from mjrun.fitting.angle_units import degree_remarks
 from mjrun.model.names import control_names
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
-from mjrun.probe.fields import FieldProbe
+from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.simulation.column_map import TIME, ColumnMap, column_map, time_hint
@@ -282,7 +282,7 @@ def read_measurements(
 
 def _relative_to_the_start(model: mujoco.MjModel, signals: Sequence[str]) -> list[str]:
     """Returns the signals that refer to the first instant of a simulation, which a segment of a log lacks."""
-    probes = [probe for probe in select(model, signals) if isinstance(probe, FieldProbe)]
+    probes = [probe for probe in select(model, signals) if isinstance(probe, RecordedFieldProbe)]
     relative = {name for probe in probes for name in probe.relative}
     return [name for name in signals if name in relative]
 
@@ -315,7 +315,7 @@ class _Table:
                 f"the model has columns such as {valid}; {option('map')} translates names: qpos/knee=knee_deg*pi/180"
             )
         for probe in select(model, self.signals):
-            if not isinstance(probe, FieldProbe):
+            if not isinstance(probe, RecordedFieldProbe):
                 raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records them")
 
     def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[LogSegment]:

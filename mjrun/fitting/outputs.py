@@ -112,8 +112,8 @@ def _rows(part: str, comparisons: Solutions, logs: Sequence[str]) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class VideoStretch:
-    """A stretch of a log with the positions of the fitted model.
+class FittedChunkMotion:
+    """The motion of the fitted model in a stretch of a log.
 
     Attributes:
       chunk: the stretch.
@@ -160,7 +160,7 @@ class FitVideo:
             preview([self._video(Simulation(model, duration=1), options.video)], PythonApiReporter())
 
     def writer(
-        self, model: mujoco.MjModel, stretches: Sequence[VideoStretch], delays: Sequence[float], reporter: Reporter
+        self, model: mujoco.MjModel, stretches: Sequence[FittedChunkMotion], delays: Sequence[float], reporter: Reporter
     ) -> OutputWriter:
         """Renders the video, to be published and closed by the caller.
 
@@ -194,7 +194,7 @@ class FitVideo:
         options = self._options
         return Video(simulation, path, camera=options.camera, size=options.size, text=TEXT, ghost=ghosts)
 
-    def _rows(self, stretches: Sequence[VideoStretch], delays: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, stretches: Sequence[FittedChunkMotion], delays: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Returns times of the video with positions of the model and of the ghost, `(n, 1 + nq)` each."""
         tables: list[np.ndarray] = []
         ghosts: list[np.ndarray] = []
@@ -285,16 +285,16 @@ class FitOutputs:
                 writers.append(stack.enter_context(self._video.writer(model, stretches, late, reporter)))
             return replace(result, files=[str(file) for file in publish_together(writers)])
 
-    def _stretches(self, comparisons: Solutions, logs: Sequence[str]) -> list[VideoStretch]:
+    def _stretches(self, comparisons: Solutions, logs: Sequence[str]) -> list[FittedChunkMotion]:
         """Returns all stretches in the order of logs and time, with the motion of the fitted model."""
-        stretches: list[VideoStretch] = []
+        stretches: list[FittedChunkMotion] = []
         for part in ("fitted", "held"):
             if solution := comparisons.get((part, "fitted")):
                 values = values_at(self._parameters, solution.coordinates)
                 positions = self._predictor.positions(solution.chunks, values, solution.states)
-                stretches += map(VideoStretch, solution.chunks, positions)
+                stretches += map(FittedChunkMotion, solution.chunks, positions)
 
-        def order(stretch: VideoStretch) -> tuple[int, float]:
+        def order(stretch: FittedChunkMotion) -> tuple[int, float]:
             segment = stretch.chunk.segment
             return logs.index(segment.source), float(segment.times[stretch.chunk.rows][0])
 

@@ -15,7 +15,7 @@ from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import VariantLoader
 from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
-from mjrun.probe.fields import FieldProbe, Fields
+from mjrun.probe.fields import Fields, RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.simulation.simulation import Simulation
@@ -145,7 +145,7 @@ class Predictor:
         self.model = self._variants.load(self._source).model
         self.timestep = float(self.model.opt.timestep)
         probes = select(self.model, signals)
-        self._probes = [probe for probe in probes if isinstance(probe, FieldProbe)]
+        self._probes = [probe for probe in probes if isinstance(probe, RecordedFieldProbe)]
         columns = [column for probe in self._probes for column in probe.columns]
         self._order = [[column.name for column in columns].index(name) for name in signals]
         self.columns = [columns[i] for i in self._order]

@@ -43,8 +43,8 @@ class RowWriter:
         """Frees resources, after `finish` or instead of it."""
 
 
-class RowGroups:
-    """Rows in groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
+class RowGroupBuffer:
+    """A buffer of rows, which returns groups `(columns, rows)` of at most `GROUP` values, each valid until the next."""
 
     def __init__(self, columns: int) -> None:
         self._rows = max(1, GROUP // columns)  # in a full group
@@ -88,7 +88,7 @@ class RowGroupWriter(RowWriter):
 
     def __init__(self, columns: Sequence[Column]) -> None:
         self.columns = columns
-        self._groups = RowGroups(len(columns))
+        self._groups = RowGroupBuffer(len(columns))
 
     def write(self, block: np.ndarray) -> None:
         for group in self._groups.add(block):

@@ -6,7 +6,7 @@ from typing import ClassVar
 from mjrun.options.kinds import ChoiceKind, FlagKind, NameOrIndexKind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, PercentKind, ProcessCountKind, RealKind, SizeKind
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.option import FrontEnd, OptionExclusion, Options, option, options
 from mjrun.options.rendering import QUALITIES, RENDERERS, VIEWS, BackendOptions
 from mjrun.options.setting_kinds import ScanValuesKind
 
@@ -194,7 +194,9 @@ class BenchReportOptions(Options):
 
     section: ClassVar[str] = "Report"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("csv", "markdown"), "both print to standard output"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("csv", "markdown"), "both print to standard output"),
+    )
 
     csv: bool = option(
         converter=FlagKind(),

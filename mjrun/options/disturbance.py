@@ -12,7 +12,7 @@ from typing import cast
 from mjrun.dataclass import dataclass
 from mjrun.options.kinds import OneOrMoreKind, ReadingContext, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, PointKind, RealKind
-from mjrun.options.option import Options, Requirement, option, options, required
+from mjrun.options.option import OptionRequirement, Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, Path, check
 from mjrun.options.structured_kinds import OneOfKind, OptionsMappingKind
 from mjrun.timeline import rational
@@ -157,7 +157,7 @@ class Disturbances:
 
 NO_DISTURBANCES = Disturbances()
 # Checked when a simulation or an episode starts, since a study may vary the noise, and a task may contain it.
-NOISE_REQUIREMENT = Requirement("ctrl_noise_time", "ctrl_noise", "whose correlation it sets")
+NOISE_REQUIREMENT = OptionRequirement("ctrl_noise_time", "ctrl_noise", "whose correlation it sets")
 
 
 @options

@@ -9,7 +9,7 @@ from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import IntegerKind, Numbers
-from mjrun.options.option import FrontEnd, Options, Requirement, option, options, required
+from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
@@ -77,8 +77,8 @@ class EpisodeVideoOptions(PointOrEpisodeVideoOptions):
     """Videos of selected episodes."""
 
     section: ClassVar[str] = "Videos"
-    requirements: ClassVar[tuple[Requirement, ...]] = tuple(
-        Requirement(name, "videos", clause, value="N", test=bool) for name, clause in VIDEO_CLAUSES.items()
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = tuple(
+        OptionRequirement(name, "videos", clause, value="N", test=bool) for name, clause in VIDEO_CLAUSES.items()
     )
 
     videos: int | str = option(
@@ -107,8 +107,8 @@ class EvaluationOptions(
     """
 
     section: ClassVar[str] = "Evaluation"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("compare_normalize", "compare", "whose observations it normalizes"),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("compare_normalize", "compare", "whose observations it normalizes"),
     )
 
     task: object = field(kw_only=False)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from mjrun.options.kinds import FlagKind, PathKind, optional
-from mjrun.options.option import FrontEnd, Options, Requirement, option, options, options_of
+from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options, options_of
 from mjrun.options.setting_kinds import NamedNumbersKind
 
 TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
@@ -24,9 +24,9 @@ class OpenWhenDoneOptions(Options):
     )
 
 
-def opened_file(*alternatives: str) -> Requirement:
+def opened_file(*alternatives: str) -> OptionRequirement:
     """Returns what `open` requires of a command that makes a page, or files of other options, only on request."""
-    return Requirement("open", "html", "which it opens", alternatives=alternatives)
+    return OptionRequirement("open", "html", "which it opens", alternatives=alternatives)
 
 
 @options

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, OneOrMoreKind, PathKind, optional
 from mjrun.options.number_kinds import IntegerKind, RealKind, SizeKind
-from mjrun.options.option import FrontEnd, Options, Requirement, option, options
+from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options
 from mjrun.options.output import VIDEOS
 from mjrun.options.setting_kinds import SettingsKind
 
@@ -17,11 +17,11 @@ class FitOptions(Options):
     """A fit."""
 
     section: ClassVar[str] = "Fit"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("camera", "video", "which it records"),
-        Requirement("size", "video", "whose size it sets"),
-        Requirement("excite_noise", "excite", "whose confidence intervals it predicts"),
-        Requirement("velocity_limit", "excite", "whose motion it limits"),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("camera", "video", "which it records"),
+        OptionRequirement("size", "video", "whose size it sets"),
+        OptionRequirement("excite_noise", "excite", "whose confidence intervals it predicts"),
+        OptionRequirement("velocity_limit", "excite", "whose motion it limits"),
     )
 
     data: tuple[str, ...] = option(

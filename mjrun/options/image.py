@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import FlagKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import InstantKind, IntegerKind
-from mjrun.options.option import Exclusion, option, options, required
+from mjrun.options.option import OptionExclusion, option, options, required
 from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
 from mjrun.options.rendering import ViewOptions
 
@@ -14,7 +14,7 @@ class ImageOptions(ViewOptions, OutputOptions):
     """An image of one instant."""
 
     section: ClassVar[str] = "Image"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (OptionExclusion(("time", "step"), "both set the instant"),)
 
     output: str = required(
         converter=PathKind(written=True, streamed=True),

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, SizeKind
-from mjrun.options.option import Requirement, option, options, required
+from mjrun.options.option import OptionRequirement, option, options, required
 from mjrun.options.rendering import GEOMS, STAGE, RendererOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.sweep import VariationOptions
@@ -110,9 +110,9 @@ class DatasetOptions(LabelledImageOptions, VariationOptions):
     """
 
     section: ClassVar[str] = "Dataset"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("polygons", "format", "whose masks it writes", value="coco"),
-        Requirement("yolo_task", "format", "whose labels it chooses", value="yolo"),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("polygons", "format", "whose masks it writes", value="coco"),
+        OptionRequirement("yolo_task", "format", "whose labels it chooses", value="yolo"),
     )
 
     simulation: object = field(kw_only=False)

@@ -82,7 +82,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Exclusion:
+class OptionExclusion:
     """Two options that exclude each other, with the reason: "both set the length".
 
     Attributes:
@@ -104,10 +104,11 @@ class Exclusion:
 
 
 @dataclass(frozen=True)
-class Requirement:
-    """An option that has no effect without another one, its partner, as a clause says: "whose position it sets".
+class OptionRequirement:
+    """The requirement of an option for another one, its partner, without which it has no effect.
 
     Attributes:
+      clause: what the option does to the partner: "whose position it sets".
       value: the value that the partner must have, or contain; None if any value will do.
       test: returns whether a value of the partner will do, of which `value` is an example.
       alternatives: options that will do in place of the partner, with any value.
@@ -193,8 +194,8 @@ class Options:
 
     section: ClassVar[str] = "Options"
     places: ClassVar[FrontEnd] = FrontEnd.EVERYWHERE
-    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
-    requirements: ClassVar[tuple[Requirement, ...]] = ()
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = ()
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = ()
 
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
@@ -351,13 +352,13 @@ def is_always_written(each: Option) -> bool:
 
 
 @cache
-def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
+def exclusions_of(cls: type[Options]) -> tuple[OptionExclusion, ...]:
     """Returns the exclusions that `cls` declares and inherits."""
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
 
 
 @cache
-def requirements_of(cls: type[Options]) -> tuple[Requirement, ...]:
+def requirements_of(cls: type[Options]) -> tuple[OptionRequirement, ...]:
     """Returns the requirements that `cls` declares and inherits."""
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("requirements", ())))
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import FlagKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+from mjrun.options.option import FrontEnd, OptionExclusion, Options, option, options, required
 
 # Placeholders in help texts, which `mjrun.outputs.format_lists` replaces by the available formats.
 TABLES = "{table formats}"
@@ -97,7 +97,7 @@ class KeyframeOptions(OutputOptions):
     """The model's XML with one instant of the simulation, including controls, as a keyframe."""
 
     section: ClassVar[str] = "Keyframe"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (OptionExclusion(("time", "step"), "both set the instant"),)
 
     output: str = required(
         converter=PathKind(written=True),

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import ChoiceKind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import FigureSizeKind, IntegerKind, RangeKind, RealKind
-from mjrun.options.option import Options, Requirement, option, options, required
+from mjrun.options.option import OptionRequirement, Options, option, options, required
 from mjrun.options.output import PLOTS
 from mjrun.options.report import PageOptions
 from mjrun.options.trace import SamplingOptions
@@ -116,7 +116,9 @@ class TablePlotOptions(PageOptions, FigureOptions):
     """
 
     section: ClassVar[str] = "Plot"
-    requirements: ClassVar[tuple[Requirement, ...]] = (Requirement("include", "html", "the page that shows the files"),)
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("include", "html", "the page that shows the files"),
+    )
 
     tables: Sequence[str | Path] | str | Path = field(kw_only=False)
     output: str | None = option(

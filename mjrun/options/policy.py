@@ -5,7 +5,7 @@ from os import PathLike, fspath
 from typing import ClassVar, cast
 
 from mjrun.options.kinds import FlagKind, Kind, ReadingContext, optional
-from mjrun.options.option import FrontEnd, Options, Requirement, option, options
+from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options
 from mjrun.options.schema_validation import (
     TEXT,
     InvalidValueError,
@@ -96,7 +96,7 @@ class PolicyOptions(TrustOptions):
     )
 
 
-NORMALIZE_REQUIREMENT = Requirement("normalize", "policy", "whose observations it normalizes")
+NORMALIZE_REQUIREMENT = OptionRequirement("normalize", "policy", "whose observations it normalizes")
 
 
 def is_code(text: str) -> bool:

@@ -15,7 +15,7 @@ from mjrun.options.kinds import (
     optional,
 )
 from mjrun.options.number_kinds import ExactNumberKind, GroupsKind, RangeKind, SizeKind
-from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
+from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options
 
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
@@ -84,8 +84,12 @@ class SceneOptions(RendererOptions):
     """Cameras, visible objects, and additions to the scene."""
 
     section: ClassVar[str] = "View"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("geoms", "geomgroup"), "both choose the geoms to show"),)
-    requirements: ClassVar[tuple[Requirement, ...]] = (Requirement("trail_span", "trail", "whose length it limits"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("geoms", "geomgroup"), "both choose the geoms to show"),
+    )
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("trail_span", "trail", "whose length it limits"),
+    )
 
     size: tuple[int, int] = option(
         converter=SizeKind(), default=(1280, 720), help="Width and height of one view [pixels]."
@@ -174,11 +178,11 @@ class ImageContentOptions(Options):
     """Kinds of images, their arrangement, and text on them."""
 
     section: ClassVar[str] = "View"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("depth_range", "view", "whose colours it sets", value="depth"),
-        Requirement("seg_by", "view", "whose objects it chooses", value="seg"),
-        Requirement("text_corner", "text", "whose position it sets"),
-        Requirement("calibration_format", "calibration", "whose format it sets"),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("depth_range", "view", "whose colours it sets", value="depth"),
+        OptionRequirement("seg_by", "view", "whose objects it chooses", value="seg"),
+        OptionRequirement("text_corner", "text", "whose position it sets"),
+        OptionRequirement("calibration_format", "calibration", "whose format it sets"),
     )
 
     view: tuple[str, ...] = option(

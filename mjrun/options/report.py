@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import FlagKind, PathKind, optional
 from mjrun.options.number_kinds import RealKind
-from mjrun.options.option import FrontEnd, Options, Requirement, option, options, options_of
+from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options, options_of
 
 
 @options
@@ -54,8 +54,8 @@ class PageOptions(Options):
     """A self-contained page about a result, which any browser opens without network or scripts."""
 
     section: ClassVar[str] = "Page"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("embed_up_to", "html", "the page that embeds the files"),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("embed_up_to", "html", "the page that embeds the files"),
     )
 
     html: str | None = option(

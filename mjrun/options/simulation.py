@@ -8,7 +8,7 @@ from mjrun.options.disturbance import NOISE_REQUIREMENT, DisturbanceOptions
 from mjrun.options.kinds import ChoiceKind, FlagKind, NameOrIndexKind, PathKind, PythonFunctionKind, TextKind, optional
 from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Numbers, RealKind
-from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options
+from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options
 from mjrun.options.policy import NORMALIZE_REQUIREMENT, PolicyOptions, TrustOptions
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, JointNumbersKind, NamedNumbersKind
 
@@ -25,9 +25,9 @@ TASK_START = ("key", "qpos", "qvel", "perturb")
 TABLE_READING = ("map", "quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # by --replay or by a ghost
 # Checked when a simulation starts, since a study may vary the partners.
 RUN_REQUIREMENTS = (
-    Requirement("ctrl_interpolation", "ctrl_from", "between whose rows it interpolates"),
+    OptionRequirement("ctrl_interpolation", "ctrl_from", "between whose rows it interpolates"),
     NOISE_REQUIREMENT,
-    Requirement("replay_mode", "replay", "which it plays back or simulates again"),
+    OptionRequirement("replay_mode", "replay", "which it plays back or simulates again"),
 )
 
 
@@ -63,21 +63,29 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
     """All options of a simulation but its model."""
 
     section: ClassVar[str] = "Simulation"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (
-        Exclusion(("duration", "steps"), "both set the length"),
-        Exclusion(("controller", "ctrl_from"), "both drive the actuators"),
-        Exclusion(("policy", "replay"), "the replayed file drives the simulation"),
-        *(Exclusion(("policy", name), "both drive the actuators") for name in ("controller", "ctrl_from", "ctrl")),
-        *(Exclusion(("policy", name), "the task of the policy sets the start of an episode") for name in TASK_START),
-        Exclusion(("policy", "position_control"), "the task of the policy says what its actions control"),
-        *(Exclusion(("replay", name), "the replayed file drives the simulation") for name in DRIVERS),
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("duration", "steps"), "both set the length"),
+        OptionExclusion(("controller", "ctrl_from"), "both drive the actuators"),
+        OptionExclusion(("policy", "replay"), "the replayed file drives the simulation"),
         *(
-            Exclusion(("replay", name), "a replay of states does not compute physics", when=("replay_mode", STATES))
+            OptionExclusion(("policy", name), "both drive the actuators")
+            for name in ("controller", "ctrl_from", "ctrl")
+        ),
+        *(
+            OptionExclusion(("policy", name), "the task of the policy sets the start of an episode")
+            for name in TASK_START
+        ),
+        OptionExclusion(("policy", "position_control"), "the task of the policy says what its actions control"),
+        *(OptionExclusion(("replay", name), "the replayed file drives the simulation") for name in DRIVERS),
+        *(
+            OptionExclusion(
+                ("replay", name), "a replay of states does not compute physics", when=("replay_mode", STATES)
+            )
             for name in PHYSICS
         ),
     )
 
-    requirements: ClassVar[tuple[Requirement, ...]] = (NORMALIZE_REQUIREMENT,)
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (NORMALIZE_REQUIREMENT,)
 
     key: str | None = option(
         converter=optional(NameOrIndexKind()), default=None, help="Keyframe to start from, by name or index."

@@ -9,7 +9,7 @@ from typing import ClassVar, cast
 
 from mjrun.options.kinds import ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, ProcessCountKind, RealKind
-from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options, required
+from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options, required
 from mjrun.options.output import VIDEOS
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import InvalidValueError
@@ -50,16 +50,16 @@ class KeptFileOptions(PointOrEpisodeVideoOptions):
     """Files of selected points, which are simulated again, with identical results, once all metrics are known."""
 
     section: ClassVar[str] = "Files of points"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
         *(
-            Requirement(name, "keep", clause, value="video", alternatives=("contact_sheet",))
+            OptionRequirement(name, "keep", clause, value="video", alternatives=("contact_sheet",))
             for name, clause in VIDEO_CLAUSES.items()
         ),
         *(
-            Requirement(f"keep_{name}", "keep", "whose points it chooses", alternatives=("contact_sheet",))
+            OptionRequirement(f"keep_{name}", "keep", "whose points it chooses", alternatives=("contact_sheet",))
             for name in ("where", "lowest", "highest")
         ),
-        Requirement("probe", "keep", "whose columns it chooses", value="trace"),
+        OptionRequirement("probe", "keep", "whose columns it chooses", value="trace"),
     )
 
     keep: tuple[str, ...] = option(
@@ -123,9 +123,9 @@ class VariationOptions(Options):
     """Differences between the simulations."""
 
     section: ClassVar[str] = "Study"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
         *(
-            Requirement(
+            OptionRequirement(
                 name,
                 "vary",
                 "from whose distribution it draws",
@@ -134,7 +134,7 @@ class VariationOptions(Options):
             )
             for name in ("samples", "sampler")
         ),
-        Requirement(
+        OptionRequirement(
             "design",
             "vary",
             "whose lists it combines",
@@ -276,8 +276,8 @@ class ExecutionOptions(Options):
     """Execution of the points, or of the episodes of an evaluation or a dataset."""
 
     section: ClassVar[str] = "Execution"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("slurm", "engine", "whose jobs it sets", value="slurm"),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("slurm", "engine", "whose jobs it sets", value="slurm"),
     )
 
     jobs: int | str = option(
@@ -351,8 +351,8 @@ class StudyCommandOptions(Options):
 
     section: ClassVar[str] = "Execution"
     places: ClassVar[FrontEnd] = FrontEnd.COMMAND
-    exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
-        Exclusion(pair, "each of these replaces the run; give only one")
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = tuple(
+        OptionExclusion(pair, "each of these replaces the run; give only one")
         for pair in combinations(STOPPING, 2)
         if pair != ("dry_run", "gc")
     )

@@ -17,7 +17,7 @@ from mjrun.options.kinds import (
 )
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumberKind, IntegerKind, Numbers, NumberVectorKind, RealKind
-from mjrun.options.option import Exclusion, Options, option, options, required
+from mjrun.options.option import OptionExclusion, Options, option, options, required
 from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema
 from mjrun.options.setting_kinds import (
     DISTRIBUTION,
@@ -269,7 +269,9 @@ class ActionOptions(Options):
     """Components of the action: what they drive, and their processing, in the order of these keys."""
 
     section: ClassVar[str] = "Action"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("actuators", "joints"), "an action drives either"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("actuators", "joints"), "an action drives either"),
+    )
 
     actuators: tuple[str, ...] | None = option(
         converter=optional(OneOrMoreKind(TextKind("ACTUATOR"))),

@@ -6,7 +6,7 @@ from typing import ClassVar
 from mjrun.options.diff import ToleranceOptions
 from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
-from mjrun.options.option import Exclusion, FrontEnd, Options, Requirement, option, options, required
+from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
 
 UNIT_PLACES = COMMENT, METADATA = "comment", "metadata"  # for CSV files
@@ -17,7 +17,9 @@ PROBES = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")  # by de
 class SamplingOptions(OutputOptions):
     """Sampling rate and format of measured values."""
 
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("every", "rate"), "both set the sampling rate"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("every", "rate"), "both set the sampling rate"),
+    )
 
     every: int = option(converter=IntegerKind(1), default=1, help="Write a row every N steps.")
     rate: Fraction | None = option(
@@ -35,9 +37,9 @@ class GoldenOptions(ToleranceOptions):
     """Comparison of a trace with a golden table."""
 
     section: ClassVar[str] = "Golden table"
-    requirements: ClassVar[tuple[Requirement, ...]] = (
-        Requirement("update", "golden", "which it creates or replaces"),
-        *(Requirement(name, "golden", "which is compared within it") for name in ("atol", "rtol", "tol")),
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("update", "golden", "which it creates or replaces"),
+        *(OptionRequirement(name, "golden", "which is compared within it") for name in ("atol", "rtol", "tol")),
     )
 
     golden: str | None = option(

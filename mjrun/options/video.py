@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import CameraKind, ChoiceKind, NameOrIndexKind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import AUTO, ExactNumberKind, IntegerKind, ProcessCountKind, SizeKind
-from mjrun.options.option import Exclusion, Options, Requirement, option, options, required
+from mjrun.options.option import OptionExclusion, OptionRequirement, Options, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
 
@@ -17,10 +17,12 @@ class VideoOptions(ViewOptions, OutputOptions):
     """A video."""
 
     section: ClassVar[str] = "Video"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (
-        Exclusion(("plot", "separate"), "separate views make several frames, and a plot belongs to one"),
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("plot", "separate"), "separate views make several frames, and a plot belongs to one"),
     )
-    requirements: ClassVar[tuple[Requirement, ...]] = (Requirement("plot_side", "plot", "whose position it sets"),)
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("plot_side", "plot", "whose position it sets"),
+    )
 
     output: str = required(
         converter=PathKind(written=True, streamed=True),

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjrun.camera.pose import Pose, lens
+from mjrun.camera.pose import CameraPose, lens
 from mjrun.camera.script import CameraScript
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
@@ -166,7 +166,7 @@ class CalibrationFile:
             options.calibration, options.calibration_format, self._names, orthographic, pictures, coloured
         )
 
-    def write(self, poses: Sequence[Pose], frame: int, time: float) -> None:
+    def write(self, poses: Sequence[CameraPose], frame: int, time: float) -> None:
         """Adds the calibration of every camera at a frame; `time` is simulated [s]."""
         for camera, pose in enumerate(poses):
             file, depth = (self._file(camera, view, frame) for view in ("rgb", "depth"))

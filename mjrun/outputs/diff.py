@@ -33,7 +33,7 @@ from mjrun.options.option import is_given, options, options_of
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, PageFigure, PictureSlider, data_uri, page_file
+from mjrun.plotting.html_page import VIDEOS, ImageSlider, Page, PageFactTable, PageFigure, data_uri, page_file
 from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name, origin
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
@@ -308,14 +308,14 @@ def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> PageFigu
         return figure.for_page()
 
 
-def _pair(result: DiffResult, worst: WorstFramePair) -> PictureSlider:
+def _pair(result: DiffResult, worst: WorstFramePair) -> ImageSlider:
     """Returns the two pictures that differ most, and their difference."""
     assert result.picture
     (a, b), difference, scale = shown_frames(worst)
     facts = frame_facts(result.picture.worst) if result.picture.worst else "no difference"
     when = result.picture.worst.time if result.picture.worst else None
     at = "" if when is None or result.picture.frames == 1 else f"{when:.6g} s: "
-    return PictureSlider(
+    return ImageSlider(
         _address(a), _address(b), a.shape[1], f"{at}{facts}", _address(difference), f"Difference, {scale}"
     )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.destinations import StagedFile, StandardOutput
@@ -525,7 +525,7 @@ def _positions(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> Iterator[
         yield data
 
 
-def _lens(pose: Pose, size: tuple[int, int]) -> CameraLens:
+def _lens(pose: CameraPose, size: tuple[int, int]) -> CameraLens:
     seen, halfwidth = pose.frustum, pose.frustum.halfwidth(size)
     sides = seen.center - halfwidth, seen.center + halfwidth
     return camera_lens(sides, (seen.bottom, seen.top), (seen.near, seen.far), orthographic=seen.orthographic)

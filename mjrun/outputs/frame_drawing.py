@@ -9,7 +9,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.camera.script import ConditionEvent
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, concerning, option, quoted
@@ -46,7 +46,7 @@ from mjrun.rendering.compositor import FrameCosts, FrameStream, SceneCompositor,
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
-from mjrun.rendering.segmentation import Segmentation, check_segmentation_name
+from mjrun.rendering.segmentation import SegmentationIds, check_segmentation_name
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import Reporter
 from mjrun.shared_status import doing
@@ -416,7 +416,7 @@ def scene_compositor(
     model: mujoco.MjModel,
     backend: WorkingBackend,
     streams: Sequence[FrameStream],
-    poses: Sequence[Sequence[Pose]],
+    poses: Sequence[Sequence[CameraPose]],
     decorations: Sequence[Decoration] = (),
 ) -> SceneCompositor:
     """Returns the compositor that renders `streams`; `poses` holds the poses of every camera for each frame."""
@@ -428,7 +428,7 @@ def scene_compositor(
         names=camera_names(options),
         poses=poses,
         streams=streams,
-        segmentation=Segmentation(model, options.seg_by) if "seg" in options.view else None,
+        segmentation=SegmentationIds(model, options.seg_by) if "seg" in options.view else None,
         decorations=decorations,
         ranges=[options.depth_range] * len(options.camera) if options.depth_range else [],
         renderer=options.renderer,
@@ -445,7 +445,7 @@ def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: WorkingB
     if options.renderer != "filament":
         return []
     check_visual(model, visual_of(options))
-    check_segmentation(Segmentation(model, options.seg_by) if "seg" in options.view else None)
+    check_segmentation(SegmentationIds(model, options.seg_by) if "seg" in options.view else None)
     return omissions(model, visual_of(options))
 
 

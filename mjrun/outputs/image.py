@@ -33,7 +33,7 @@ from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
 from mjrun.outputs.recorded_scene import ScenePlan
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.simulation.simulation import require_countable
 from mjrun.timeline import Timeline, nearest
 
@@ -59,7 +59,7 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
         return [*output_files(self, self.output, self.manifest), *named_files(pointcloud=self.pointcloud)]
 
     @cached_property
-    def formatted_files(self) -> "Sequence[ImageFile]":
+    def formatted_files(self) -> "Sequence[FormattedImageFile]":
         """The files with their formats.
 
         Raises:
@@ -128,8 +128,8 @@ class ImageResult(output.OutputResult):
 
 
 @dataclass(frozen=True)
-class ImageFile(VideoOrImageFile):
-    """A file of an image.
+class FormattedImageFile(VideoOrImageFile):
+    """A file of an image, with its format.
 
     Attributes:
       format: name of the format.
@@ -176,7 +176,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
         self._pointcloud: PointCloudWriter | None = None
         if request.pointcloud is not None:
             model = frames.scene.context.model
-            labels = Segmentation(model, request.seg_by).legend if "seg" in request.view else None
+            labels = SegmentationIds(model, request.seg_by).legend if "seg" in request.view else None
             self._pointcloud = stack.enter_context(PointCloudWriter(request.pointcloud, labels))
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:
@@ -247,7 +247,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             writer.write(np.ascontiguousarray(compositor.frame(compositor.streams[index], pictures, 0)))
 
 
-def _image_file(request: Image, file: VideoOrImageFile) -> ImageFile:
+def _image_file(request: Image, file: VideoOrImageFile) -> FormattedImageFile:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
@@ -260,7 +260,9 @@ def _image_file(request: Image, file: VideoOrImageFile) -> ImageFile:
     )
     view = file.panels[0].view if exact else "rgb"
     hint = f"{option('style')} color renders colours instead" if exact else ""
-    return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint))
+    return FormattedImageFile(
+        file.path, file.panels, exact, format=image_format(file.target, view, request.format, hint)
+    )
 
 
 def _step(request: Image, timeline: Timeline, event_steps: output.EventSteps) -> int:

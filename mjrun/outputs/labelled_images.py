@@ -8,7 +8,7 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Frustum, Pose
+from mjrun.camera.pose import CameraPose, Frustum
 from mjrun.camera.script import CameraScript, parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
@@ -25,7 +25,7 @@ from mjrun.probe.scanner import Vocabulary
 from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.drawn_model import CORNERS, HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
-from mjrun.rendering.segmentation import NOTHING, Segmentation
+from mjrun.rendering.segmentation import NOTHING, SegmentationIds
 from mjrun.rendering.visual import visual_of
 
 GROUPED = ("geom", "site", "tendon", "flex", "skin")  # what is visible by groups
@@ -253,7 +253,7 @@ class LabelledImageRenderer:
         index: int,
         states: Sequence[np.ndarray],
         times: Sequence[float],
-    ) -> list[Pose]:
+    ) -> list[CameraPose]:
         """Returns the pose of a camera in each state."""
         with concerning("camera", index):
             script = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
@@ -267,7 +267,7 @@ class LabelledImageRenderer:
         model: mujoco.MjModel,
         visible: np.ndarray,
         cameras: Sequence[object],
-        poses: Sequence[Sequence[Pose]],
+        poses: Sequence[Sequence[CameraPose]],
         states: Sequence[np.ndarray],
         times: Sequence[float],
     ) -> Iterator[LabelledImage]:
@@ -300,7 +300,7 @@ class LabelledImageRenderer:
 
     def _prepared(self, model: mujoco.MjModel) -> ClassicRenderer:
         """Returns a renderer of `model`, with the meshes and textures of an earlier one if they are equal."""
-        segmentation = Segmentation(model, "body")
+        segmentation = SegmentationIds(model, "body")
         if self._renderer and self._renderer.can_show(model):
             self._renderer.show(model, segmentation)
         else:
@@ -309,7 +309,7 @@ class LabelledImageRenderer:
         return self._renderer
 
     def _views(
-        self, renderer: ClassicRenderer, pose: Pose, scene: "_Objects", seen: RenderedView, ids: np.ndarray
+        self, renderer: ClassicRenderer, pose: CameraPose, scene: "_Objects", seen: RenderedView, ids: np.ndarray
     ) -> list[ObjectAnnotation]:
         found = {region.id: region for region in regions(ids)}
         masks = self._masks(renderer, pose, scene, seen.calibration)
@@ -336,7 +336,7 @@ class LabelledImageRenderer:
         return views
 
     def _masks(
-        self, renderer: ClassicRenderer, pose: Pose, scene: "_Objects", camera: CameraCalibration
+        self, renderer: ClassicRenderer, pose: CameraPose, scene: "_Objects", camera: CameraCalibration
     ) -> list[np.ndarray]:
         """Renders the silhouette of each object within the image; objects that cannot overlap share a rendering."""
         masks: list[np.ndarray] = [np.empty(0)] * len(scene.objects)
@@ -351,7 +351,7 @@ class LabelledImageRenderer:
     def _silhouette(
         self,
         renderer: ClassicRenderer,
-        pose: Pose,
+        pose: CameraPose,
         scene: "_Objects",
         index: int,
         mask: np.ndarray,

@@ -14,7 +14,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import PoseArray
+from mjrun.camera.pose import CameraPoseArray
 from mjrun.camera.script import CameraScript, ConditionEvent, parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
@@ -185,7 +185,7 @@ class RecordedScene:
     states: StateBuffer
     schedule: FrameSchedule
     times: Sequence[float]
-    poses: PoseArray
+    poses: CameraPoseArray
     decorations: Sequence[Decoration]
 
 
@@ -208,7 +208,7 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
     for motion, spans in zip(plan.motions, schedule.spans, strict=True):
         for text in motion.aim_at_motion(iter(frames), times, spans):
             context.reporter.note(text)
-    poses = PoseArray(  # computed now, one camera after the other
+    poses = CameraPoseArray(  # computed now, one camera after the other
         motion.poses(iter(frames), times, schedule.times, spans)
         for motion, spans in zip(plan.motions, schedule.spans, strict=True)
     )

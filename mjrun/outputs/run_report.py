@@ -21,7 +21,7 @@ from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import FileManifest, Page, PageFigure, PageFile, TableStatistics, page_file
+from mjrun.plotting.html_page import FileManifest, Page, PageFigure, ShownFile, TableStatistics, page_file
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_statistics import TableSummarizer
@@ -111,7 +111,7 @@ class _Contents:
     figures: list[PageFigure] = field(default_factory=list[PageFigure])
     tables: list[TableStatistics] = field(default_factory=list[TableStatistics])
     verdicts: list[tuple[str, Verdict]] = field(default_factory=list[tuple[str, Verdict]])
-    files: list[PageFile] = field(default_factory=list[PageFile])
+    files: list[ShownFile] = field(default_factory=list[ShownFile])
     manifests: list[FileManifest] = field(default_factory=list[FileManifest])
 
     def add(self, output: PublishedOutput) -> None:

@@ -25,7 +25,7 @@ from mjrun.probe.contacts import (
     contact_rows,
 )
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
-from mjrun.probe.fields import FieldProbe, Fields
+from mjrun.probe.fields import Fields, RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational, seconds
@@ -72,13 +72,13 @@ class ProbeSampler:
         self.probes = select(model, names, episode)
         self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
         self.names = [column.name for column in self.columns]
-        self.reads_fields_only = all(isinstance(probe, FieldProbe) for probe in self.probes)
+        self.reads_fields_only = all(isinstance(probe, RecordedFieldProbe) for probe in self.probes)
         self.contact_columns = contact_columns(model) if with_contacts else []
         self._timeline = timeline
-        of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
+        of_fields = [probe for probe in self.probes if isinstance(probe, RecordedFieldProbe)]
         self.fields = sorted({name for probe in of_fields for name in probe.fields})
         self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
-        self._of_instants = [probe for probe in self.probes if not isinstance(probe, FieldProbe | ContactProbe)]
+        self._of_instants = [probe for probe in self.probes if not isinstance(probe, RecordedFieldProbe | ContactProbe)]
         self._copies_contacts = with_contacts or any(isinstance(probe, ContactProbe) for probe in self.probes)
         self._stepper: Stepper | None = None  # the last one that was read, and its data
         self._data: mujoco.MjData | None = None
@@ -113,7 +113,7 @@ class ProbeSampler:
         start = 1
         with np.errstate(all="ignore"):  # of rows after a failure
             for probe in self.probes:
-                assert isinstance(probe, FieldProbe)
+                assert isinstance(probe, RecordedFieldProbe)
                 tables[..., start : start + len(probe.columns)] = probe.compute(fields, initial)
                 start += len(probe.columns)
         return tables
@@ -125,7 +125,7 @@ class ProbeSampler:
           fields: the fields at these instants, `{name: (n, …)}`.
           initial: the fields at step 0, `{name: (1, …)}`.
         """
-        parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, FieldProbe)]
+        parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, RecordedFieldProbe)]
         return self._timed(steps, parts)
 
     def blocks(self, stepper: Stepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
@@ -232,7 +232,7 @@ class ProbeSampler:
         parts: list[np.ndarray] = [np.empty((len(columns[0]), 0))]
         for probe in self.probes:
             match probe:
-                case FieldProbe():
+                case RecordedFieldProbe():
                     parts.append(probe.compute(fields, self._initial_values))
                 case ContactProbe():
                     assert contacts

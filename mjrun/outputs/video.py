@@ -46,7 +46,7 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
         return output_files(self, self.output, self.manifest)
 
     @cached_property
-    def encoded_files(self) -> "Sequence[VideoFile]":
+    def encoded_files(self) -> "Sequence[EncodedVideoFile]":
         """The files with their encodings.
 
         Raises:
@@ -129,7 +129,7 @@ class VideoResult(output.OutputResult):
 
 
 @dataclass(frozen=True)
-class VideoFile(VideoOrImageFile):
+class EncodedVideoFile(VideoOrImageFile):
     """A file of a video, with its encoding."""
 
     encoding: VideoEncoding = field(kw_only=True)
@@ -245,11 +245,11 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             )
 
 
-def _video_file(request: Video, file: VideoOrImageFile) -> VideoFile:
+def _video_file(request: Video, file: VideoOrImageFile) -> EncodedVideoFile:
     coded = all(panel.view == "seg" for panel in file.panels)
     content = "exact" if file.exact else "ids" if coded else "video"
     encoded = encoding(file.target, request.format, request.codec, request.crf, request.preset, content)
-    return VideoFile(file.path, file.panels, file.exact, encoding=encoded)
+    return EncodedVideoFile(file.path, file.panels, file.exact, encoding=encoded)
 
 
 @options

@@ -20,7 +20,7 @@ class CurvePoints:
     y: np.ndarray
 
 
-class RangeFilter:
+class XRangeFilter:
     """A filter of the samples that lines within a range of x need, with gaps in place of the others.
 
     The division of the samples into blocks has no effect.

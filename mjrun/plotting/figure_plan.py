@@ -19,7 +19,7 @@ from mjrun.model.units import DATA_UNITS
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
 from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel
-from mjrun.plotting.envelope import CurvePoints, Envelope, RangeFilter
+from mjrun.plotting.envelope import CurvePoints, Envelope, XRangeFilter
 from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, PanelGrid, panel_grid
 from mjrun.probe.fields import DOF_UNITS
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
@@ -374,7 +374,7 @@ class TableCollector:
         self._log = np.array([index in plan.log_y for index, _ in self._curves], bool)
         bins = 1 << (2 * plan.grid.size[0] - 1).bit_length()
         self._envelope = Envelope(len(self._curves), bins, log=plan.log_x, breaks=plan.breaks)
-        self._window = RangeFilter(*plan.options.xlim) if plan.options.xlim else None
+        self._window = XRangeFilter(*plan.options.xlim) if plan.options.xlim else None
         self._events = [event for event in events if names.issuperset(event.condition.columns)]
         self._edges = [RisingEdgeDetector() for _ in self._events]
         self._seen = [0 for _ in self._events]

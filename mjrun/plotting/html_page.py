@@ -192,7 +192,7 @@ def _mapping(value: object) -> dict[str, object]:
 
 
 @dataclass(frozen=True)
-class PageFile:
+class ShownFile:
     """A file that a page shows.
 
     Attributes:
@@ -270,7 +270,7 @@ class PageCard:
 
 
 @dataclass(frozen=True)
-class PictureSlider:
+class ImageSlider:
     """Two pictures of the same size under a slider, and their difference.
 
     Attributes:
@@ -308,14 +308,14 @@ class Page:
     maker: str
     figures: Sequence[PageFigure] = ()
     verdicts: Sequence[tuple[str, Verdict]] = ()
-    files: Sequence[PageFile] = ()
+    files: Sequence[ShownFile] = ()
     tables: Sequence[TableStatistics] = ()
     manifests: Sequence[FileManifest] = ()
     facts: Sequence[PageFactTable] = ()
     cards: Sequence[PageCard] = ()
     notes: Sequence[str] = ()
     verdict: tuple[bool, str] | None = None
-    pairs: Sequence[PictureSlider] = ()
+    pairs: Sequence[ImageSlider] = ()
     refresh: int | None = None
 
 
@@ -324,7 +324,7 @@ def data_uri(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def page_file(path: str, page: str, limit: float) -> PageFile:
+def page_file(path: str, page: str, limit: float) -> ShownFile:
     """Describes the file at `path` for the page at `page`.
 
     Args:
@@ -338,10 +338,10 @@ def page_file(path: str, page: str, limit: float) -> PageFile:
     with file_errors(file):
         size = None if file.is_dir() else file.stat().st_size
         if kind and size is not None and size <= limit * MEGABYTE:
-            return PageFile(path, kind, data_uri(kind, file.read_bytes()), size)
+            return ShownFile(path, kind, data_uri(kind, file.read_bytes()), size)
 
     beside = os.path.relpath(os.path.realpath(file), Path(os.path.realpath(page)).parent)
-    return PageFile(path, kind if size is not None else None, f"./{quote(beside)}", size)
+    return ShownFile(path, kind if size is not None else None, f"./{quote(beside)}", size)
 
 
 def media_html(paths: Iterable[str | Path], limit: float = NOTEBOOK) -> str | None:
@@ -409,7 +409,7 @@ def _section(name: str, title: str, parts: Sequence[Markup]) -> Markup:
     return element("section", element("h2", title), *parts, id=name)
 
 
-def _completeness(files: Sequence[PageFile]) -> str:
+def _completeness(files: Sequence[ShownFile]) -> str:
     beside = [file for file in files if not file.is_embedded]
     if not beside:
         return "This page is complete in itself."
@@ -483,7 +483,7 @@ def inline_svg(svg: str, label: str) -> str:
     return f'{opening}{style} role="img" aria-labelledby="{label}">{rest}'
 
 
-def _pair(pair: PictureSlider) -> Markup:
+def _pair(pair: ImageSlider) -> Markup:
     """Returns two pictures, of which a corner uncovers the second, and their difference below."""
     under = element("img", src=pair.b, alt="Picture B")
     over = element("div", element("img", src=pair.a, alt="Picture A"), class_="over", tabindex="0")
@@ -496,12 +496,12 @@ def _pair(pair: PictureSlider) -> Markup:
     return element("div", element("figure", both, caption), shown)
 
 
-def _gallery(files: Sequence[PageFile]) -> Iterator[Markup]:
+def _gallery(files: Sequence[ShownFile]) -> Iterator[Markup]:
     if files:
         yield element("div", *map(_medium, files), class_="gallery")
 
 
-def _medium(file: PageFile) -> Markup:
+def _medium(file: ShownFile) -> Markup:
     assert file.kind
     if file.kind.startswith("video/"):
         link = file.path if file.is_embedded else element("a", file.path, href=file.address)
@@ -524,7 +524,7 @@ def _medium(file: PageFile) -> Markup:
     return element("figure", picture, caption)
 
 
-def _links(files: Sequence[PageFile]) -> Iterator[Markup]:
+def _links(files: Sequence[ShownFile]) -> Iterator[Markup]:
     items: list[Markup] = []
     for file in files:
         size = "folder" if file.size is None else _bytes(file.size)

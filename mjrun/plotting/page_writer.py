@@ -9,7 +9,7 @@ from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.output_writer import OutputWriter
-from mjrun.plotting.html_page import FileManifest, Page, PageFile, html_page, page_file
+from mjrun.plotting.html_page import FileManifest, Page, ShownFile, html_page, page_file
 from mjrun.probe.verdict import Verdict
 from mjrun.version import __version__
 
@@ -45,7 +45,7 @@ def check_page_name(output: str) -> None:
             raise BadValueError(option("html"), output, "a file that ends with .html")
 
 
-def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFile], list[FileManifest]]:
+def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[ShownFile], list[FileManifest]]:
     """Returns the files that a page at `page` shows, and the manifests among them.
 
     Args:
@@ -54,7 +54,7 @@ def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFi
     Raises:
       FileError: a file does not exist or cannot be read.
     """
-    files: list[PageFile] = []
+    files: list[ShownFile] = []
     manifests: list[FileManifest] = []
     for path in paths:
         manifest = _manifest(path) if path.lower().endswith(".json") else None

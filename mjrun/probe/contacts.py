@@ -128,7 +128,7 @@ class RecordedContacts:
 
 @dataclass(frozen=True)
 class ContactProbe(MjDataProbe):
-    """Columns that are computed from contacts, for any number of instants at once.
+    """A probe whose columns are computed from contacts, for any number of instants at once.
 
     Attributes:
       compute: returns `(n, len(columns))`, given the contacts of n instants.

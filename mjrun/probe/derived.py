@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.model.names import enum_members, names
 from mjrun.model.table_column import Column
 from mjrun.probe.contacts import ContactProbe, RecordedContacts
-from mjrun.probe.fields import FieldProbe, Fields, MjDataProbe, Probe
+from mjrun.probe.fields import Fields, MjDataProbe, Probe, RecordedFieldProbe
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
@@ -27,7 +27,7 @@ WARNINGS = {
 }
 
 
-def energy(model: mujoco.MjModel) -> FieldProbe:
+def energy(model: mujoco.MjModel) -> RecordedFieldProbe:
     """Measures potential, kinetic and total energy, and the total's drift since the start of the simulation [J]."""
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:
@@ -38,26 +38,28 @@ def energy(model: mujoco.MjModel) -> FieldProbe:
     meanings = ("potential energy", "kinetic energy", "potential + kinetic", "total energy less that of the first row")
     parts = ("potential", "kinetic", "total", "drift")
     columns = [Column(f"energy/{part}", "J", meaning) for part, meaning in zip(parts, meanings, strict=True)]
-    return FieldProbe(columns, ("energy",), compute, relative=("energy/drift",))
+    return RecordedFieldProbe(columns, ("energy",), compute, relative=("energy/drift",))
 
 
-def contact(model: mujoco.MjModel) -> FieldProbe:
+def contact(model: mujoco.MjModel) -> RecordedFieldProbe:
     """Measures the number of contacts."""
     column = Column("contact/ncon", "", "number of detected contacts")
-    return FieldProbe([column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float), places=[0])
+    return RecordedFieldProbe(
+        [column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float), places=[0]
+    )
 
 
-def solver(model: mujoco.MjModel) -> FieldProbe:
+def solver(model: mujoco.MjModel) -> RecordedFieldProbe:
     """Measures iterations of the constraint solver, over all islands, and the number of constraints."""
     columns = [Column("solver/niter", "", "solver iterations, all islands"), Column("solver/nefc", "", "constraints")]
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:
         return np.stack([fields["solver_niter"].sum(axis=-1), fields["nefc"]], axis=-1).astype(float)
 
-    return FieldProbe(columns, ("solver_niter", "nefc"), compute)
+    return RecordedFieldProbe(columns, ("solver_niter", "nefc"), compute)
 
 
-def speed(model: mujoco.MjModel) -> FieldProbe:
+def speed(model: mujoco.MjModel) -> RecordedFieldProbe:
     """Measures the speed of the origin of every body, geom and site [m/s]."""
     owners = [("body", i, i) for i in range(model.nbody)]
     owners += [("geom", i, int(body)) for i, body in enumerate(model.geom_bodyid)]
@@ -77,18 +79,18 @@ def speed(model: mujoco.MjModel) -> FieldProbe:
         points = np.concatenate([fields[name] for name in POSITIONS.values()], axis=-2)
         return np.linalg.norm(_velocity(fields, bodies, roots, points), axis=-1)
 
-    return FieldProbe(columns, ("cvel", "subtree_com", *POSITIONS.values()), compute)
+    return RecordedFieldProbe(columns, ("cvel", "subtree_com", *POSITIONS.values()), compute)
 
 
-def com(model: mujoco.MjModel) -> FieldProbe:
+def com(model: mujoco.MjModel) -> RecordedFieldProbe:
     """Measures the centre of mass of the whole model [m], world included."""
     columns = [Column(f"com/{axis}", "m", "centre of mass of the model") for axis in "xyz"]
-    return FieldProbe(
+    return RecordedFieldProbe(
         columns, ("subtree_com",), lambda fields, initial: fields["subtree_com"][..., 0, :], places=range(3)
     )
 
 
-def momentum(model: mujoco.MjModel) -> FieldProbe:
+def momentum(model: mujoco.MjModel) -> RecordedFieldProbe:
     """Measures linear momentum, and angular momentum about the centre of mass, of the whole model."""
     mass, inertia = model.body_mass, model.body_inertia
     columns = [Column(f"momentum/p{axis}", "kg·m/s", "linear momentum") for axis in "xyz"]
@@ -105,7 +107,7 @@ def momentum(model: mujoco.MjModel) -> FieldProbe:
         angular = np.einsum("...ij,...j->...i", frames, inertia * spin) + np.cross(arm, linear)
         return np.concatenate([linear.sum(axis=-2), angular.sum(axis=-2)], axis=-1)
 
-    return FieldProbe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute, reads_model=True)
+    return RecordedFieldProbe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute, reads_model=True)
 
 
 def contact_force(model: mujoco.MjModel) -> ContactProbe:

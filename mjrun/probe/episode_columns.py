@@ -35,7 +35,7 @@ class EpisodeValues:
 
 @dataclass(frozen=True)
 class EpisodeProbe:
-    """Columns of an episode, in contrast to those of the model.
+    """A probe of columns of an episode, in contrast to those of the model.
 
     Attributes:
       columns: columns in order.

@@ -52,8 +52,8 @@ Binder = Callable[[mujoco.MjModel, mujoco.MjData], Callable[[], np.ndarray]]
 
 
 @dataclass(frozen=True)
-class FieldProbe:
-    """Columns that are computed from recorded fields, for any number of simulations and instants at once.
+class RecordedFieldProbe:
+    """A probe whose columns are computed from recorded fields, for any number of simulations and instants at once.
 
     Attributes:
       columns: columns in order.
@@ -77,7 +77,7 @@ class FieldProbe:
         """True if `compute` reads the fields at step 0."""
         return bool(self.relative)
 
-    def only(self, indices: Sequence[int]) -> "FieldProbe":
+    def only(self, indices: Sequence[int]) -> "RecordedFieldProbe":
         """Returns the probe with only these of its columns."""
         index, compute = np.array(indices, int), self.compute
         columns = [self.columns[i] for i in indices]
@@ -89,7 +89,7 @@ class FieldProbe:
 
 @dataclass(frozen=True)
 class MjDataProbe:
-    """Columns that are measured on an MjData, as no recorded field holds them.
+    """A probe whose columns are measured on an MjData, as no recorded field holds them.
 
     Attributes:
       columns: columns in order.
@@ -115,7 +115,7 @@ class MjDataProbe:
         return MjDataProbe([self.columns[i] for i in indices], bind)
 
 
-Probe = FieldProbe | MjDataProbe
+Probe = RecordedFieldProbe | MjDataProbe
 
 
 @cache
@@ -141,7 +141,7 @@ def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     return recorded_probe(model, field, group)
 
 
-def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldProbe:
+def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> RecordedFieldProbe:
     """Returns the probe of a field as a step leaves it; fields in `LAZY` are valid only if a sensor needs them."""
     columns = tuple(_columns(model, field, group or field))
     axes = len(extents()[field][0])
@@ -150,7 +150,7 @@ def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldP
         values = fields[field]
         return values.reshape(*values.shape[: values.ndim - axes], -1).astype(float, copy=False)
 
-    return FieldProbe(columns, (field,), compute, places=range(len(columns)))
+    return RecordedFieldProbe(columns, (field,), compute, places=range(len(columns)))
 
 
 _compute_inverse = partial(mujoco.mj_inverseSkip, skipstage=int(mujoco.mjtStage.mjSTAGE_VEL), skipsensor=True)

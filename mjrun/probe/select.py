@@ -17,8 +17,8 @@ from mjrun.probe.fields import (
     COMPONENTS,
     SPATIAL,
     UNMEASURABLE,
-    FieldProbe,
     MjDataProbe,
+    RecordedFieldProbe,
     extents,
     field_probe,
     offered,
@@ -53,7 +53,7 @@ FALLBACKS = {
 }
 PAIRS = "contact"  # the group that also has columns for any two objects: `contact/ball/floor`
 PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in parts}
-Probe = FieldProbe | MjDataProbe | EpisodeProbe
+Probe = RecordedFieldProbe | MjDataProbe | EpisodeProbe
 TIME = "time"  # the first column of every table, selected or not
 
 

@@ -9,14 +9,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose, lens, metric_depth
+from mjrun.camera.pose import CameraPose, lens, metric_depth
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import OpenGLContext, WorkingBackend, require_own_opengl
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
 GEOMS = 10_000  # initial capacity of the scene; it grows
@@ -51,7 +51,7 @@ class ClassicRenderer:
         size: tuple[int, int],
         backend: WorkingBackend,
         visual: Visual,
-        segmentation: Segmentation | None = None,
+        segmentation: SegmentationIds | None = None,
         decorations: Sequence[Decoration] = (),
     ) -> None:
         self.size = size
@@ -98,7 +98,7 @@ class ClassicRenderer:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
         self._index = index
 
-    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """Renders the views from `pose`: `rgb`, `depth` or `seg`. The array of colours is reused by the next call."""
         self._update_scene(pose)
         seen = RenderedView(lens(pose, self.size))
@@ -122,7 +122,7 @@ class ClassicRenderer:
             np.array_equal(getattr(model, name), getattr(self._model, name)) for name in (*MESHES, *SURFACES, *TEXTURES)
         )
 
-    def show(self, model: mujoco.MjModel, segmentation: Segmentation | None) -> None:
+    def show(self, model: mujoco.MjModel, segmentation: SegmentationIds | None) -> None:
         """Replaces the model by one that `can_show` accepts, and directs this thread's OpenGL calls to the renderer."""
         self._model, self._data, self._segmentation = model, mujoco.MjData(model), segmentation
         self.make_current()
@@ -153,11 +153,11 @@ class ClassicRenderer:
             self._gl.free()
         self._buffer = self._context = self._gl = None
 
-    def _update_scene(self, pose: Pose) -> None:
+    def _update_scene(self, pose: CameraPose) -> None:
         room = sum(decoration.geoms for decoration in self._decors)
         self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
 
-    def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
+    def _exact(self, seen: RenderedView, pose: CameraPose, views: Sequence[str]) -> RenderedView:
         """Renders depth and ids in one pass without shading."""
         if self._buffer is None:
             self._buffer = SingleSampleFramebuffer(self.size)

@@ -10,7 +10,7 @@ from math import prod
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
@@ -23,7 +23,7 @@ from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.rendering.live_plot import LivePlot
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.text import BACKGROUND, stamp
 from mjrun.rendering.visual import Visual
 
@@ -147,8 +147,8 @@ class SceneCompositor:
     visual: Visual
     names: Sequence[str]
     streams: Sequence[FrameStream]
-    poses: Sequence[Sequence[Pose]]
-    segmentation: Segmentation | None
+    poses: Sequence[Sequence[CameraPose]]
+    segmentation: SegmentationIds | None
     decorations: Sequence[Decoration] = ()
     ranges: Sequence[tuple[float, float]] = ()
     renderer: str = "classic"

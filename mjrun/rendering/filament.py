@@ -12,14 +12,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker, WorkerEndedError
 
@@ -66,7 +66,7 @@ class FilamentRenderer:
         size: tuple[int, int],
         backend: WorkingBackend,
         visual: Visual,
-        segmentation: Segmentation | None = None,
+        segmentation: SegmentationIds | None = None,
         decorations: Sequence[Decoration] = (),
     ) -> None:
         check_size(size, backend, visual)
@@ -102,7 +102,7 @@ class FilamentRenderer:
             self._ask("open", *self._task)
         self._ask("set_state", state, index)
 
-    def render(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """Renders the views from `pose`: `rgb`, `depth` or `seg`.
 
         Depth and ids end at the far plane, as in MuJoCo; colours do not.
@@ -176,7 +176,7 @@ def omissions(model: mujoco.MjModel, visual: Visual) -> list[str]:
     return [f"filament omits reflections, which it would render upside down; {advice}"]
 
 
-def check_segmentation(segmentation: Segmentation | None) -> None:
+def check_segmentation(segmentation: SegmentationIds | None) -> None:
     """Raises UsageError if Filament renders none of the objects that a segmentation distinguishes."""
     kinds = {segment.type for segment in segmentation.legend} if segmentation else set()
     if kinds and kinds <= {"joint", "camera", "light"}:

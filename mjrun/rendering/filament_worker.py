@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Frustum, Pose, lens, pose_of
+from mjrun.camera.pose import CameraPose, Frustum, lens, pose_of
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import COUNTS, KINDS, enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
-from mjrun.rendering.segmentation import NOTHING, Segmentation
+from mjrun.rendering.segmentation import NOTHING, SegmentationIds
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 from mjrun.scene_graph.walk import lit_distance
 
@@ -100,7 +100,7 @@ class FilamentScene:
             for spare in made[used[kind] :]:
                 self._scene.remove_renderable(spare)
 
-    def draw(self, size: tuple[int, int], pose: Pose, pixel_format: PixelFormat, **flags: bool) -> np.ndarray:
+    def draw(self, size: tuple[int, int], pose: CameraPose, pixel_format: PixelFormat, **flags: bool) -> np.ndarray:
         """Renders pixels `(height, width, channels)`, which the next image of that format overwrites.
 
         Args:
@@ -141,7 +141,7 @@ class FilamentScene:
             self._targets[width, height, pixel_format] = target, reading, pixels
         return self._targets[width, height, pixel_format]
 
-    def _seen_from(self, pose: Pose) -> Any:
+    def _seen_from(self, pose: CameraPose) -> Any:
         """Returns the pose as mjrf's camera."""
         ends = {f"frustum_{name}": getattr(pose.frustum, name) for name in FRUSTUM}
         return self._mjrf.Camera(pose.position, pose.forward, pose.up, **ends, orthographic=pose.frustum.orthographic)
@@ -269,7 +269,7 @@ class FilamentServer:
         model: mujoco.MjModel,
         size: tuple[int, int],
         visual: Visual,
-        segmentation: Segmentation | None,
+        segmentation: SegmentationIds | None,
         decorations: Sequence[Decoration],
     ) -> None:
         self._model, self._size, self._samples = model, size, visual.samples
@@ -300,7 +300,7 @@ class FilamentServer:
         self._index = index
         self._filament_scene.update(self._data)
 
-    def render(self, pose: Pose, views: Sequence[str]) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str]) -> RenderedView:
         """Renders the views from `pose`, without the legend, which the other process has."""
         self._pose = pose
         self._update_scene()
@@ -337,7 +337,7 @@ class FilamentServer:
             seen = replace(seen, ids=np.where(np.isfinite(depth), self._ids(self._segmentation)[segments], NOTHING))
         return seen
 
-    def _ids(self, segmentation: Segmentation) -> np.ndarray:
+    def _ids(self, segmentation: SegmentationIds) -> np.ndarray:
         """Returns the id of each of Filament's numbers; number 0 is the background."""
         known = segmentation.ids(self._scene)
         counts = [getattr(self._model, COUNTS[kind]) for kind in NUMBERED]

@@ -16,7 +16,7 @@ BODY_OF |= {"light": "light_bodyid"}
 DRAWN = ("geom", "site", "tendon", "flex", "skin", "joint", "actuator", "camera", "light", "body")
 
 
-class Segmentation:
+class SegmentationIds:
     """The assignment of ids to objects, bodies or trees of bodies.
 
     Args:

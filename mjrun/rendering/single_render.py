@@ -8,7 +8,7 @@ from collections import OrderedDict
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.camera.rigs.rig import MujocoCameras, compute_positions
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
@@ -17,7 +17,7 @@ from mjrun.model.state import restore, save
 from mjrun.options.rendering import VIEWS
 from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 
 CACHED = 4  # renderers kept for the next call, in all threads together
@@ -46,7 +46,7 @@ def render(
 
     Returns:
       `rgb`: `(height, width, 3)` uint8. `depth`: `(height, width)` float32, along the axis of view [m], infinite for
-      the background. `seg`: `(height, width)` int32, indices into `mjrun.Segmentation(model).legend`, -1 for none.
+      the background. `seg`: `(height, width)` int32, indices into `mjrun.SegmentationIds(model).legend`, -1 for none.
 
     Raises:
       UsageError: the camera or the view is unknown, or the size is too large.
@@ -72,13 +72,13 @@ class _CachedRenderer:
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> None:
         self.model, self.size = model, size
-        self.renderer = ClassicRenderer(model, size, BackendDetector().result(), visual, Segmentation(model))
+        self.renderer = ClassicRenderer(model, size, BackendDetector().result(), visual, SegmentationIds(model))
         self._data = mujoco.MjData(model)
         self._cameras = MujocoCameras(model)
         self._motions: dict[str, BoundCameraScript] = {}
         self._free_camera = _free_camera(model)
 
-    def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> Pose:
+    def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> CameraPose:
         """Returns the pose of the camera in `state`."""
         if (free_camera := _free_camera(self.model)) != self._free_camera:  # which rigs have copied
             self._free_camera, self._cameras = free_camera, MujocoCameras(self.model)

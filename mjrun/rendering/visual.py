@@ -7,7 +7,7 @@ from dataclasses import field
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose, user_camera
+from mjrun.camera.pose import CameraPose, user_camera
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.mujoco_globals import collected_warnings
@@ -150,7 +150,7 @@ def updated_scene(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     options: mujoco.MjvOption,
-    pose: Pose,
+    pose: CameraPose,
     scene: mujoco.MjvScene,
     room: int = 0,
 ) -> mujoco.MjvScene:

@@ -25,7 +25,7 @@ from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike, demonstration_in, source_of
 from mjrun.options.kinds import AnyKind
 from mjrun.options.model import GAINS, parse_gains
-from mjrun.options.option import Exclusion, exclusions_of, is_given, options, options_of
+from mjrun.options.option import OptionExclusion, exclusions_of, is_given, options, options_of
 from mjrun.options.policy import is_code
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import CONTROLS, RUN_REQUIREMENTS, START, TABLE_READING, SimulationOptions
@@ -367,7 +367,9 @@ class Simulation(SimulationOptions):
                 raise
         for name in (*START, "map", "replay_rate"):
             if is_given(self, name):
-                raise UsageError(Exclusion(("replay", name), "a recording holds all of the state").message(), (name,))
+                raise UsageError(
+                    OptionExclusion(("replay", name), "a recording holds all of the state").message(), (name,)
+                )
         return self._recording
 
     @cached_property

@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose, PoseArray
+from mjrun.camera.pose import CameraPose, CameraPoseArray
 from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean, listing, option
 from mjrun.formats.episodes import EpisodeRows
@@ -402,7 +402,7 @@ class EpisodeImageRenderer:
         check_drawing(options, model, self._backend)
         drawn, is_framed = self._model_to_draw(source, model, states[0])
         motions = camera_motions(options.camera, options.size, model, is_framed=is_framed)
-        poses = list[Iterator[Pose]]()
+        poses = list[Iterator[CameraPose]]()
         for motion in motions:
             spans = [(float(start), float(end)) for start, end in shot_spans(motion.script, timeline, {})]
             motion.aim_at_motion(iter(states), times, spans)
@@ -410,7 +410,7 @@ class EpisodeImageRenderer:
         streams = [
             FrameStream([CameraPanel(index, "rgb")], options.size, FrameComposition()) for index in range(len(motions))
         ]
-        compositor = scene_compositor(options, drawn, self._backend, streams, PoseArray(poses))
+        compositor = scene_compositor(options, drawn, self._backend, streams, CameraPoseArray(poses))
         for flat in self._flat_frames(compositor, states):
             yield compositor.parts(flat)
 

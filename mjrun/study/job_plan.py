@@ -11,8 +11,8 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.reporter import Reporter
-from mjrun.study.chunk_files import points_digest
 from mjrun.study.executors import check_engine
+from mjrun.study.part_files import points_digest
 from mjrun.study.point_files import PointFileMaker
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.spec import versions

@@ -26,8 +26,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.local_and_remote_folders import Folder
 from mjrun.platform import system
-from mjrun.study.chunk_files import PartFiles
 from mjrun.study.columnar_results import ResultColumns
+from mjrun.study.part_files import PartFiles
 from mjrun.study.range_folders import NAME, PointRange, RangeFolders
 
 SUFFIX = ".lease"

@@ -37,8 +37,8 @@ from mjrun.python_code import memory_warning
 from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
-from mjrun.study.chunk_files import point_keys, points_digest, study_digest, study_identity
 from mjrun.study.dataset_specs import EpisodeSpec
+from mjrun.study.part_files import point_keys, points_digest, study_digest, study_identity
 from mjrun.study.prepared_points import JOB_SECONDS, LEAST_JOB, PreparedPoints
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES, timeline_of

@@ -21,10 +21,10 @@ from mjrun.formats.local_and_remote_folders import folder_at
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
-from mjrun.study.chunk_files import PartFiles, PartPublisher, PartWriter
 from mjrun.study.clusters import LostJobError
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import Leases, PointLeaser
+from mjrun.study.part_files import PartFiles, PartPublisher, PartWriter
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
     ChunkResult,

@@ -31,7 +31,7 @@ from mjrun.physics.stepper import SLEEP
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
-from mjrun.probe.fields import FieldProbe
+from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.metric import BatchMetricEvaluator, Metric
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, StudyPoint, StudySpec, is_path
@@ -300,7 +300,7 @@ class _CompiledModel:
         if self._sampler is None:
             self._timeline, self._sampler = timeline, self._new_sampler(self._model, timeline)
             probes = self._sampler.probes
-            self.reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in probes)
+            self.reads_model = any(isinstance(probe, RecordedFieldProbe) and probe.reads_model for probe in probes)
         elif self._timeline != timeline:
             self._timeline, self._sampler = timeline, self._sampler.with_timeline(timeline)
         return self._new_sampler(variant.model, timeline) if self.reads_model else self._sampler

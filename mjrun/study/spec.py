@@ -40,7 +40,7 @@ from mjrun.study.dataset_specs import EpisodeSpec, ImageSpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.study.chunk_files import PartPublisher
+    from mjrun.study.part_files import PartPublisher
     from mjrun.study.simulate import PointSimulator
 
 BUG = 70  # the exit code

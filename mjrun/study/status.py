@@ -20,10 +20,10 @@ from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
 from mjrun.plotting.page_writer import MAKER, PageWriter
-from mjrun.study.chunk_files import PartFiles
 from mjrun.study.clusters import FOLDER as SLURM
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
+from mjrun.study.part_files import PartFiles
 from mjrun.study.range_folders import RangeFolders
 
 REFRESH = 5  # [s] between two versions of a page

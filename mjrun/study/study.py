@@ -40,10 +40,10 @@ from mjrun.platform.cores import available_cores
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation
-from mjrun.study.chunk_files import part_bytes
 from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import INTERVAL, QUEUED, WARP, check_engine, process_count
 from mjrun.study.isolation import IsolatedSimulator
+from mjrun.study.part_files import part_bytes
 from mjrun.study.point_files import KeptFiles, PointFileMaker
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import (

@@ -16,7 +16,7 @@ from mjrun.model import state
 from mjrun.model.source import ModelSource
 from mjrun.model.table_column import Column
 from mjrun.probe.episode_columns import EpisodeProbe
-from mjrun.probe.fields import LAZY, FieldProbe, MjDataProbe, Probe, extents, recorded_probe
+from mjrun.probe.fields import LAZY, MjDataProbe, Probe, RecordedFieldProbe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
 from mjrun.task.mjdata_batch import MjDataBatch, SingleMjData
 
@@ -81,14 +81,14 @@ class _ProbePiece:
       indices: the indices of the numbers in the group.
     """
 
-    probe: FieldProbe | MjDataProbe
+    probe: RecordedFieldProbe | MjDataProbe
     group: str
     indices: Sequence[int]
 
-    def of(self, model: mujoco.MjModel) -> FieldProbe:
+    def of(self, model: mujoco.MjModel) -> RecordedFieldProbe:
         """Returns a probe that reads another model of the same structure."""
         (probe,) = select(model, [self.group])
-        assert isinstance(probe, FieldProbe)
+        assert isinstance(probe, RecordedFieldProbe)
         return probe.only(self.indices)
 
     @property
@@ -97,7 +97,7 @@ class _ProbePiece:
 
     @property
     def fields(self) -> Sequence[str]:
-        return self.probe.fields if isinstance(self.probe, FieldProbe) else ()
+        return self.probe.fields if isinstance(self.probe, RecordedFieldProbe) else ()
 
     @property
     def count(self) -> int:
@@ -158,7 +158,7 @@ class MeasurementPlan:
             places = {column.name: index for index, column in enumerate(columns)}
             indices = [places[name] for name in members]
             chosen = probe.only(indices)
-            if isinstance(chosen, FieldProbe) and chosen.places is not None:
+            if isinstance(chosen, RecordedFieldProbe) and chosen.places is not None:
                 (field,) = chosen.fields
                 is_left_out = field in LAZY and not (can_sense and field in SENSED)
                 yield _FieldPiece(field, np.array(chosen.places), is_left_out)
@@ -250,7 +250,7 @@ class BatchColumns:
                     examined.compute(place, piece)
                 case _FieldPiece():
                     self._gather(place, piece)
-                case _ProbePiece(probe=FieldProbe() as probe):
+                case _ProbePiece(probe=RecordedFieldProbe() as probe):
                     compute = self._compute_by_model(piece) if probe.reads_model else self._compute(probe)
                     self._reads.append((place, compute))
                 case _ProbePiece(probe=MjDataProbe() as probe):
@@ -340,7 +340,7 @@ class BatchColumns:
 
         self._reads.append((place, gather))
 
-    def _compute(self, probe: FieldProbe) -> Read:
+    def _compute(self, probe: RecordedFieldProbe) -> Read:
         fields = {name: self._batch.bind(name) for name in probe.fields}
         if probe.needs_initial:
             self._first |= {name: np.zeros_like(values) for name, values in fields.items()}

@@ -195,7 +195,7 @@ class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go 
 
 
 class EpisodeReplayStepper(ReplayStepper):
-    """A replay of recorded states, with the values of the control instants among them."""
+    """A stepper along the recorded states of an episode, with the values of the control instants among them."""
 
     def __init__(
         self, model: mujoco.MjModel, states: RecordedStates, instants: Sequence[ControlInstant], of: EpisodeStepper

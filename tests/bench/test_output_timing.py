@@ -22,7 +22,7 @@ from mjrun.model.state import save
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 from tests.bench.bench_clocks import MODEL, FakeClock, bench
 
@@ -164,7 +164,7 @@ def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, b
     model = mujoco.MjModel.from_xml_path(str(path))
     state = save(model, mujoco.MjData(model))
     pose = BoundCameraScript(parse_camera("free", model), model, SIZE).pose(state)
-    with closing(make(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
+    with closing(make(model, SIZE, backend, Visual(), SegmentationIds(model))) as renderer:
         renderer.set_state(state)
         picture = renderer.render(pose, ("rgb", "depth", "seg"))
         return {name: np.array(getattr(picture, name)) for name in ("rgb", *EXACT)}

@@ -10,7 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.pose import Frustum, Pose, PoseArray, around, fitted, heading, pose_of, rotation, user_camera
+from mjrun.camera.pose import (
+    CameraPose,
+    CameraPoseArray,
+    Frustum,
+    around,
+    fitted,
+    heading,
+    pose_of,
+    rotation,
+    user_camera,
+)
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
 DATA = mujoco.MjData(MODEL)
@@ -26,8 +36,8 @@ points = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
 clouds = st.lists(points, min_size=2, max_size=9).map(np.array).filter(lambda p: np.ptp(p, axis=0).min() > 0.1)
 
 
-def at(frustum: Frustum = SQUARE) -> Pose:
-    return Pose(np.array([1.0, 2, 3]), rotation(30, -20, 10), frustum, 2.0)
+def at(frustum: Frustum = SQUARE) -> CameraPose:
+    return CameraPose(np.array([1.0, 2, 3]), rotation(30, -20, 10), frustum, 2.0)
 
 
 def same_direction(a: float, b: float) -> bool:
@@ -43,19 +53,19 @@ def test_a_rotation_is_one(azimuth: float, elevation: float, roll: float) -> Non
 
 @given(turns, slopes, turns)
 def test_angles_come_back_from_a_rotation(azimuth: float, elevation: float, roll: float) -> None:
-    found = Pose(np.zeros(3), rotation(azimuth, elevation, roll), SQUARE).angles
+    found = CameraPose(np.zeros(3), rotation(azimuth, elevation, roll), SQUARE).angles
     assert all(same_direction(a, b) for a, b in zip(found, (azimuth, elevation, roll), strict=True))
 
 
 @given(turns, st.sampled_from([-90, 90]), turns)
 def test_straight_up_and_down_angles_still_tell_the_rotation(azimuth: float, elevation: float, roll: float) -> None:
     matrix = rotation(azimuth, elevation, roll)
-    assert rotation(*Pose(np.zeros(3), matrix, SQUARE).angles) == pytest.approx(matrix, abs=1e-9)
+    assert rotation(*CameraPose(np.zeros(3), matrix, SQUARE).angles) == pytest.approx(matrix, abs=1e-9)
 
 
 def test_noise_of_float32_does_not_turn_a_camera_that_looks_down() -> None:
     noisy = rotation(45, -90) + np.array([[0, 0, 1e-7], [0, 0, -2e-7], [0, 0, 0]])
-    azimuth, elevation, roll = Pose(np.zeros(3), noisy, SQUARE).angles
+    azimuth, elevation, roll = CameraPose(np.zeros(3), noisy, SQUARE).angles
     assert (azimuth, elevation, roll) == pytest.approx((45, -90, 0), abs=1e-4)
 
 
@@ -76,7 +86,7 @@ def test_around_is_where_mujoco_places_its_free_camera(
 def test_a_scene_is_seen_from_the_pose_in_which_it_is_placed(
     position: np.ndarray, azimuth: float, elevation: float, roll: float, frustum: Frustum
 ) -> None:
-    pose = Pose(position, rotation(azimuth, elevation, roll), frustum)
+    pose = CameraPose(position, rotation(azimuth, elevation, roll), frustum)
     pose.place(SCENE)
     mujoco.mjv_updateCamera(MODEL, DATA, user_camera(), SCENE)
     found = pose_of(SCENE)
@@ -131,7 +141,7 @@ def test_looking_straight_down_is_like_reading_a_map() -> None:
     assert up == pytest.approx(np.diag([1, -1, -1]), abs=1e-12)
 
 
-def pixels(pose: Pose, places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def pixels(pose: CameraPose, places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Where `places` `(n, 3)` are in a picture [pixels], from its top left corner, by similar triangles."""
     x, y, back = ((places - pose.position) @ pose.rotation).T
     seen = pose.frustum
@@ -162,7 +172,7 @@ def test_what_is_fitted_is_inside_the_margin_and_would_not_be_if_it_were_larger(
     size: tuple[int, int],
     margin: float,
 ) -> None:
-    before = Pose(np.zeros(3), rotation(azimuth, elevation, roll), frustum, 0.1)
+    before = CameraPose(np.zeros(3), rotation(azimuth, elevation, roll), frustum, 0.1)
     pose = fitted(before, cloud, size, margin)
     assert np.array_equal(pose.rotation, before.rotation)
     share = np.abs(pixels(pose, cloud, size) / size - 0.5).max() * 2 * margin  # of the picture within the margin
@@ -179,7 +189,7 @@ def middle(cloud: np.ndarray) -> np.ndarray:
 
 def test_fitting_changes_the_frustum_only_where_distance_changes_nothing() -> None:
     cloud = np.array([[-1.0, 0, -2], [1, 0, 2]])
-    level = Pose(np.zeros(3), rotation(90, 0), SQUARE, 5.0)
+    level = CameraPose(np.zeros(3), rotation(90, 0), SQUARE, 5.0)
     assert fitted(level, cloud, (100, 100), 1).frustum is SQUARE
     assert fitted(level, cloud, (100, 100), 1).position == pytest.approx(np.array([0, -4, 0]))  # tan(fovy/2) is 1/2
     assert fitted(replace(level, frustum=FLAT), cloud, (100, 100), 1.5).frustum.fovy == pytest.approx(6)
@@ -188,24 +198,24 @@ def test_fitting_changes_the_frustum_only_where_distance_changes_nothing() -> No
 FRUSTUM = Frustum(0.01, 0.02, -0.005, 0.015, 0.02, 40.0)
 
 
-def moving(count: int) -> list[Pose]:
+def moving(count: int) -> list[CameraPose]:
     turns = [rotation(360 * k / count, -20, 10) for k in range(count)]
-    return [Pose(np.array([1 / 3, k, 3]), turn, FRUSTUM, 2 + k) for k, turn in enumerate(turns)]
+    return [CameraPose(np.array([1 / 3, k, 3]), turn, FRUSTUM, 2 + k) for k, turn in enumerate(turns)]
 
 
-def still(count: int) -> list[Pose]:
+def still(count: int) -> list[CameraPose]:
     flat = replace(FRUSTUM, orthographic=True)
-    return [Pose(np.array([0.1, 0.2, 0.3]), rotation(30, 0), flat) for _ in range(count)]
+    return [CameraPose(np.array([0.1, 0.2, 0.3]), rotation(30, 0), flat) for _ in range(count)]
 
 
-def same(one: Pose, other: Pose) -> bool:
+def same(one: CameraPose, other: CameraPose) -> bool:
     arrays = np.array_equal(one.position, other.position) and np.array_equal(one.rotation, other.rotation)
     return arrays and (one.frustum, one.distance) == (other.frustum, other.distance)
 
 
 def test_each_frame_has_the_pose_of_each_camera() -> None:
     cameras = [moving(9), still(9), [*still(4), *moving(5)]]
-    for table in (PoseArray(cameras), pickle.loads(pickle.dumps(PoseArray(cameras)))):
+    for table in (CameraPoseArray(cameras), pickle.loads(pickle.dumps(CameraPoseArray(cameras)))):
         assert len(table) == 9
         for index, poses in enumerate(table):
             assert all(same(pose, camera[index]) for pose, camera in zip(poses, cameras, strict=True))
@@ -213,9 +223,9 @@ def test_each_frame_has_the_pose_of_each_camera() -> None:
         assert same(table[2:5][1][0], cameras[0][3])
         assert same(table[-1][2], cameras[2][-1])
     with pytest.raises(IndexError):
-        PoseArray(cameras)[9]
+        CameraPoseArray(cameras)[9]
 
 
 def test_a_camera_that_stands_still_is_held_once() -> None:
-    sizes = [len(pickle.dumps(PoseArray([poses(1000)]))) for poses in (still, moving)]
+    sizes = [len(pickle.dumps(CameraPoseArray([poses(1000)]))) for poses in (still, moving)]
     assert sizes[0] < 10_000 < sizes[1] < 180_000

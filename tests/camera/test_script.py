@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.pose import Pose, pose_of
+from mjrun.camera.pose import CameraPose, pose_of
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import LEVEL, CameraScript, ConditionEvent, FramedObject, Shot, parse_camera, shot_conflicts
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.camera.settings import Blend, EasedNumber, Shake
+from mjrun.camera.settings import EasedNumber, Shake, ShotBlend
 from mjrun.errors import MjrunError, UsageError
 from mjrun.model.state import save
 from tests.cases import cases
@@ -58,7 +58,11 @@ def test_a_script_is_the_same_in_another_process() -> None:
                 ModelRig("side"), until=ConditionEvent("speed(box) > 1", 2, Fraction(1, 3), "end"), speed=Fraction(1, 2)
             ),
             Shot(
-                free, lasting=Fraction(2), blend=Blend("sigmoid", 0.5), fovy=EasedNumber.still(30.0), shake=Shake(0.5)
+                free,
+                lasting=Fraction(2),
+                blend=ShotBlend("sigmoid", 0.5),
+                fovy=EasedNumber.still(30.0),
+                shake=Shake(0.5),
             ),
             Shot(free, roll=EasedNumber(0.0, 10.0, "linear"), fit=FramedObject("box")),
         ],
@@ -77,7 +81,7 @@ def test_a_script_is_the_same_in_another_process() -> None:
 
 
 SHOT = Shot(ModelRig("side"))
-BLENDED = Shot(ModelRig("side"), blend=Blend())
+BLENDED = Shot(ModelRig("side"), blend=ShotBlend())
 
 
 @pytest.mark.parametrize(
@@ -143,7 +147,7 @@ def moved() -> mujoco.MjData:
     return data
 
 
-def posed(text: str, phase: float = 0.0, model: mujoco.MjModel = MODEL) -> Pose:
+def posed(text: str, phase: float = 0.0, model: mujoco.MjModel = MODEL) -> CameraPose:
     """The pose `phase` of the way through a shot of two seconds."""
     data = moved() if model is MODEL else mujoco.MjData(model)
     course = BoundCameraScript(parse_camera(text, model), model, (64, 48))
@@ -166,7 +170,7 @@ def default() -> mujoco.MjvCamera:
     return camera
 
 
-def updated(camera: mujoco.MjvCamera, model: mujoco.MjModel = MODEL) -> Pose:
+def updated(camera: mujoco.MjvCamera, model: mujoco.MjModel = MODEL) -> CameraPose:
     scene = mujoco.MjvScene(model, 1)
     mujoco.mjv_updateCamera(model, moved() if model is MODEL else mujoco.MjData(model), camera, scene)
     return pose_of(scene)

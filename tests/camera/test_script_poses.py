@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.pose import Pose, pose_of, rotation
+from mjrun.camera.pose import CameraPose, pose_of, rotation
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, FramedObject, Shot
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.camera.settings import BLENDS, Blend, EasedNumber, Shake
+from mjrun.camera.settings import BLENDS, EasedNumber, Shake, ShotBlend
 from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
 
@@ -61,7 +61,9 @@ def course(*shots: Shot) -> BoundCameraScript:
     return BoundCameraScript(CameraScript("a", shots), MODEL, SIZE)
 
 
-def poses_of(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], spin: float = 50.0) -> list[Pose]:
+def poses_of(
+    shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], spin: float = 50.0
+) -> list[CameraPose]:
     """The poses at `times` of shots that end at `ends`; the video is at half the speed."""
     spans = list(itertools.pairwise([0.0, *ends]))
     return list(course(*shots).poses(states(times, spin), times, [2 * t for t in times], spans))
@@ -78,7 +80,7 @@ def test_the_last_video_of_mujoco_s_tutorial() -> None:
     orbit = OrbitRig("geom:floor", EasedNumber.still(0.9), EasedNumber(140, 240, "cosine"), EasedNumber.still(-30))
     track = TrackRig("geom:box", EasedNumber.still(0.08), EasedNumber.still(280), EasedNumber.still(-10))
     times = np.arange(0, 2, 1 / 60)
-    found = poses_of([Shot(orbit), Shot(track, blend=Blend("sigmoid", 0.3))], list(times), (throw, 2))
+    found = poses_of([Shot(orbit), Shot(track, blend=ShotBlend("sigmoid", 0.3))], list(times), (throw, 2))
     data, camera, scene = mujoco.MjData(MODEL), mujoco.MjvCamera(), mujoco.MjvScene(MODEL, 1)
     mujoco.mjv_defaultCamera(camera)
     for pose, time, state in zip(found, times, states(list(times)), strict=True):
@@ -120,7 +122,11 @@ def test_a_cut_is_at_the_first_frame_of_the_new_shot() -> None:
 
 def test_a_ramp_lasts_as_long_as_its_shot_and_holds_outside_of_it() -> None:
     moving = FreeRig((0, 0, 0), EasedNumber(1, 3), EasedNumber.still(0), EasedNumber.still(0))
-    shots = [Shot(around(5, 0)), Shot(moving, blend=Blend("linear", 2)), Shot(around(9, 0), blend=Blend("linear", 2))]
+    shots = [
+        Shot(around(5, 0)),
+        Shot(moving, blend=ShotBlend("linear", 2)),
+        Shot(around(9, 0), blend=ShotBlend("linear", 2)),
+    ]
     found = poses_of(shots, [1.5, 2, 2.5, 3, 5, 6, 6.5, 7.5], (2, 7, 10))
     weight = 0.25  # of the second shot at 1.5 s, which has not moved then
     expected = [(1 - weight) * 5 + weight * 1, (5 + 1) / 2, 0.25 * 5 + 0.75 * 1.2, 1.4, 2.2, 2.6, 2.1 + 0.25 * 9]
@@ -131,8 +137,8 @@ def test_a_ramp_lasts_as_long_as_its_shot_and_holds_outside_of_it() -> None:
 def test_blends_that_overlap_are_folded_in_order(time: float) -> None:
     shots = [
         Shot(around(1, 0, 0)),
-        Shot(around(2, 40, -20, (1, 2, 3)), blend=Blend("cosine", 2)),
-        Shot(around(5, 70, 10, (0, 1, 0)), blend=Blend("sigmoid", 0.4)),
+        Shot(around(2, 40, -20, (1, 2, 3)), blend=ShotBlend("cosine", 2)),
+        Shot(around(5, 70, 10, (0, 1, 0)), blend=ShotBlend("sigmoid", 0.4)),
     ]
     pose = poses_of(shots, [time], (1, 1.5, 3))[0]
     window = np.clip((time - 1) / 2 + 0.5, 0, 1)
@@ -149,14 +155,14 @@ def test_blends_that_overlap_are_folded_in_order(time: float) -> None:
 
 @given(st.floats(-400, 400), st.floats(-400, 400), st.floats(0, 1))
 def test_a_blend_goes_the_short_way(start: float, end: float, share: float) -> None:
-    shots = [Shot(around(1, start)), Shot(around(1, end), blend=Blend("linear", 2))]
+    shots = [Shot(around(1, start)), Shot(around(1, end), blend=ShotBlend("linear", 2))]
     pose = poses_of(shots, [2 * share], (1, 2))[0]
     way = (end - start + 180) % 360 - 180
     if abs(way) < 179.999:
         assert pose.rotation == pytest.approx(rotation(start + share * way, 0), abs=1e-9)
 
 
-def apart(one: Pose, other: Pose) -> float:
+def apart(one: CameraPose, other: CameraPose) -> float:
     """How far two poses are from each other: in place [m], or in direction of any of their axes [rad]."""
     turned = np.linalg.norm(one.rotation - other.rotation, axis=0).max()
     return max(float(np.linalg.norm(one.position - other.position)), float(turned))
@@ -182,7 +188,7 @@ rigs = st.one_of(
 @given(rigs, rigs, st.sampled_from(sorted(BLENDS)), st.floats(0.1, 1), st.floats(-700, 700))
 @pytest.mark.slow
 def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, width: float, spin: float) -> None:
-    shots = [Shot(one), Shot(other, blend=Blend(shape, width), roll=EasedNumber(-20, 50))]
+    shots = [Shot(one), Shot(other, blend=ShotBlend(shape, width), roll=EasedNumber(-20, 50))]
 
     def steps(times: Sequence[float]) -> np.ndarray:
         return np.array(list(itertools.starmap(apart, itertools.pairwise(poses_of(shots, times, (1, 2), spin)))))
@@ -201,7 +207,7 @@ def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
     chase = TrackRig("box", EasedNumber.still(1), EasedNumber.still(0), EasedNumber.still(0), heading=True)
     times = [float(t) for t in np.arange(0.5, 1.5, 1e-3)]
     spin = 170.0  # at 1 s the two are 170 degrees apart, soon after 180 and more
-    found = poses_of([Shot(around(1, 0)), Shot(chase, blend=Blend("cosine", 1))], times, (1, 2), spin)
+    found = poses_of([Shot(around(1, 0)), Shot(chase, blend=ShotBlend("cosine", 1))], times, (1, 2), spin)
     assert max(itertools.starmap(apart, itertools.pairwise(found))) < 0.02
     for pose, time in zip(found, times, strict=True):
         share = (1 - math.cos(math.pi * (time - 0.5))) / 2
@@ -211,7 +217,7 @@ def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
 def test_an_orbit_is_not_unwound_by_a_blend_that_began_long_ago() -> None:
     orbit = OrbitRig((0, 0, 0), EasedNumber.still(1), EasedNumber(0, 1080), EasedNumber.still(0))
     times = [float(t) for t in np.arange(0, 4, 0.01)]
-    shots = [Shot(orbit), Shot(around(1, 30), blend=Blend("sigmoid", 0.5))]
+    shots = [Shot(orbit), Shot(around(1, 30), blend=ShotBlend("sigmoid", 0.5))]
     found = poses_of(shots, times, (3, 4))
     for pose, time in zip(found, times, strict=True):
         angle, weight = min(360 * time, 1080), 1 / (1 + math.exp(-(time - 3) / 0.5))
@@ -221,7 +227,7 @@ def test_an_orbit_is_not_unwound_by_a_blend_that_began_long_ago() -> None:
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_blend_away_from_a_camera_that_looks_down_is_smooth_although_down_has_no_azimuth(side: int) -> None:
     times = [float(t) for t in np.arange(0, 2, 0.01)]
-    shots = [Shot(ModelRig("top")), Shot(around(1, 90 + 60 * side, -30), blend=Blend("cosine", 2))]
+    shots = [Shot(ModelRig("top")), Shot(around(1, 90 + 60 * side, -30), blend=ShotBlend("cosine", 2))]
     found = poses_of(shots, times, (1, 2))
     assert max(itertools.starmap(apart, itertools.pairwise(found))) < 0.05
     half = poses_of(shots, [1], (1, 2))[0]
@@ -241,13 +247,13 @@ def test_a_blend_follows_a_camera_that_nods_over_the_pole_where_its_azimuth_turn
     for time in times:
         data.qpos[0] = time - 0.9  # upside down before 0.9 s
         found.append(save(model, data))
-    shots = [Shot(ModelRig("eye")), Shot(around(1, 120, -30), blend=Blend("cosine", 2))]
+    shots = [Shot(ModelRig("eye")), Shot(around(1, 120, -30), blend=ShotBlend("cosine", 2))]
     poses = list(BoundCameraScript(CameraScript("a", shots), model, SIZE).poses(found, times, times, [(0, 1), (1, 2)]))
     assert max(itertools.starmap(apart, itertools.pairwise(poses))) < 0.05
 
 
 def test_fields_of_view_are_blended_by_their_tangents() -> None:
-    shots = [Shot(around(1, 0), fovy=EasedNumber.still(90)), Shot(ModelRig("top"), blend=Blend("linear", 2))]
+    shots = [Shot(around(1, 0), fovy=EasedNumber.still(90)), Shot(ModelRig("top"), blend=ShotBlend("linear", 2))]
     found = poses_of(shots, [0, 0.5, 1, 2], (1, 2))
     tangents = [math.tan(math.radians(pose.frustum.fovy / 2)) for pose in found]
     one, other = 1, math.tan(math.radians(30))
@@ -256,7 +262,7 @@ def test_fields_of_view_are_blended_by_their_tangents() -> None:
 
 
 def test_heights_of_orthographic_cameras_are_blended_too() -> None:
-    shots = [Shot(ModelRig("flat")), Shot(ModelRig("flatter"), blend=Blend("linear", 2))]
+    shots = [Shot(ModelRig("flat")), Shot(ModelRig("flatter"), blend=ShotBlend("linear", 2))]
     found = poses_of(shots, [0, 0.5, 1, 2], (1, 2))
     assert [pose.frustum.fovy for pose in found] == pytest.approx([2, 2.5, 3, 4])
     assert all(pose.frustum.orthographic for pose in found)
@@ -293,7 +299,7 @@ def test_a_shake_turns_the_camera_about_itself_by_time_of_the_video() -> None:
 
 
 def test_a_shake_is_blended_with_its_shot() -> None:
-    shaken = Shot(around(1, 0), blend=Blend("linear", 2), shake=Shake(angle=5))
+    shaken = Shot(around(1, 0), blend=ShotBlend("linear", 2), shake=Shake(angle=5))
     for time, share in ((0, 0), (0.5, 0.25), (1, 0.5), (2, 1)):
         pose = poses_of([Shot(around(1, 0)), shaken], [time], (1, 2))[0]
         whole = poses_of([replace(shaken, blend=None)], [time], (3,))[0]
@@ -344,7 +350,7 @@ def test_frames_are_read_once_and_no_earlier_than_needed() -> None:
             yield state
 
     times = [k / 10 for k in range(30)]
-    shots = [Shot(around(1, 0)), Shot(around(2, 0), blend=Blend("linear", 0.4))]
+    shots = [Shot(around(1, 0)), Shot(around(2, 0), blend=ShotBlend("linear", 0.4))]
     poses = course(*shots).poses(watched(times), times, times, [(0, 1), (1, 3)])
     for k in range(len(times)):
         next(poses)
@@ -370,7 +376,10 @@ def test_a_shot_without_length_and_a_video_of_one_frame_have_a_pose() -> None:
             "shape: 'cubic' is not one of cosine,",
         ),
         (lambda: [Shot(around(1, 0)), Shot(around(1, 0), blend=0)], "width: '0' is not a positive number"),
-        (lambda: [Shot(around(1, 0)), Shot(ModelRig("flat"), blend=Blend())], "shot 2: a camera with perspective and"),
+        (
+            lambda: [Shot(around(1, 0)), Shot(ModelRig("flat"), blend=ShotBlend())],
+            "shot 2: a camera with perspective and",
+        ),
         (
             lambda: [Shot(around(1, 0), fovy=EasedNumber(20, 180))],
             "camera a: fovy: '180' is not an angle between 0 and 180 degrees",

@@ -16,12 +16,12 @@ from mjrun.camera.script import RIGS, parse_camera
 from mjrun.camera.settings import (
     BLENDS,
     EASINGS,
-    Blend,
     EasedNumber,
     ObjectNameKind,
     RampKind,
     Shake,
     ShakeNoise,
+    ShotBlend,
     blend_weight,
 )
 from mjrun.options.kinds import ChoiceKind, ReadingContext
@@ -75,20 +75,20 @@ def test_a_ramp_goes_from_start_to_end(start: float, end: float, u: float) -> No
 
 @given(st.sampled_from(sorted(BLENDS)), st.floats(-2, 2), st.floats(0.1, 3))
 def test_what_a_blend_gives_to_one_shot_it_takes_from_the_other(shape: str, since: float, width: float) -> None:
-    blend = Blend(shape, width)
+    blend = ShotBlend(shape, width)
     assert blend_weight(blend, since) + blend_weight(blend, -since) == pytest.approx(1)
     assert blend_weight(blend, 0) == pytest.approx(0.5)
 
 
 @given(st.sampled_from(["cosine", "linear", "smooth"]), st.floats(0.1, 3), st.floats(1.0001, 9))
 def test_a_blend_is_over_outside_its_window(shape: str, width: float, times: float) -> None:
-    assert blend_weight(Blend(shape, width), -times * width / 2) == 0
-    assert blend_weight(Blend(shape, width), times * width / 2) == 1
+    assert blend_weight(ShotBlend(shape, width), -times * width / 2) == 0
+    assert blend_weight(ShotBlend(shape, width), times * width / 2) == 1
 
 
 @given(st.floats(-5, 5))
 def test_a_sigmoid_is_the_logistic_function_until_nothing_of_it_can_be_seen(since: float) -> None:
-    blend = Blend("sigmoid", 0.3)
+    blend = ShotBlend("sigmoid", 0.3)
     assert blend_weight(blend, since) == pytest.approx(1 / (1 + math.exp(-since / 0.3)))
     assert blend_weight(blend, -0.3 * 28) == 0
     assert blend_weight(blend, 0.3 * 28) == 1

@@ -6,7 +6,7 @@ from pathlib import Path
 from mjrun.check.check import _of_original
 from mjrun.check.context import CheckContext
 from mjrun.check.fixing import ModelFixer, changed_fields
-from mjrun.check.rule import FixedModelCopy, FixResult, ModelResult
+from mjrun.check.rule import FixedModelCopy, FixResult, ModelCheckResult
 from mjrun.check.rule_runner import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.errors import ModelError
@@ -29,7 +29,7 @@ def lint(model: str, copy: FixedModelCopy | None = None, *, unsafe: bool = False
         found = [*ignored_xml(source), *(finding for code in RULES for finding in apply(code, context))]
         changes = changed_fields(copy.original, context.model) if copy else None
     task = CheckRequest(str(path), (), 0, 0, 0, model=model, root=str(copy.root) if copy else "")
-    return FixResult(ModelResult(model, loads, tuple(_of_original(finding, task) for finding in found)), changes)
+    return FixResult(ModelCheckResult(model, loads, tuple(_of_original(finding, task) for finding in found)), changes)
 
 
 def fixing(*models: str, given: Sequence[str] = (), unsafe: bool = False, dry_run: bool = False) -> ModelFixer:

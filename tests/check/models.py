@@ -4,7 +4,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from mjrun.check.check import CheckResult, ModelCheck, ModelResult
+from mjrun.check.check import CheckResult, ModelCheck, ModelCheckResult
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import Finding
 from mjrun.check.rule_runner import RULES, apply, explain, ignored_xml
@@ -95,5 +95,5 @@ def checked(*models: str, **options: Any) -> CheckResult:
     return ModelCheck(models, **{"timeout": PATIENCE, "memory": 1024, **options}).run()
 
 
-def codes(result: ModelResult) -> list[str]:
+def codes(result: ModelCheckResult) -> list[str]:
     return [finding.code for finding in result.findings]

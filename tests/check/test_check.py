@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mjrun.check import check as check_module
-from mjrun.check.check import CheckResult, ModelCheck, ModelResult, find_models, root_tag
+from mjrun.check.check import CheckResult, ModelCheck, ModelCheckResult, find_models, root_tag
 from mjrun.check.rule import Finding
 from mjrun.check.rule_catalogue import matching_codes
 from mjrun.check.rule_runner import RULES
@@ -35,7 +35,7 @@ def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
     Path("parts").mkdir()
     part = write("parts/arm.xml", "<mujocoinclude/>")
     fine = write("fine.xml", PASSIVE.format(""))
-    assert checked(part, fine) == CheckResult((ModelResult("fine.xml", True, ()),), 1, 0)
+    assert checked(part, fine) == CheckResult((ModelCheckResult("fine.xml", True, ()),), 1, 0)
     assert checked(part) == CheckResult((), 1, 0)
     with pytest.raises(UsageError, match="no model to check"):
         checked("parts")
@@ -43,10 +43,10 @@ def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
 
 @pytest.mark.parametrize(("fail_on", "code"), [("error", 0), ("warning", 1), ("note", 1)])
 def test_the_exit_code_is_1_from_the_chosen_severity_on(fail_on: Any, code: int) -> None:
-    warned = ModelResult("a", True, (Finding("MJ302", "warning", "", "a.xml"),))
+    warned = ModelCheckResult("a", True, (Finding("MJ302", "warning", "", "a.xml"),))
     check = ModelCheck(["a.xml"], fail_on=fail_on)
     assert check._exit_code([warned]) == code
-    assert check._exit_code([warned, ModelResult("b", False, ())]) == 3
+    assert check._exit_code([warned, ModelCheckResult("b", False, ())]) == 3
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_a_folder_without_models_is_refused(workplace: Path) -> None:
 
 def test_counts_are_of_all_models() -> None:
     noted = Finding("MJ201", "note", "", "a.xml")
-    result = CheckResult((ModelResult("a", True, (noted,)), ModelResult("b", True, (noted, noted))), 0, 0)
+    result = CheckResult((ModelCheckResult("a", True, (noted,)), ModelCheckResult("b", True, (noted, noted))), 0, 0)
     assert (result.count("note"), result.count("error")) == (3, 0)
 
 
@@ -162,12 +162,12 @@ def test_a_result_is_reported_before_those_of_slower_models_and_returned_in_orde
             assert task.path == "fast.xml" or fast_is_reported.wait(PATIENCE)
             return super().run(task)
 
-    def finished(result: ModelResult) -> None:
+    def finished(result: ModelCheckResult) -> None:
         reported.append(result)
         fast_is_reported.set()
 
     monkeypatch.setattr(check_module, "CheckProcessPool", Processes)
-    reported: list[ModelResult] = []
+    reported: list[ModelCheckResult] = []
     for name in ("slow.xml", "fast.xml"):
         write(name, PASSIVE.format(""))
     result = ModelCheck(["slow.xml", "fast.xml"], jobs=2, steps=0, cache=False).run(finished=finished)

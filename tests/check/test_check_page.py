@@ -10,8 +10,8 @@ from PIL import Image
 
 from mjrun.check import check_page
 from mjrun.check.check import CheckResult, ModelCheck
-from mjrun.check.check_page import FindingCards, PicturedModel, write_check_page
-from mjrun.check.rule import Finding, ModelResult
+from mjrun.check.check_page import FindingCards, FindingRenderer, write_check_page
+from mjrun.check.rule import Finding, ModelCheckResult
 from mjrun.errors import NoRendererError, UsageError
 from mjrun.reporter import PythonApiReporter
 from tests.check.models import hinged, keyed, mjcf, write
@@ -41,7 +41,7 @@ class Warnings(PythonApiReporter):
 
 def colours(object_: str, message: str = "", code: str = "MJ206") -> tuple[float, float]:
     """The shares of a picture that are red, for the object, and blue, for others that the message names."""
-    image = PicturedModel("pair.xml").picture(Finding(code, "warning", message, "pair.xml", 1, object_))
+    image = FindingRenderer("pair.xml").picture(Finding(code, "warning", message, "pair.xml", 1, object_))
     red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(image)), float), 2, 0)
     return float((red > 1.5 * np.maximum(green, blue)).mean()), float((blue > 1.5 * red).mean())
 
@@ -54,7 +54,7 @@ def test_the_object_is_red_and_others_that_a_message_names_are_blue() -> None:
         assert blue == 0
     red, blue = colours("body 'left'", "it touches geom 2 of body 'right'")
     assert min(red, blue) > 0.01
-    assert PicturedModel("pair.xml").picture(Finding("MJ701", "error", "unstable", "pair.xml")) == b""
+    assert FindingRenderer("pair.xml").picture(Finding("MJ701", "error", "unstable", "pair.xml")) == b""
 
 
 def test_a_page_has_a_card_for_each_finding_the_worst_first() -> None:
@@ -99,10 +99,10 @@ def test_names_are_escaped_and_a_page_without_a_renderer_has_no_pictures(monkeyp
         raise NoRendererError({}, "install one")
 
     write("a.xml", hinged())
-    monkeypatch.setattr(PicturedModel, "picture", fail)
+    monkeypatch.setattr(FindingRenderer, "picture", fail)
     finding = Finding("MJ302", "warning", "<script>\x1b", "a.xml", 5, "joint 'j'", "<b>")
     reporter = Warnings()
-    result = CheckResult((ModelResult("a.xml", True, (finding, finding)),), 0, 0)
+    result = CheckResult((ModelCheckResult("a.xml", True, (finding, finding)),), 0, 0)
     write_check_page("page.html", result, "", FindingCards(reporter), "")
     page = Path("page.html").read_text()
     assert "&lt;script&gt;\\x1b" in page

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mjrun.check.check import CheckResult
 from mjrun.check.findings_table import write_findings
-from mjrun.check.rule import Finding, ModelResult
+from mjrun.check.rule import Finding, ModelCheckResult
 from mjrun.plotting.table_and_study_plot import TablePlot
 
 
@@ -14,10 +14,10 @@ def finding(severity: str, line: int | None = None) -> Finding:
 
 
 MODELS = (
-    ModelResult("fine.xml", True, ()),
-    ModelResult("noted.xml", True, tuple(finding("note", line) for line in range(3))),
-    ModelResult("warned.xml", True, (finding("warning"),)),
-    ModelResult("broken.xml", False, (finding("error", 7), finding("note"))),
+    ModelCheckResult("fine.xml", True, ()),
+    ModelCheckResult("noted.xml", True, tuple(finding("note", line) for line in range(3))),
+    ModelCheckResult("warned.xml", True, (finding("warning"),)),
+    ModelCheckResult("broken.xml", False, (finding("error", 7), finding("note"))),
 )
 
 

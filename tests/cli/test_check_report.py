@@ -7,7 +7,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from mjrun.check.check import CheckResult, ModelResult
+from mjrun.check.check import CheckResult, ModelCheckResult
 from mjrun.check.rule import SEVERITIES, Finding, FixedFile
 from mjrun.check.rule_catalogue import explanation
 from mjrun.check.rule_runner import RULES
@@ -19,7 +19,7 @@ NASTY = "a\x1b[31m%\n::error::b,:"
 
 def nasty() -> CheckResult:
     finding = Finding("MJ301", "note", f"m {NASTY}", f"dir/{NASTY}.xml", 3, f"actuator '{NASTY}'", NASTY)
-    return CheckResult((ModelResult("a", True, (finding,)),), 0, 0)
+    return CheckResult((ModelCheckResult("a", True, (finding,)),), 0, 0)
 
 
 def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
@@ -44,7 +44,7 @@ def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None
     ],
 )
 def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
-    result = CheckResult((ModelResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
+    result = CheckResult((ModelCheckResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
     document: Any = check_report.sarif(result)
     place = document["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert place == {"artifactLocation": {"uri": uri}, "region": {"startLine": 1}}
@@ -72,7 +72,7 @@ def test_a_code_links_to_the_page_of_its_rule_on_terminals_that_show_links(monke
 
 
 def result(*findings: Finding, loads: bool = True, skipped: int = 0) -> CheckResult:
-    return CheckResult((ModelResult("a.xml", loads, findings),), skipped, 0)
+    return CheckResult((ModelCheckResult("a.xml", loads, findings),), skipped, 0)
 
 
 def finding(code: str, file: str = "a.xml", name: str = "") -> Finding:
@@ -113,7 +113,7 @@ def test_the_summary_counts_in_plain_english(checked: CheckResult, text: str) ->
 def test_files_that_fixes_create_are_listed_and_counted(written: bool, total: str, each: list[str]) -> None:
     others = (FixedFile("c.xml", {}, ""), FixedFile("b.obj", {}, "", is_new=True))
     files = (FixedFile("a.xml", {"MJ506": 1}, ""), *others)
-    checked = CheckResult((ModelResult("a.xml", True, ()),), 0, 0, fixed=files, written=written)
+    checked = CheckResult((ModelCheckResult("a.xml", True, ()),), 0, 0, fixed=files, written=written)
     assert check_report.summary(checked) == f"1 model: nothing found; {total}"
     assert list(check_report.lines(checked)) == each
 
@@ -144,13 +144,15 @@ def test_the_levels_of_sarif_and_github_are_the_severities() -> None:
 
 
 def test_models_without_findings_are_cases_that_passed() -> None:
-    checked = CheckResult((ModelResult("a.xml", True, ()), ModelResult("b.xml", True, (finding("MJ301"),))), 0, 0)
+    checked = CheckResult(
+        (ModelCheckResult("a.xml", True, ()), ModelCheckResult("b.xml", True, (finding("MJ301"),))), 0, 0
+    )
     assert [(case.name, case.level) for case in check_report.cases(checked)] == [("a.xml", ""), ("b.xml", "note")]
 
 
 def test_a_finding_in_a_file_of_several_models_is_shown_once() -> None:
     shared = finding("MJ302", "part.xml", "joint 'j'")
-    models = [ModelResult(name, True, (shared, finding("MJ301", name))) for name in ("a.xml", "b.xml")]
+    models = [ModelCheckResult(name, True, (shared, finding("MJ301", name))) for name in ("a.xml", "b.xml")]
     checked = CheckResult(tuple(models), 0, 0)
     lines = [line for line in check_report.lines(checked) if "MJ" in line]
     assert [line.partition(":")[0] for line in lines] == ["part.xml", "a.xml", "b.xml"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mjrun.cli.console import CiVerdict, Console, Report, document_form
+from mjrun.cli.console import CiVerdict, CommandReport, Console, document_form
 from mjrun.errors import flag
 from mjrun.options.every_command import DOCUMENT_FORMS
 
@@ -21,7 +21,7 @@ def not_made() -> str:
     raise AssertionError("no form is made that is not printed")
 
 
-ALL = Report(
+ALL = CommandReport(
     "thing",
     Result(),
     text=lambda: "text",
@@ -29,7 +29,9 @@ ALL = Report(
     forms={"csv": lambda: "a,b", "sarif": lambda: {"version": "2.1.0"}},
     cases=lambda: [CiVerdict("a"), CiVerdict("b", "note", "rule", "text", "f")],
 )
-SHORT = Report("", Result(), summary=lambda: "long\nsummary", forms={"csv": lambda: "a,b"}, remark=lambda: "remark")
+SHORT = CommandReport(
+    "", Result(), summary=lambda: "long\nsummary", forms={"csv": lambda: "a,b"}, remark=lambda: "remark"
+)
 JSON = {"value": 3, "schema": "mjrun-thing-1"}
 
 
@@ -48,7 +50,7 @@ JSON = {"value": 3, "schema": "mjrun-thing-1"}
     ],
 )
 def test_prose_and_other_forms_have_their_streams(
-    capsys: pytest.CaptureFixture[str], report: Report, form: str, verbosity: int, out: str, err: str
+    capsys: pytest.CaptureFixture[str], report: CommandReport, form: str, verbosity: int, out: str, err: str
 ) -> None:
     console = Console()
     console.verbosity = verbosity
@@ -72,6 +74,6 @@ def test_json_is_the_result_and_its_schema_alone(
     capsys: pytest.CaptureFixture[str], kind: str, expected: dict[str, object]
 ) -> None:
     console = Console(document_form="json")
-    console.answer(Report(kind, Result(), text=not_made, summary=not_made, forms={"csv": not_made}))
+    console.answer(CommandReport(kind, Result(), text=not_made, summary=not_made, forms={"csv": not_made}))
     console.finish()
     assert json.loads(capsys.readouterr().out) == expected

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mjrun.cli.click_command import ParsedCommandLine
-from mjrun.cli.console import Console, Report, flag
+from mjrun.cli.console import CommandReport, Console, flag
 from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, reported_failures, with_camera_scripts
 from mjrun.errors import FailureReport, FileError, PartlyDoneError, UsageError
 from mjrun.options.image import ImageOptions
@@ -92,7 +92,7 @@ def test_requirements_are_reported_with_flags(params: dict[str, Any], message: s
 def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: pytest.CaptureFixture[str]) -> None:
     error = PartlyDoneError(["t.csv"], [("c.csv", FileError("c.csv", "cannot be written"))])
     console = Console(document_form="json")
-    with pytest.raises(PartlyDoneError), reported_failures(console, lambda _: Report("", None)):
+    with pytest.raises(PartlyDoneError), reported_failures(console, lambda _: CommandReport("", None)):
         raise error
     console.report_failure(FailureReport.of(error))
     console.finish()

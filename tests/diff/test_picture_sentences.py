@@ -6,14 +6,16 @@ from dataclasses import replace
 import pytest
 
 from mjrun.diff.images_and_videos import require_library
-from mjrun.diff.result import FrameDifference, PictureDifference
+from mjrun.diff.result import FrameDifference, VideoOrImageDifference
 from mjrun.diff.sentences import percent, picture_sentences
 from mjrun.errors import MissingExtraError, UsageError
 from mjrun.options.diff import PictureDiffOptions
 
 FIRST = FrameDifference(1, 0.1, 0.0004, 3.0, 61.2, 0.999)
 WORST = FrameDifference(4, 0.4, 0.25, 99.0, 31.234, 0.91)
-VIDEO = PictureDifference("colours", (64, 48), (64, 48), 10, 10, 6, 6, 6, 2, 0.1, 35, 0.9, FIRST, WORST, WORST, WORST)
+VIDEO = VideoOrImageDifference(
+    "colours", (64, 48), (64, 48), 10, 10, 6, 6, 6, 2, 0.1, 35, 0.9, FIRST, WORST, WORST, WORST
+)
 EXACT = PictureDiffOptions()
 
 

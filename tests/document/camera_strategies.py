@@ -11,7 +11,7 @@ from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
-from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, Shake
+from mjrun.camera.settings import BLENDS, EASINGS, EasedNumber, Shake, ShotBlend
 from mjrun.timeline import rational
 
 ODD = "aé0 .-_:/#'\"\\,[]{}&*!|>%@`~=?$\n\t\r\x07\x85\u2028\ufeff🚗"
@@ -113,7 +113,7 @@ def scripts(draw: st.DrawFn) -> CameraScript:
                 draw(rigs),
                 **({span: ends[span]} if span else {}),
                 speed=draw(maybe(decimals)),
-                blend=draw(maybe(st.builds(Blend, st.sampled_from([*BLENDS]), positives))) if shots else None,
+                blend=draw(maybe(st.builds(ShotBlend, st.sampled_from([*BLENDS]), positives))) if shots else None,
                 roll=draw(ramps),
                 fovy=draw(maybe(distances)),
                 shake=draw(maybe(st.builds(Shake, positives, positives, st.integers(0, 2**70)))),

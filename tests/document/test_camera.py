@@ -13,7 +13,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import RIGS, CameraScript, ConditionEvent, FramedObject, Shot
-from mjrun.camera.settings import BLENDS, EASINGS, Blend, EasedNumber, Shake
+from mjrun.camera.settings import BLENDS, EASINGS, EasedNumber, Shake, ShotBlend
 from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import DocumentError
 from tests.cases import cases
@@ -56,7 +56,7 @@ def test_shots_are_what_the_document_says() -> None:
                 TrackRig("box", still(0.08), still(280), still(-10)),
                 lasting=Fraction(1, 10),
                 speed=Fraction(1, 2),
-                blend=Blend("sigmoid", 0.3),
+                blend=ShotBlend("sigmoid", 0.3),
             ),
             Shot(ModelRig("top"), speed=Fraction(1, 4)),
         ],
@@ -146,15 +146,15 @@ def test_a_shot_is_what_the_document_says(text: str, shot: Shot) -> None:
 @pytest.mark.parametrize(
     ("text", "blend"),
     [
-        ("linear", Blend("linear")),
-        ("0.2", Blend(width=0.2)),
-        ("1", Blend(width=1)),
-        ("{}", Blend()),
-        ("{shape: smooth}", Blend("smooth")),
-        ("{width: 0.1, shape: sigmoid}", Blend("sigmoid", 0.1)),
+        ("linear", ShotBlend("linear")),
+        ("0.2", ShotBlend(width=0.2)),
+        ("1", ShotBlend(width=1)),
+        ("{}", ShotBlend()),
+        ("{shape: smooth}", ShotBlend("smooth")),
+        ("{width: 0.1, shape: sigmoid}", ShotBlend("sigmoid", 0.1)),
     ],
 )
-def test_a_blend_is_a_shape_a_width_or_both(text: str, blend: Blend) -> None:
+def test_a_blend_is_a_shape_a_width_or_both(text: str, blend: ShotBlend) -> None:
     first, second = script(f"shots: [{{free: {{}}, duration: 1}}, {{free: {{}}, blend: {text}}}]").shots
     assert (first.blend, second.blend) == (None, blend)
 
@@ -176,7 +176,7 @@ def test_easings_blends_curves_and_paces_are_those_that_the_camera_knows() -> No
         assert script(f"shots: [{{camera: a, roll: {{from: 0, to: 1, ease: {ease}}}}}]").shots[0].roll.ease == ease
     for shape in BLENDS:
         shots = script(f"shots: [{{camera: a, until: 1}}, {{camera: b, blend: {shape}}}]").shots
-        assert shots[1].blend == Blend(shape)
+        assert shots[1].blend == ShotBlend(shape)
     for curve in CURVES:
         path = f"path: {{curve: {curve}, waypoints: [{{eye: [0, 0, 0]}}, {{eye: [1, 0, 0]}}]}}"
         expected = PathRig([Waypoint((0, 0, 0)), Waypoint((1, 0, 0))], curve=curve)

@@ -92,7 +92,7 @@ def test_keys_and_choices_are_those_of_the_forms() -> None:
     shot = made["$defs"]["Shot"]
     assert [*shot["properties"]] == ShotMappingKind().keys
     assert [rule["required"] for rule in shot["oneOf"]] == [[rig] for rig in RIGS]
-    assert made["$defs"]["Blend"]["properties"]["shape"]["enum"] == [*BLENDS]
+    assert made["$defs"]["ShotBlend"]["properties"]["shape"]["enum"] == [*BLENDS]
     assert made["$defs"]["RampOptions"]["properties"]["ease"]["enum"] == [*EASINGS]
 
 

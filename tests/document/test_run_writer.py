@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
-from mjrun.camera.settings import Blend, EasedNumber, Shake
+from mjrun.camera.settings import EasedNumber, Shake, ShotBlend
 from mjrun.document.camera_and_ghost_forms import DocumentCameraKind
 from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text, plain_value
@@ -296,7 +296,7 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
             Shot(
                 TrackRig("box", EasedNumber(0.08, 0.08), heading=True),
                 lasting=Fraction(1, 3),
-                blend=Blend("sigmoid", 0.3),
+                blend=ShotBlend("sigmoid", 0.3),
                 fit=FramedObject("box"),
             ),
             Shot(PathRig([Waypoint((0, 0, 1)), Waypoint((1, 0, 1))], "box"), shake=Shake()),

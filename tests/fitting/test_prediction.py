@@ -9,7 +9,7 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.fitting.free_parameter import free_parameters
 from mjrun.fitting.measurements import LogSegment
-from mjrun.fitting.outputs import FitVideo, VideoStretch
+from mjrun.fitting.outputs import FittedChunkMotion, FitVideo
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRolloutInputs, Predictor, chunks
 from mjrun.formats.video_reader import read_video
 from mjrun.model import state
@@ -142,7 +142,7 @@ def film(folder: Path, measured: np.ndarray, delay: float = 0.0) -> np.ndarray:
     options = FitOptions(video=str(path), size=SIZE)
     times = np.arange(51) * 0.01
     logs = [LogSegment(name, times + 3, measured[:, None], np.zeros((51, 1))) for name in "ab"]
-    stretches = [VideoStretch(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
+    stretches = [FittedChunkMotion(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
     with FitVideo(options, model, ["qpos/hinge"]).writer(model, stretches, [delay], PythonApiReporter()) as writer:
         assert not path.exists()
         writer.publish()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.formats import table_writer
-from mjrun.formats.table_writer import RowGroups, TableWriter, WholeColumnWriter
+from mjrun.formats.table_writer import RowGroupBuffer, TableWriter, WholeColumnWriter
 from mjrun.formats.tables import FORMATS
 from mjrun.model.table_column import Column
 
@@ -22,7 +22,7 @@ def test_groups_are_the_transposed_rows_however_these_are_cut(columns: int, cuts
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(table_writer, "GROUP", size)
         patch.setattr(table_writer, "FIRST_ROWS", 2)
-        groups = RowGroups(columns)
+        groups = RowGroupBuffer(columns)
         found = [group.copy() for block in np.split(rows, cuts) for group in groups.add(block)]
         found += [group.copy() for group in groups.rest()]
     assert np.array_equal(np.concatenate(found, axis=1), rows.T)

@@ -25,7 +25,7 @@ from mjrun.options.every_command import ConfinementOptions, ConsoleOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.model import InfoOptions, ModelOptions
-from mjrun.options.option import FrontEnd, Options, Requirement, options_of, requirements_of
+from mjrun.options.option import FrontEnd, OptionRequirement, Options, options_of, requirements_of
 from mjrun.options.output import CODECS as CODEC_LIST
 from mjrun.options.output import LAST_INSTANT, KeyframeOptions, SimulationCommandOptions
 from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
@@ -176,7 +176,7 @@ def test_options_that_exclude_each_other_are_refused(make: Any, values: Mapping[
 
 @pytest.mark.parametrize(("cls", "requirement"), REQUIREMENTS)
 def test_an_option_without_effect_is_refused_unless_its_partner_is_given(
-    cls: type[Options], requirement: Requirement
+    cls: type[Options], requirement: OptionRequirement
 ) -> None:
     needed = {
         each.name: "a"

@@ -9,9 +9,9 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.options.kinds import FlagKind, OneOrMoreKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
 from mjrun.options.option import (
-    Exclusion,
     FrontEnd,
     Option,
+    OptionExclusion,
     Options,
     exclusions_of,
     is_given,
@@ -35,7 +35,7 @@ class Common(Options):
 @options
 class Race(Common):
     section: ClassVar[str] = "Race"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("laps", "length"), "both say how far"),)
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (OptionExclusion(("laps", "length"), "both say how far"),)
 
     track: str = required(converter=TextKind(), kw_only=False, help="Where.")
     laps: int | None = option(converter=optional(IntegerKind(1)), default=None, help="How often.")
@@ -66,8 +66,8 @@ def test_what_excludes_each_other_is_refused_at_the_second() -> None:
 
 @options
 class Ride(Options):
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (
-        Exclusion(("laps", "length"), "a lap is long enough", when=("round", True)),
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("laps", "length"), "a lap is long enough", when=("round", True)),
     )
 
     laps: int | None = option(converter=optional(IntegerKind(1)), default=None, help="How often.")

@@ -7,7 +7,7 @@ import pytest
 from mjrun.errors import spelled
 from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import ReadingContext
-from mjrun.options.option import Exclusion, Options, option, options, required
+from mjrun.options.option import OptionExclusion, Options, option, options, required
 from mjrun.options.schema_validation import InvalidValueError, Path, Schema, SchemaViolationError
 from mjrun.options.structured_kinds import ListKind, MappingKind, OneOfKind, OptionsMappingKind, plain_values
 
@@ -16,7 +16,7 @@ from mjrun.options.structured_kinds import ListKind, MappingKind, OneOfKind, Opt
 class Toaster(Options):
     """A toaster."""
 
-    exclusions = (Exclusion(("slices", "bagel"), "there is one slot"),)
+    exclusions = (OptionExclusion(("slices", "bagel"), "there is one slot"),)
 
     heat: float = required(converter=number_kinds.RealKind(above=0.0, most=9.0), help="How hot.")
     slices: int = option(converter=number_kinds.IntegerKind(1), default=2, help="How many.")

@@ -10,7 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.state import save
 from mjrun.options.image_dataset import LabelledImageOptions
 from mjrun.outputs.labelled_images import AcceptanceConditions, LabelledImage, LabelledImageRenderer, labelled_objects
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.single_render import render
 
 SIZE = (160, 120)
@@ -49,7 +49,7 @@ def test_masks_and_depth_are_those_of_mjruns_segmentation(renderer: LabelledImag
     image = pictured(renderer, model)
     data = mujoco.MjData(model)
     ids = render(model, data, CAMERA, SIZE, "seg")
-    legend = Segmentation(model).legend
+    legend = SegmentationIds(model).legend
     bodies = [each.body for each in legend]
     for view in image.views:
         names = {view.object.name} | ({"hand"} if view.object.name == "arm" else set())
@@ -78,7 +78,7 @@ def test_a_flex_is_one_object_pinned_or_interpolated() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     ids = render(model, data, CAMERA, SIZE, "seg")
-    numbers = {each.name: number for number, each in enumerate(Segmentation(model).legend) if each.type == "flex"}
+    numbers = {each.name: number for number, each in enumerate(SegmentationIds(model).legend) if each.type == "flex"}
     assert [view.object.category for view in image.views] == ["pinned", "bulk", "last"]
     for index, name in enumerate(["pinned", "bulk"]):
         view = image.views[index]

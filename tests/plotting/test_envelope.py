@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.plotting.envelope import GROUP, GROUPS, CurvePoints, Envelope, RangeFilter
+from mjrun.plotting.envelope import GROUP, GROUPS, CurvePoints, Envelope, XRangeFilter
 
 BINS = 64
 
@@ -171,7 +171,7 @@ def test_a_window_keeps_every_line_that_reaches_into_it_and_blocks_have_no_effec
     low, high = 1.0, 4.0
     places = np.array(sorted(x) if ascends else x, float)
     numbers = np.arange(len(x), dtype=float)[:, None]
-    window, whole = RangeFilter(low, high), RangeFilter(low, high).feed(places, numbers)
+    window, whole = XRangeFilter(low, high), XRangeFilter(low, high).feed(places, numbers)
     parts = [window.feed(*part) for part in zip(np.split(places, cuts), np.split(numbers, cuts), strict=True)]
     for joined, expected in zip(map(np.concatenate, zip(*parts, strict=True)), whole, strict=True):
         np.testing.assert_array_equal(joined, expected)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
@@ -16,7 +16,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, check_size
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 from tests.conftest import SWING
 
@@ -48,7 +48,7 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return state
 
 
-def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
+def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> CameraPose:
     return BoundCameraScript(parse_camera(camera, model), model, SIZE).pose(state_of(model, data))
 
 
@@ -165,7 +165,7 @@ def seen(
     """Depth and ids of the model where it begins."""
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
-    with closing(ClassicRenderer(model, SIZE, backend, look, Segmentation(model, by))) as renderer:
+    with closing(ClassicRenderer(model, SIZE, backend, look, SegmentationIds(model, by))) as renderer:
         renderer.set_state(state_of(model, data))
         return renderer.render(pose(camera, model, data), ["depth", "seg"])
 
@@ -270,7 +270,7 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
     )
     model, data = at(path, 0)
     views = ["depth", "seg", "rgb"]
-    with closing(ClassicRenderer(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
+    with closing(ClassicRenderer(model, SIZE, backend, Visual(), SegmentationIds(model))) as renderer:
         renderer.set_state(state_of(model, data))
         first = renderer.render(pose("a", model, data), ["depth", "seg"])
         renderer.render(pose("b", model, data), views)

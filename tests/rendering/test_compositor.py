@@ -26,7 +26,7 @@ from mjrun.rendering.compositor import (
     TextAndLivePlots,
     compose_panels,
 )
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
 
@@ -53,7 +53,7 @@ class Swing:
         motions = [BoundCameraScript(parse_camera(name, self.model), self.model, SIZE) for name in CAMERAS]
         poses = [[motion.pose(state) for motion in motions] for state in self.states]
         compositor = SceneCompositor(
-            self.model, self.backend, SIZE, Visual(), CAMERAS, streams, poses, Segmentation(self.model)
+            self.model, self.backend, SIZE, Visual(), CAMERAS, streams, poses, SegmentationIds(self.model)
         )
         return replace(compositor, **changes)  # type: ignore[arg-type]
 
@@ -139,7 +139,7 @@ def test_coloured_depth_and_segments_are_their_numbers_through_the_maps(scene: S
     expected = depth_colors(seen.depth, *ranges[0])
     colour_bar(expected, *ranges[0])
     assert np.array_equal(depth, expected)
-    assert np.array_equal(segments, seg_colors(seen.ids, colors_of(Segmentation(scene.model).legend)))
+    assert np.array_equal(segments, seg_colors(seen.ids, colors_of(SegmentationIds(scene.model).legend)))
 
 
 def test_looking_ahead_finds_a_range_of_depth_that_holds_what_each_camera_sees(scene: Swing) -> None:

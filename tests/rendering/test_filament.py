@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
@@ -26,7 +26,7 @@ from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 from tests.cases import cases
 
@@ -86,7 +86,7 @@ def after(model: mujoco.MjModel, steps: int) -> mujoco.MjData:
     return data
 
 
-def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
+def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> CameraPose:
     return BoundCameraScript(parse_camera(camera, model), model, SIZE).pose(state)
 
 
@@ -105,7 +105,7 @@ class Draw:
     """Draws a model after some steps. The first renderer without options stays open, and the last other one."""
 
     def __init__(self, renderer: type, backend: WorkingBackend) -> None:
-        self._make = lambda model, visual: renderer(model, SIZE, backend, visual, Segmentation(model))
+        self._make = lambda model, visual: renderer(model, SIZE, backend, visual, SegmentationIds(model))
         self._open: dict[tuple[mujoco.MjModel, str], ClassicRenderer | FilamentRenderer] = {}
         self._plain: tuple[mujoco.MjModel, str] | None = None
         self._process = ReusedProcess() if renderer is FilamentRenderer else None
@@ -247,7 +247,7 @@ def test_views_that_were_not_asked_for_are_not_there(room: mujoco.MjModel, draw:
 
 def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel, vulkan: WorkingBackend) -> None:
     early, late = (save(room, after(room, steps)) for steps in (0, 60))
-    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room))) as renderer:
+    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), SegmentationIds(room))) as renderer:
         view, pictures = pose("side", room, early), []
         for state in (early, late, early):
             renderer.set_state(state)
@@ -308,7 +308,7 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Wor
     plain = draw(room, ("rgb", *EXACT))
     offset = (0.15, 0.0, 0.2)
     ghost = Ghost(room, offset=offset, opacity=1)
-    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room), [ghost])) as renderer:
+    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), SegmentationIds(room), [ghost])) as renderer:
         state = save(room, after(room, 5))
         renderer.set_state(state)
         renderer.render(pose("side", room, state))
@@ -379,9 +379,9 @@ def test_asking_for_what_is_so_anyway_is_no_refusal(room: mujoco.MjModel) -> Non
 
 def test_a_segmentation_of_what_filament_never_shows_to_one_is_refused(room: mujoco.MjModel) -> None:
     for by in ("object", "geom", "tendon", "body", "root-body"):
-        check_segmentation(Segmentation(room, by))
+        check_segmentation(SegmentationIds(room, by))
     with pytest.raises(UsageError, match="filament cannot render a joint in a segmentation"):
-        check_segmentation(Segmentation(room, "joint"))
+        check_segmentation(SegmentationIds(room, "joint"))
 
 
 @pytest.mark.parametrize(("shape", "told"), [("plane", True), ("box", True), ("sphere", False)])

@@ -14,7 +14,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.model.state import save
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.filament_worker import planar_depth
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker
 
@@ -47,7 +47,7 @@ def test_a_state_is_drawn_as_rays_meet_it(vulkan: WorkingBackend) -> None:
     data = mujoco.MjData(model)
     data.qpos[:3] = 0.3, 0.2, 0.2
     mujoco.mj_forward(model, data)
-    state, segmentation = save(model, data), Segmentation(model)
+    state, segmentation = save(model, data), SegmentationIds(model)
     pose = BoundCameraScript(parse_camera("above", model), model, SIZE).pose(state)
 
     with closing(

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.rendering.segmentation import DRAWN, Segmentation, groupings
+from mjrun.rendering.segmentation import DRAWN, SegmentationIds, groupings
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -67,7 +67,7 @@ def owner(geom: mujoco.MjvGeom) -> int | None:
 
 
 def test_every_object_of_a_scene_is_reported_apart_by_its_type_and_id(scene: mujoco.MjvScene) -> None:
-    segmentation = Segmentation(MODEL)
+    segmentation = SegmentationIds(MODEL)
     ids = segmentation.ids(scene)
     assert ids.shape == (scene.ngeom + 1,)
     assert ids[0] == -1
@@ -88,7 +88,7 @@ def test_every_object_of_a_scene_is_reported_apart_by_its_type_and_id(scene: muj
 
 @pytest.mark.parametrize("by", ["geom", "site", "tendon", "flex", "joint", "actuator"])
 def test_of_one_kind_all_others_are_nothing(scene: mujoco.MjvScene, by: str) -> None:
-    segmentation = Segmentation(MODEL, by)
+    segmentation = SegmentationIds(MODEL, by)
     ids = segmentation.ids(scene)
     assert [segment.type for segment in segmentation.legend] == [by] * len(segmentation.legend)
     for geom in scene.geoms[: scene.ngeom]:
@@ -99,7 +99,7 @@ def test_of_one_kind_all_others_are_nothing(scene: mujoco.MjvScene, by: str) -> 
 def test_by_bodies_everything_that_has_one_belongs_to_it_or_to_the_root_of_its_tree(
     scene: mujoco.MjvScene, by: str
 ) -> None:
-    segmentation = Segmentation(MODEL, by)
+    segmentation = SegmentationIds(MODEL, by)
     ids = segmentation.ids(scene)
     for geom in scene.geoms[: scene.ngeom]:
         body, number = owner(geom), ids[geom.segid + 1]
@@ -122,14 +122,14 @@ def test_an_interpolated_flex_belongs_to_the_body_of_a_node() -> None:
     mujoco.mj_forward(model, data)
     every = mujoco.mjtCatBit.mjCAT_ALL.value
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), every, scene)
-    segmentation = Segmentation(model, "body")
+    segmentation = SegmentationIds(model, "body")
     ids = segmentation.ids(scene)
     shown = {kind_of(geom): segmentation.legend[ids[geom.segid + 1]].id for geom in scene.geoms[: scene.ngeom]}
     assert shown == {"flex": model.flex_nodebodyid[0], "geom": model.body("last").id}
 
 
 def test_what_is_added_to_a_scene_is_nothing(scene: mujoco.MjvScene) -> None:
-    segmentation = Segmentation(MODEL)
+    segmentation = SegmentationIds(MODEL)
     decorated = mujoco.MjvScene(MODEL, 10)
     for segment_id, objtype, objid in ((-1, "geom", 0), (0, "unknown", -1), (0, "geom", MODEL.ngeom), (7, "geom", 0)):
         decorated.ngeom = 1
@@ -142,5 +142,5 @@ def test_what_is_added_to_a_scene_is_nothing(scene: mujoco.MjvScene) -> None:
 def test_every_grouping_has_a_legend_and_its_name_for_types() -> None:
     assert set(groupings()) == {"object", "root-body", *DRAWN}
     for by in groupings():
-        types = {segment.type for segment in Segmentation(MODEL, by).legend}
+        types = {segment.type for segment in SegmentationIds(MODEL, by).legend}
         assert types <= ({*DRAWN} if by == "object" else {by})

@@ -14,7 +14,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import DrawError, UnknownNameError, UsageError
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.single_render import CACHED
 
 SIZE = (48, 32)
@@ -48,7 +48,7 @@ def test_depth_and_ids_are_those_of_rays(model: mujoco.MjModel) -> None:
     data, (width, height) = moved(model), SIZE
     depth, ids = (mjrun.render(model, data, "top", SIZE, view) for view in ("depth", "seg"))
     assert (depth.shape, depth.dtype, ids.shape, ids.dtype) == ((32, 48), np.float32, (32, 48), np.int32)
-    legend = Segmentation(model).legend
+    legend = SegmentationIds(model).legend
     camera, slope = data.camera("top"), np.tan(np.radians(30)) / (height / 2)
     for row, column in [(16, 24), (3, 5), (16, 32), (28, 40), (15, 28)]:
         direction = np.array([(column + 0.5 - width / 2) * slope, (height / 2 - row - 0.5) * slope, -1.0])

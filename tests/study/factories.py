@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mjrun.study.chunk_files import PartPublisher
 from mjrun.study.clusters import LostJobError
+from mjrun.study.part_files import PartPublisher
 from mjrun.study.spec import ChunkResult
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from mjrun.errors import FailedPointsError, FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_files import PartFiles
 from mjrun.study.leases import Leases
+from mjrun.study.part_files import PartFiles
 from mjrun.study.status import REFRESH, span_of_time, study_status, write_status_page
 from mjrun.study.study import Study
 

@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.probe.episode_columns import EpisodeProbe
-from mjrun.probe.fields import FieldProbe
+from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select, selected_columns
 from mjrun.task.batch_columns import ALL, SENSED, BatchColumns, MeasurementPlan, SourceWithSensors, can_sense
 from mjrun.task.mjdata_batch import MjDataBatch
@@ -27,7 +27,7 @@ def expected(data: mujoco.MjData, columns: list[str]) -> np.ndarray:
     for name in columns:
         (probe,) = select(MODEL, [name])
         assert not isinstance(probe, EpisodeProbe)
-        if isinstance(probe, FieldProbe):
+        if isinstance(probe, RecordedFieldProbe):
             fields = {field: np.asarray(getattr(data, field)) for field in probe.fields}
             values.append(probe.compute(fields, fields)[0])
         else:

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Frustum, Pose, around, turn
+from mjrun.camera.pose import CameraPose, Frustum, around, turn
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.camera.settings import EASINGS, EasedNumber, ObjectNameKind, ObjectOrPointKind, RampKind
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find_target
@@ -133,7 +133,7 @@ class BoundAroundRig:
     heading: bool
     offset: np.ndarray
 
-    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> CameraPose:
         yaw = self.target.yaw(data) if self.heading else 0.0
         distance, azimuth, elevation = (ramp.at(at.phase) for ramp in (self.distance, self.azimuth, self.elevation))
         lookat = self.target.position(data) + turn(2, yaw) @ self.offset

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Frustum, Pose, around, contains, fitted
+from mjrun.camera.pose import CameraPose, Frustum, around, contains, fitted
 from mjrun.camera.rigs.around import AZIMUTH, ELEVATION
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.camera.targets import MovingParts, moving_parts
@@ -50,7 +50,7 @@ class BoundAutoRig:
       is_framed: whether the camera frames the whole model, moving or not, as closely as possible.
     """
 
-    def __init__(self, model: mujoco.MjModel, pose: Pose, *, is_framed: bool) -> None:
+    def __init__(self, model: mujoco.MjModel, pose: CameraPose, *, is_framed: bool) -> None:
         self._free, self._pose, self._is_framed = pose, pose, is_framed
         self._parts = self._shown = moving_parts(model)
         if is_framed:
@@ -62,7 +62,7 @@ class BoundAutoRig:
     def frustum(self) -> Frustum:
         return self._free.frustum
 
-    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> CameraPose:
         if self._followed is None or self._parts is None:
             return self._pose
         return replace(self._pose, position=self._pose.position + self._parts.center(data) - self._followed)
@@ -100,7 +100,9 @@ class OutermostPoints:
       start: the centre of mass at the first instant `(3,)` [m]; None before it.
     """
 
-    def __init__(self, parts: MovingParts, shown: MovingParts, free: Pose, size: tuple[int, int], least: float) -> None:
+    def __init__(
+        self, parts: MovingParts, shown: MovingParts, free: CameraPose, size: tuple[int, int], least: float
+    ) -> None:
         self._parts, self._shown, self._free, self._size, self._least = parts, shown, free, size, least
         self._directions = _directions(free, size)
         self._still = np.full((len(self._directions), 3), np.nan)
@@ -121,24 +123,24 @@ class OutermostPoints:
         """Returns whether MuJoCo's free camera sees everything."""
         return self.start is None or contains(self._free, self._still, self._size)
 
-    def still(self) -> Pose | None:
+    def still(self) -> CameraPose | None:
         """Returns a pose from which everything stays in view; None if that is too far away."""
         return self._framed(self._still)
 
-    def following(self) -> Pose:
+    def following(self) -> CameraPose:
         """Returns a pose for the first instant that shows everything if it moves with the centre of mass.
 
         Parts that move away from each other can still leave the view.
         """
         return self._framed(self._following) or self._at_scale(self._free, FARTHEST)
 
-    def _framed(self, points: np.ndarray) -> Pose | None:
+    def _framed(self, points: np.ndarray) -> CameraPose | None:
         pose, free = fitted(self._free, points, self._size, MARGIN), self._free
         lengths = [each.frustum.fovy if each.frustum.orthographic else each.distance for each in (pose, free)]
         scale = max(lengths[0] / lengths[1], self._least)
         return self._at_scale(pose, scale) if scale <= FARTHEST else None
 
-    def _at_scale(self, pose: Pose, scale: float) -> Pose:
+    def _at_scale(self, pose: CameraPose, scale: float) -> CameraPose:
         """Returns a pose with the same middle that shows `scale` times as much as the free camera."""
         if pose.frustum.orthographic:
             return pose.opened(scale * self._free.frustum.fovy)
@@ -155,7 +157,7 @@ class OutermostPoints:
         return np.where((new > old) | np.isnan(old), others.T, points.T).T
 
 
-def _directions(pose: Pose, size: tuple[int, int]) -> np.ndarray:
+def _directions(pose: CameraPose, size: tuple[int, int]) -> np.ndarray:
     """Returns the outward normals of the sides of an image with a margin, and the direction to the camera `(5, 3)`."""
     right, up, back = pose.rotation.T
     frustum = pose.frustum

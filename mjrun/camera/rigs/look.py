@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import mujoco
 
-from mjrun.camera.pose import Frustum, Pose
+from mjrun.camera.pose import CameraPose, Frustum
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
 from mjrun.camera.settings import ObjectOrPointKind
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, find_target
@@ -54,5 +54,5 @@ class BoundLookRig:
     frustum: Frustum
     where: str
 
-    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> CameraPose:
         return looking_at(self.eye.position(data), self.target.position(data), self.frustum, self.where, at)

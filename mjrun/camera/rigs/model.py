@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import mujoco
 
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import CameraPose
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.model.names import identify
 from mjrun.options.kinds import AnyKind, Kind, NameOrIndexKind, ReadingContext
@@ -52,7 +52,7 @@ class BoundModelRig:
         self._camera.type, self._camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, camera
         self.frustum = cameras.pose(cameras.data, self._camera).frustum
 
-    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> CameraPose:
         pose, statistic = self._cameras.pose(data, self._camera), self._cameras.model.stat
         distance = max(float(pose.forward @ (statistic.center - pose.position)), 0.1 * statistic.extent)
-        return Pose(pose.position, pose.rotation, pose.frustum, distance)
+        return CameraPose(pose.position, pose.rotation, pose.frustum, distance)

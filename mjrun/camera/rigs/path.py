@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose, around, heading, rotation
+from mjrun.camera.pose import CameraPose, around, heading, rotation
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
 from mjrun.camera.settings import EASINGS, ObjectOrPointKind
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find_target
@@ -318,7 +318,7 @@ class BoundPathRig:
         points = self._curve.at(x)
         return self._targets(x, data) + orbital_position(points) if self._around else points
 
-    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> CameraPose:
         x = self._arc_length.at(EASINGS[self._rig.ease](at.phase)) if self._arc_length else at.elapsed
         here = np.array([x])
         if self._around:
@@ -326,7 +326,7 @@ class BoundPathRig:
             return around(self._targets(here, data)[0], float(distance), azimuth, elevation, self.frustum)
         eye = self._curve.at(here)[0]
         if not self._lookats:
-            return Pose(eye, rotation(*heading(self._curve.direction(x))), self.frustum)
+            return CameraPose(eye, rotation(*heading(self._curve.direction(x))), self.frustum)
         return looking_at(eye, self._targets(here, data)[0], self.frustum, self._where, at)
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar, Protocol
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Frustum, Pose, heading, pose_of, rotation
+from mjrun.camera.pose import CameraPose, Frustum, heading, pose_of, rotation
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError
 from mjrun.options.kinds import AnyKind
@@ -39,7 +39,7 @@ class BoundRig(Protocol):
         """The view of the camera, unless the shot sets a field of view."""
         ...
 
-    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> CameraPose:
         """Returns the pose at an instant, whose positions `data` holds.
 
         Raises:
@@ -68,7 +68,7 @@ class MujocoCameras:
         self._scene = mujoco.MjvScene(model, 1)
         self.frustum = self.pose(self.data, self.free).frustum
 
-    def pose(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> Pose:
+    def pose(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> CameraPose:
         """Returns the pose of `camera` as MuJoCo computes it, in float32."""
         mujoco.mjv_updateCamera(self.model, data, camera, self._scene)
         return pose_of(self._scene)
@@ -115,7 +115,7 @@ class Rig(Options, ABC):
         return OptionsMappingKind(cls, cls, name=cls.__name__.removesuffix("Rig"), blank=blank)
 
 
-def looking_at(eye: np.ndarray, target: np.ndarray, frustum: Frustum, where: str, at: ShotTime) -> Pose:
+def looking_at(eye: np.ndarray, target: np.ndarray, frustum: Frustum, where: str, at: ShotTime) -> CameraPose:
     """Returns an upright pose at `eye` `(3,)` [m] that looks at `target` `(3,)` [m].
 
     Raises:
@@ -124,4 +124,4 @@ def looking_at(eye: np.ndarray, target: np.ndarray, frustum: Frustum, where: str
     distance = float(np.linalg.norm(target - eye))
     if distance < SAME_POINT:
         raise UsageError(f"{where}: at {at.time:.9g} s the camera coincides with the point that it looks at")
-    return Pose(eye, rotation(*heading(target - eye)), frustum, distance)
+    return CameraPose(eye, rotation(*heading(target - eye)), frustum, distance)

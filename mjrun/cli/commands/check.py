@@ -13,7 +13,7 @@ from mjrun.errors import UsageError, clean, option
 from mjrun.formats.input_file import exists
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.every_command import opened_file
-from mjrun.options.option import Requirement
+from mjrun.options.option import OptionRequirement
 from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
@@ -77,7 +77,7 @@ def check(console: Console, command_line: ParsedCommandLine) -> None:
         import_mujoco()
     job = command_line.make(Check, models=command_line.arguments("models"))
     command_line.require(opened_file("table"), options)
-    written.require(Requirement("unsafe_fixes", "fix", "which then makes more changes"), job)
+    written.require(OptionRequirement("unsafe_fixes", "fix", "which then makes more changes"), job)
     _require_outputs(options)
     cards = _cards(console) if options.html else None
     result = job.run(

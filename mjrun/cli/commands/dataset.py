@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
 from mjrun.errors import UsageError, clean, counted, option
 from mjrun.options.image_dataset import DatasetOptions
@@ -81,8 +81,8 @@ def _dataset(console: Console, command_line: ParsedCommandLine) -> "tuple[Datase
     return made, request.located()
 
 
-def _report(results: "Sequence[DatasetResult]") -> Report:
-    return Report("dataset", results[0], summary=lambda: _summary(results[0]))
+def _report(results: "Sequence[DatasetResult]") -> CommandReport:
+    return CommandReport("dataset", results[0], summary=lambda: _summary(results[0]))
 
 
 def _summary(result: "DatasetResult") -> str:

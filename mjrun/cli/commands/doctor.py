@@ -5,7 +5,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import ParsedCommandLine, command
-from mjrun.cli.console import Console, Report, flag
+from mjrun.cli.console import CommandReport, Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import EncoderError, RendererError, WrongVersionError, clean
 
@@ -28,7 +28,7 @@ def doctor(console: Console, command_line: ParsedCommandLine) -> None:
     from mjrun.doctor import examine
 
     report = examine(flag)
-    console.answer(Report("doctor", report, lambda: _page(report)))
+    console.answer(CommandReport("doctor", report, lambda: _page(report)))
     if any(finding.group == "software" and finding.status == "missing" for finding in report.findings):
         console.fail(WrongVersionError.exit_code, "WrongVersionError", "packages are missing, or of the wrong version")
     elif not report.can_draw:

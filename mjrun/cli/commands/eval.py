@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import ReportColumn, interval_text, number
 from mjrun.errors import clean, counted
@@ -20,7 +20,7 @@ from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import EpisodeFailureGroup, Evaluation, EvaluationResult
-    from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, PointSummary, PolicyComparison
+    from mjrun.evaluation.summaries import PairedDifference, PointSummary, PolicyComparison, PolicySummary
     from mjrun.experiment.statistics import Interval, NumberSummary, Proportion
 
     Located = Callable[[], AbstractContextManager[None]]
@@ -98,7 +98,7 @@ def _evaluation(console: Console, command_line: ParsedCommandLine) -> "tuple[Eva
     return made, assignments, nullcontext
 
 
-def _report(results: "Sequence[EvaluationResult]") -> Report:
+def _report(results: "Sequence[EvaluationResult]") -> CommandReport:
     from mjrun.evaluation.summaries import FILES
 
     result = results[0]
@@ -107,7 +107,7 @@ def _report(results: "Sequence[EvaluationResult]") -> Report:
         "csv": lambda: table.read_text("utf-8").rstrip("\n"),
         "markdown": lambda: evaluation_markdown(result),
     }
-    return Report("eval", result, summary=lambda: evaluation_report(result), forms=forms)
+    return CommandReport("eval", result, summary=lambda: evaluation_report(result), forms=forms)
 
 
 def evaluation_report(result: "EvaluationResult") -> str:
@@ -187,7 +187,7 @@ def _verdicts(result: "EvaluationResult") -> list[tuple[str, str]]:
     return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
 
 
-def _numbers(summary: "EpisodeSummary", units: Mapping[str, str]) -> "dict[str, NumberSummary]":
+def _numbers(summary: "PolicySummary", units: Mapping[str, str]) -> "dict[str, NumberSummary]":
     rewards = {f"reward/{name}": each for name, each in summary.rewards.items()}
     metrics = {with_unit(name, units.get(name)): each for name, each in summary.metrics.items()}
     return {"return": summary.returns, "length [s]": summary.lengths, **rewards, **metrics}
@@ -213,7 +213,7 @@ def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str
     return columns
 
 
-def _ending_columns(policies: "Sequence[EpisodeSummary]", level: str) -> list[ReportColumn]:
+def _ending_columns(policies: "Sequence[PolicySummary]", level: str) -> list[ReportColumn]:
     rows = [(each.policy, ending) for each in policies for ending in each.endings]
     shares = [ending.share for _, ending in rows]
     return [

@@ -5,7 +5,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make_outputs,
@@ -95,8 +95,8 @@ def _export_episodes(console: Console, command_line: ParsedCommandLine, format_:
         console.answer(_report([made.run(console)]))
 
 
-def _report(results: "Sequence[EpisodeDatasetResult]") -> Report:
-    return Report("episodes", results[0], summary=lambda: _summary(results[0]))
+def _report(results: "Sequence[EpisodeDatasetResult]") -> CommandReport:
+    return CommandReport("episodes", results[0], summary=lambda: _summary(results[0]))
 
 
 def _summary(result: "EpisodeDatasetResult") -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.cli.table_cells import ReportColumn, number
 from mjrun.errors import UsageError, clean, option
@@ -57,7 +57,7 @@ def fit(console: Console, command_line: ParsedCommandLine) -> None:
     from mjrun.fitting.excitation import excite
 
     def show(result: "FitResult") -> None:
-        console.answer(Report("fit", result, summary=lambda: fit_report(result)))
+        console.answer(CommandReport("fit", result, summary=lambda: fit_report(result)))
 
     job, located = _fit(command_line)
     command_line.require(opened_file("video", "output", "comparison", "excite"), job)
@@ -67,7 +67,7 @@ def fit(console: Console, command_line: ParsedCommandLine) -> None:
             show(job.run(console, show))
         else:
             motion = excite(job, console)
-            console.answer(Report("excite", motion, summary=lambda: excitation_report(motion)))
+            console.answer(CommandReport("excite", motion, summary=lambda: excitation_report(motion)))
 
 
 def _fit(command_line: ParsedCommandLine) -> "tuple[Fit, AbstractContextManager[None]]":

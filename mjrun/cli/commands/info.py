@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import MODEL, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.info_sections import ROWS, SECTIONS, LineSection, demonstrations_page, task_page
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.cli.table_cells import ReportColumn
@@ -84,7 +84,7 @@ def info(console: Console, command_line: ParsedCommandLine) -> None:
         _show_demonstrations(console, model)
         return
     result = Info(source(command_line), sections).run(console)
-    report = Report("info", result, lambda: _page(result, bool(sections), model), document=InfoResult.document)
+    report = CommandReport("info", result, lambda: _page(result, bool(sections), model), document=InfoResult.document)
     console.answer(report)
 
 
@@ -100,7 +100,7 @@ def _show_task(console: Console, command_line: ParsedCommandLine, sections: "Seq
     document = description.document(*sections)
     again = f"mjrun info {clean(shlex.quote(task.text))}"
     console.answer(
-        Report(
+        CommandReport(
             "info-task",
             description,
             lambda: task_page(description, list(document) if sections else (), again),
@@ -123,7 +123,7 @@ def _show_demonstrations(console: Console, file: str) -> None:
     from mjrun.model.sources.demonstration import list_demonstrations
 
     listed = list_demonstrations(Path(file))
-    console.answer(Report("info-demos", listed, lambda: demonstrations_page(listed)))
+    console.answer(CommandReport("info-demos", listed, lambda: demonstrations_page(listed)))
 
 
 def _show_collection(console: Console, collection: "type[CollectionModelSource]") -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make_outputs,
@@ -89,7 +89,7 @@ def _plot_simulation(console: Console, command_line: ParsedCommandLine, models: 
     is_piped = payload_on_stdout(command_line)
     request = _plot_request(console, command_line)
 
-    def report(made: "PlotResult") -> Report:
+    def report(made: "PlotResult") -> CommandReport:
         tables, rows = ([*made.points], [*made.points.values()]) if made.points else (models, [made.samples])
         form, curves = request.figure_format, made.curves
         result = TablePlotResult(made.path, form, made.size, tables, rows, made.panels, curves, notes=())
@@ -137,5 +137,5 @@ def _require_none(command_line: ParsedCommandLine, names: Iterable[str], reason:
             raise UsageError(f"{option(name)} {reason}")
 
 
-def _report(result: "TablePlotResult", is_piped: bool) -> Report:
-    return Report("plot", result, summary=lambda: "" if is_piped else summary(result))
+def _report(result: "TablePlotResult", is_piped: bool) -> CommandReport:
+    return CommandReport("plot", result, summary=lambda: "" if is_piped else summary(result))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import CiVerdict, Console, Report
+from mjrun.cli.console import CiVerdict, CommandReport, Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
     load_controller,
@@ -64,7 +64,7 @@ def run(console: Console, command_line: ParsedCommandLine) -> None:
     with request.located():
         if options.dry_run:
             plan = preview(request.outputs, console)
-            console.answer(Report("", plan, lambda: "\n".join(_plan_lines(plan))))
+            console.answer(CommandReport("", plan, lambda: "\n".join(_plan_lines(plan))))
             return
 
         console.page = request.page.html
@@ -95,8 +95,8 @@ def _page(request: "LoadedRunDocument", title: str) -> "AbstractContextManager[l
     return run_page(request.page, title, request.outputs)
 
 
-def _report(results: Sequence[Any]) -> Report:
-    return Report(
+def _report(results: Sequence[Any]) -> CommandReport:
+    return CommandReport(
         "run-report",
         results,
         summary=lambda: "\n".join(map(summary, results)),

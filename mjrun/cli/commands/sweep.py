@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
     is_study,
@@ -120,7 +120,7 @@ def sweep(console: Console, command_line: ParsedCommandLine) -> None:
             from mjrun.cli.sweep_report import preview_report
 
             preview = study.preview()
-            console.answer(Report("", preview, lambda: preview_report(preview)))
+            console.answer(CommandReport("", preview, lambda: preview_report(preview)))
         elif options.plan is not None:
             _write_plan(console, study, options.plan)
         else:
@@ -244,7 +244,9 @@ def _simulate_task(console: Console, command_line: ParsedCommandLine, task: int,
         *([f"{known:,} known already"] if known else []),
         *([f"{result.missing:,} left"] if result.missing else []),
     ]
-    console.answer(Report("", result, summary=lambda: f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s"))
+    console.answer(
+        CommandReport("", result, summary=lambda: f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s")
+    )
     console.code = FailedPointsError.exit_code if result.missing else 0
 
 
@@ -261,7 +263,7 @@ def _report_status(console: Console, command_line: ParsedCommandLine) -> None:
         console.progress("points", status.done, status.points)
         time.sleep(REFRESH)
         status = study_status(folder)
-    console.answer(Report("sweep-status", status, summary=lambda: status_report(status)))
+    console.answer(CommandReport("sweep-status", status, summary=lambda: status_report(status)))
     console.code = 0 if status.is_finished else UNFINISHED
 
 
@@ -270,7 +272,7 @@ def _remove_unused(console: Console, command_line: ParsedCommandLine, *, dry_run
     from mjrun.study.status import remove_unused
 
     unused = remove_unused(_existing_folder(command_line, "gc"), dry_run=dry_run)
-    console.answer(Report("", unused, summary=lambda: unused_report(unused)))
+    console.answer(CommandReport("", unused, summary=lambda: unused_report(unused)))
 
 
 def _existing_folder(command_line: ParsedCommandLine, name: str) -> str:
@@ -302,7 +304,7 @@ def _require_said_there(command_line: ParsedCommandLine, file: str) -> None:
             raise UsageError(f"{option(each.name)} cannot accompany {clean(file)}; write {assignment} instead")
 
 
-def _report(study: "Study", controller: str, results: "Sequence[StudyResult]") -> Report:
+def _report(study: "Study", controller: str, results: "Sequence[StudyResult]") -> CommandReport:
     def summary() -> str:
         from mjrun.cli.sweep_report import study_report
 
@@ -321,4 +323,4 @@ def _report(study: "Study", controller: str, results: "Sequence[StudyResult]") -
 
     result = results[0]
     forms = {"csv": table, "markdown": markdown}
-    return Report("sweep", result, summary=summary, forms=forms)
+    return CommandReport("sweep", result, summary=summary, forms=forms)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report, flag
+from mjrun.cli.console import CommandReport, Console, flag
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make_outputs,
@@ -132,7 +132,7 @@ def _verify(console: Console, command_line: ParsedCommandLine) -> None:
     from mjrun.simulation.verification import verify
 
     result = verify(simulation(command_line), console)
-    report = Report("verify", result, summary=lambda: "\n".join(verification_lines(result)))
+    report = CommandReport("verify", result, summary=lambda: "\n".join(verification_lines(result)))
     console.answer(report)
     if not result.agrees:
         console.fail(1, "VerificationDifference", report.summary())

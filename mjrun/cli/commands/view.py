@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, ParsedCommandLine, command
-from mjrun.cli.console import Console, Report
+from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import clean
 from mjrun.options.every_command import ConfinementOptions
@@ -40,7 +40,7 @@ def view(console: Console, command_line: ParsedCommandLine) -> None:
 
     request = command_line.make(Viewer, simulation=simulation(command_line), command=console.command)
     result = request.run(console)
-    console.answer(Report("view", result, summary=lambda: _summary(result)))
+    console.answer(CommandReport("view", result, summary=lambda: _summary(result)))
 
 
 def _summary(result: "ViewerResult") -> str:

@@ -447,8 +447,8 @@ def _place(key: str, number: int) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class RowStatistics:
-    """Statistics of rows of numbers.
+class FeatureStatistics:
+    """Statistics of a feature, over the rows of an episode or over the pixels of images.
 
     Attributes:
       count: number of rows.
@@ -497,12 +497,12 @@ class RunningStatistics:
         self._min, self._max = np.minimum(self._min, rows.min(axis=0)), np.maximum(self._max, rows.max(axis=0))
         self._keep(rows[-before % self._distance :: self._distance])
 
-    def result(self) -> RowStatistics:
+    def result(self) -> FeatureStatistics:
         """Returns the statistics of all rows, at least one."""
         values = np.quantile(self._sample, list(QUANTILES.values()), axis=0)
         quantiles = dict(zip(QUANTILES, values, strict=True))
         std = np.sqrt(self._squares / self._count)
-        return RowStatistics(self._count, self._min, self._max, self._mean, std, quantiles)
+        return FeatureStatistics(self._count, self._min, self._max, self._mean, std, quantiles)
 
     def _keep(self, rows: np.ndarray) -> None:
         """Adds rows to the sample, and halves it when it is full."""
@@ -511,7 +511,7 @@ class RunningStatistics:
             self._sample, self._distance = self._sample[::2], 2 * self._distance
 
 
-def color_statistics(counts: np.ndarray, images: int) -> RowStatistics:
+def color_statistics(counts: np.ndarray, images: int) -> FeatureStatistics:
     """Returns the statistics of the channels of images, from 0 to 1.
 
     Args:
@@ -529,7 +529,7 @@ def color_statistics(counts: np.ndarray, images: int) -> RowStatistics:
         name: np.array([values[np.searchsorted(row, share * row[-1])] for row in below])
         for name, share in QUANTILES.items()
     }
-    return RowStatistics(images, low, high, mean, std, quantiles)
+    return FeatureStatistics(images, low, high, mean, std, quantiles)
 
 
 # --- contents ------------------------------------------------------------------------------------
@@ -559,7 +559,7 @@ def _values(table: pyarrow.Table, name: str) -> np.ndarray:
     return column.to_numpy(zero_copy_only=False).reshape(table.num_rows, -1)
 
 
-def _plain(statistics: RowStatistics, is_image: bool = False) -> dict[str, Any]:
+def _plain(statistics: FeatureStatistics, is_image: bool = False) -> dict[str, Any]:
     """Returns statistics as lists; those of images have the shape (3, 1, 1)."""
     shape: Callable[[np.ndarray], Any] = lambda row: (row.reshape(-1, 1, 1) if is_image else row).tolist()  # noqa: E731
     numbers = {"min": statistics.min, "max": statistics.max, "mean": statistics.mean, "std": statistics.std}
@@ -567,7 +567,7 @@ def _plain(statistics: RowStatistics, is_image: bool = False) -> dict[str, Any]:
     return {**made, "count": [statistics.count], **{name: shape(row) for name, row in statistics.quantiles.items()}}
 
 
-def _row_statistics(name: str, statistics: RowStatistics) -> dict[str, Any]:
+def _row_statistics(name: str, statistics: FeatureStatistics) -> dict[str, Any]:
     made = _plain(statistics, is_image=name.startswith(IMAGES))
     return {f"stats/{name}/{key}": value for key, value in made.items()}
 

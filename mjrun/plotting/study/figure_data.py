@@ -13,8 +13,8 @@ EDGE = 0.04  # margin at the ends of an axis, as a share of its range
 
 
 @dataclass(frozen=True)
-class Band:
-    """The range of values between two quantiles, from `low` to `high` `(n,)`."""
+class QuantileBand:
+    """A band between two quantiles of the values, from `low` to `high` `(n,)`."""
 
     low: np.ndarray
     high: np.ndarray
@@ -37,7 +37,7 @@ class Series:
     name: str
     x: np.ndarray
     y: np.ndarray
-    bands: Sequence[Band] = ()
+    bands: Sequence[QuantileBand] = ()
     joined: bool = True
     dots: bool = True
     colour: int = 0

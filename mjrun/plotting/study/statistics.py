@@ -100,7 +100,7 @@ def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, col
     places, groups = np.unique(x.values[chosen], return_inverse=True)
     shown = QUANTILES if len(groups) > len(places) else ()
     middle, *ends = quantiles(groups, values[chosen], len(places), [0.5, *chain(*shown)])
-    bands = [figure_data.Band(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)]
+    bands = [figure_data.QuantileBand(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)]
     joined = not x.categories and x.name != SEED  # neither has an order
     return figure_data.Series(name, places, middle, bands, joined, len(places) <= DOTS, colour)
 

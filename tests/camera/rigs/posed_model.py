@@ -5,7 +5,7 @@ import math
 import mujoco
 import pytest
 
-from mjrun.camera.pose import Pose, pose_of
+from mjrun.camera.pose import CameraPose, pose_of
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 
 SENSOR = 'resolution="320 240" sensorsize=".0064 .0048"'
@@ -46,18 +46,18 @@ def moved(yaw: float = 0.0) -> mujoco.MjData:
     return data
 
 
-def posed(rig: Rig, time: ShotTime = STILL, data: mujoco.MjData | None = None) -> Pose:
+def posed(rig: Rig, time: ShotTime = STILL, data: mujoco.MjData | None = None) -> CameraPose:
     return rig.bind(CAMERAS_OF_MODEL, "camera a").pose(data or moved(), time)
 
 
-def updated(camera: mujoco.MjvCamera, data: mujoco.MjData) -> Pose:
+def updated(camera: mujoco.MjvCamera, data: mujoco.MjData) -> CameraPose:
     """Where MuJoCo places `camera`."""
     scene = mujoco.MjvScene(MODEL, 1)
     mujoco.mjv_updateCamera(MODEL, data, camera, scene)
     return pose_of(scene)
 
 
-def same(one: Pose, other: Pose) -> bool:
+def same(one: CameraPose, other: CameraPose) -> bool:
     return (
         one.position == pytest.approx(other.position, abs=1e-5)
         and one.rotation == pytest.approx(other.rotation, abs=1e-5)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.pose import Pose, lens
+from mjrun.camera.pose import CameraPose, lens
 from mjrun.camera.rigs.auto import FARTHEST, AutoRig
 from mjrun.camera.rigs.rig import MujocoCameras
 from mjrun.camera.script import CameraScript, EasedNumber, Shot
@@ -46,7 +46,7 @@ def framed(
     rig: AutoRig | None = None,
     *,
     is_framed: bool = False,
-) -> tuple[list[Pose], list[str]]:
+) -> tuple[list[CameraPose], list[str]]:
     """Returns the pose for each state, and the remarks."""
     motion = BoundCameraScript(
         CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE, is_framed=is_framed
@@ -57,7 +57,7 @@ def framed(
     return list(motion.poses(states, times, times, spans)), remarks
 
 
-def pixels(model: mujoco.MjModel, state: np.ndarray, pose: Pose) -> np.ndarray:
+def pixels(model: mujoco.MjModel, state: np.ndarray, pose: CameraPose) -> np.ndarray:
     """Projects the corners of the moving geoms that are visible `(n, 2)`."""
     data = mujoco.MjData(model)
     mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)

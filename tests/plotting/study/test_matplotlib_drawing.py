@@ -11,12 +11,12 @@ import pytest
 from mjrun.plotting.figure_data import ParameterAxis
 from mjrun.plotting.matplotlib_layout import WHOLE, MatplotlibFigure, settings
 from mjrun.plotting.study.figure_data import (
-    Band,
     DrawnStudyFigure,
     FailedPoints,
     GraphPanel,
     HeatmapPanel,
     ParallelCoordinatesPanel,
+    QuantileBand,
     SensitivityPanel,
     Series,
     study_grid,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 X, Y = np.array([0.0, 1, 2]), np.array([1.0, 3, 2])
-BANDS = [Band(Y - 1, Y + 1), Band(Y - 0.5, Y + 0.5)]
+BANDS = [QuantileBand(Y - 1, Y + 1), QuantileBand(Y - 0.5, Y + 0.5)]
 FAILURES = [FailedPoints("unstable", np.array([2.0, 2.0])), FailedPoints("crashed", np.array([1.0]))]
 MASS, Z = ParameterAxis("mass", -0.1, 2.1), ParameterAxis("z", 0, 4)
 GRAPH = GraphPanel(MASS, Z, [Series("", X, Y, BANDS)], FAILURES)

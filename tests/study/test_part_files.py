@@ -13,9 +13,9 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_files import PartFiles, PartWriter, point_keys, study_identity
 from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import Leases
+from mjrun.study.part_files import PartFiles, PartWriter, point_keys, study_identity
 from mjrun.study.spec import PointResult, StudySpec
 from tests.study.models import BALL
 
