@@ -195,7 +195,7 @@ class ShootingFit:
     def _regress(self, search: OriginalAndBestSolutions, noise: Floats, advanced: Advanced | None) -> None:
         """Continues a search by regression on simulated logs, and keeps the nearest solution that this permits."""
         search.ways.append("regression on simulated logs, as contacts make the motion rough")
-        end = self._regressed(search.best.chunks, search.best.coordinates, noise)
+        end = self._regressed(search.best.chunks, search.best.coordinates, noise, advanced=advanced)
         if not (estimate := end.estimate):
             return
         middle, errors = estimate.draws.mean(axis=0), estimate.draws.std(axis=0)
@@ -206,7 +206,13 @@ class ShootingFit:
             advanced(search.best)
 
     def _regressed(
-        self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats, *, fixed: bool = False
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        advanced: Advanced | None = None,
     ) -> Solution:
         """Solves chunks by regression on simulated logs, then by derivatives as far as the estimate permits.
 
@@ -220,7 +226,7 @@ class ShootingFit:
             opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
             states = self._run(opening.approach()).states
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
-        nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed).estimate())
+        nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed, advanced).estimate())
         place = None if coordinates is None else nearest.coordinates
         problem = self._problem(parts, place, problem.states(nearest), noise, fixed=fixed)
         end = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))

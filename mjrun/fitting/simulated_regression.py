@@ -18,10 +18,12 @@ from mjrun.dataclass import dataclass
 from mjrun.fitting.gauss_newton import state_spread
 from mjrun.fitting.shooting_problem import (
     PENALTY,
+    Advanced,
     Floats,
     RegressionEstimate,
     ShootingProblem,
     Simulating,
+    Solution,
     Unknowns,
     loss_weights,
 )
@@ -62,10 +64,13 @@ class RegressionSearch:
       opening: the same problem with only the first rows of each chunk, which tell how far the guesses of its states may
         be off.
       seed: seed of all draws.
+      advanced: called with the nearest simulation of each round.
     """
 
-    def __init__(self, problem: ShootingProblem, opening: ShootingProblem, seed: int) -> None:
-        self._problem, self._opening = problem, opening
+    def __init__(
+        self, problem: ShootingProblem, opening: ShootingProblem, seed: int, advanced: Advanced | None = None
+    ) -> None:
+        self._problem, self._opening, self._advanced = problem, opening, advanced
         self._generator = np.random.default_rng(seed)
 
     def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
@@ -83,6 +88,8 @@ class RegressionSearch:
             drawn, nearest = yield from self._simulated(unknowns, nearest)
             if len(drawn.unknowns) < LEAST_SIMULATIONS:
                 return nearest, None
+            if self._advanced:
+                self._advanced((yield from self._solution(nearest)))
             estimate, errors = self._regressed(drawn)
             is_beyond = self._move_within(estimate, drawn)
             beyond += is_beyond
@@ -103,6 +110,11 @@ class RegressionSearch:
         unknowns[:, :free] = estimate[:free]
         _, nearest = yield from self._simulated(unknowns, self._point(estimate))
         return nearest, RegressionEstimate(draws, self._probability(drawn))
+
+    def _solution(self, point: Unknowns) -> Simulating[Solution]:
+        (residuals,) = yield from self._problem.residuals([point])
+        jacobians = yield from self._problem.jacobians(point, residuals)
+        return self._problem.solution(point, residuals, list(zip(*jacobians, strict=True)))
 
     def _first(self) -> Simulating[Floats]:
         roots = yield from state_spread(self._opening)
@@ -141,9 +153,9 @@ class RegressionSearch:
         costs = [self._problem.cost(*each) for each in zip(points, residuals, strict=True)]
         best = int(np.argmin(costs))
         weights = [np.sqrt(loss_weights(self._problem.loss, each)) for each in residuals[best]]
-        rows = np.stack([self._row(*each, weights) for each in zip(points, residuals, strict=True)])
-        is_whole = [not any((each == PENALTY).any() for each in one) for one in residuals]
-        return _Round(unknowns[is_whole[1:]], rows[1:][is_whole[1:]]), points[best]
+        whole = [i for i, one in enumerate(residuals) if i and not any((each == PENALTY).any() for each in one)]
+        rows = np.stack([self._row(points[i], residuals[i], weights) for i in whole or [0]])
+        return _Round(unknowns[[i - 1 for i in whole]], rows[: len(whole)]), points[best]
 
     def _row(self, point: Unknowns, residuals: Sequence[Floats], weights: Sequence[Floats]) -> Floats:
         """Returns the weighted residuals of a point, and those of priors, which count as measurements."""
@@ -157,9 +169,11 @@ class RegressionSearch:
         Each error is that of a regression without the log in question. The penalty of each unknown is the one with the
         least errors.
         """
-        logs = drawn.residuals + self._generator.normal(size=drawn.residuals.shape)
+        logs = self._generator.normal(size=drawn.residuals.shape)
+        logs += drawn.residuals
         middle, offset = drawn.unknowns.mean(axis=0), logs.mean(axis=0)
-        targets, logs = drawn.unknowns - middle, logs - offset
+        logs -= offset  # in place, as logs may be long
+        targets = drawn.unknowns - middle
         squares, vectors = np.linalg.eigh(logs @ logs.T)
         squares = np.maximum(squares, 0.0)
         projected = vectors.T @ targets

@@ -12,7 +12,7 @@ import pytest
 from mjrun.fitting.information import all_information, intervals
 from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.shooting_fit import ShootingFit
-from mjrun.fitting.shooting_problem import RegressionEstimate, Unknowns, together, with_noise
+from mjrun.fitting.shooting_problem import Advanced, RegressionEstimate, Solution, Unknowns, together, with_noise
 from mjrun.fitting.simulated_regression import RegressionSearch
 from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
 
@@ -59,14 +59,19 @@ def slide_shooting(folder: Path, log: LogSegment) -> tuple[ShootingFit, list]:
 
 
 def search_of(
-    shoot: ShootingFit, log: LogSegment, coordinates: np.ndarray, noise: float, seed: int = 0
+    shoot: ShootingFit,
+    log: LogSegment,
+    coordinates: np.ndarray,
+    noise: float,
+    seed: int = 0,
+    advanced: Advanced | None = None,
 ) -> RegressionSearch:
     """Returns a search of the whole log around `coordinates`."""
     (whole,) = shoot.cut([log])
     first = replace(whole, rows=slice(0, 9), positions=whole.positions[:9])
     states = shoot.guessed([whole], coordinates)
     opening, problem = (shoot._problem([part], coordinates, states, np.array([noise])) for part in (first, whole))
-    return RegressionSearch(problem, opening, seed)
+    return RegressionSearch(problem, opening, seed, advanced)
 
 
 def regressed(shoot: ShootingFit, search: RegressionSearch) -> tuple[Unknowns, RegressionEstimate]:
@@ -137,6 +142,19 @@ def test_the_same_seed_gives_the_same_draws(monkeypatch: pytest.MonkeyPatch) -> 
     assert not np.array_equal(first, other)
     assert first.min() >= 0
     assert first.max() <= 1
+
+
+def test_each_round_tells_the_nearest_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interrupted fit writes the last one."""
+    monkeypatch.setattr("mjrun.fitting.simulated_regression.MOST_ROUNDS", 3)
+    solution, _ = solved()
+    shoot, _ = shooting(THREE)
+    told = list[Solution]()
+    regressed(shoot, search_of(shoot, segments(0.5)[0], np.full(3, 0.5), solution.noise[0], advanced=told.append))
+    costs = [each.cost for each in told]
+    assert len(costs) == 3
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] < costs[0]
 
 
 def test_without_simulations_that_succeed_there_is_no_estimate() -> None:
