@@ -24,6 +24,7 @@ os.environ.setdefault("MUJOCO_GL", "egl")  # for mujoco.Renderer, the oracle of 
 os.environ["MJRUN_CACHE"] = os.devnull  # nothing is stored below it
 os.environ.setdefault("GALLIVM_PERF", "nopt")  # Mesa compiles shaders in half the time, and draws almost as fast
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a fifth of the start of a process: the tests start thousands
+os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")  # gRPC prints into the output of programs that start beside it
 # As in an activated environment, whose pip messages name.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
 

@@ -29,6 +29,7 @@ PATIENCE = 20  # [s] for a cluster of Dask to answer; Ray asks for 30 s
 LOOK = 10.0  # [s] between two looks at the workers
 DESERTED = 60.0  # [s] without a worker until this is reported: a scheduler of jobs may start another one
 USAGE = "RAY_USAGE_STATS_ENABLED"  # Ray reports to its makers unless it is 0
+FORKS = "GRPC_ENABLE_FORK_SUPPORT"  # unless it is 0, Ray's client prints beside programs that start
 _Connection = tuple[Callable[..., Future[Any]], Callable[[], int]]  # submits a call, and counts workers
 ENDINGS = ("LocalRayletDiedError", "RaySystemError")  # errors of Ray without its daemon
 POLL = 0.2  # [s] between two looks at the jobs, if one takes little time
@@ -136,6 +137,7 @@ def _dask(address: str, count: int, stack: ExitStack) -> _Connection:
 
 
 def _ray(address: str, count: int, stack: ExitStack) -> _Connection:
+    os.environ.setdefault(FORKS, "0")
     import ray
 
     if not ray.is_initialized():  # by the caller

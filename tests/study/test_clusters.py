@@ -1,6 +1,7 @@
 """Clusters: what their tasks do, and those that cannot be used; test_executors.py runs chunks on real ones."""
 
 import importlib.util
+import os
 import sys
 from concurrent.futures import Future
 from contextlib import ExitStack
@@ -22,8 +23,10 @@ from mjrun.study.spec import PointChunk, ShippedStudy
 def test_a_cluster_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch, engine: str) -> None:
     monkeypatch.setattr("mjrun.study.clusters.PATIENCE", 1)
     monkeypatch.setattr("ray.util.client.worker.INITIAL_TIMEOUT_SEC", 0.01)
+    monkeypatch.delenv(clusters.FORKS)
     with ExitStack() as stack, pytest.raises(UsageError, match=f"engine: {engine} cannot be used: .*[Tt]ime"):
         open_cluster(engine, 1, stack, print)
+    assert os.environ.get(clusters.FORKS) == ("0" if engine.startswith("ray") else None)
 
 
 @pytest.mark.parametrize("workers", [0, 2])
