@@ -223,8 +223,7 @@ class ShootingFit:
         openings = [_opening(part, WINDOW) for part in parts]
         states = self.guessed(parts, coordinates)
         if self._loss != "linear":  # guesses do not ignore outliers
-            opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
-            states = self._run(opening.approach()).states
+            states = self._run(self._approached(openings, coordinates, states, noise))
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
         nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed, advanced).estimate())
         place = None if coordinates is None else nearest.coordinates
@@ -303,13 +302,18 @@ class ShootingFit:
         """
         states = self.guessed(parts, coordinates, before)
         if before is None:
-            openings = [_opening(part) for part in parts]
-            opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
-            states = (yield from opening.approach()).states
+            states = yield from self._approached([_opening(part) for part in parts], coordinates, states, noise)
         tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
         search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
         evaluations = CONTACT_EVALUATIONS if self._predictor.has_impacts else EVALUATIONS
         return (yield from search.minimize(evaluations, tolerance))
+
+    def _approached(
+        self, openings: Sequence[Chunk], coordinates: Floats | None, states: Floats, noise: Floats
+    ) -> Simulating[Floats]:
+        """Returns states that fit the first rows of chunks, `(chunks, nstate)`, with constant parameters."""
+        search = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
+        return (yield from search.approach()).states
 
     def _problem(
         self,

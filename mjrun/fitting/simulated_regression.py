@@ -32,14 +32,14 @@ SIMULATIONS = 200  # per round
 LEAST_SIMULATIONS = 50  # that must not fail
 BATCH = 50  # points that are simulated at once
 MOST_ROUNDS = 16
-MOST_BEYOND = 3  # of which estimates may lie beyond what was drawn, as those of a wrong model do
+MOST_BEYOND = 3  # rounds whose estimates may lie beyond what was drawn, as those of a wrong model do
 WIDE = 0.3  # standard deviation of coordinates in the first round
 DOUBTFUL = 3.0  # standard deviation of states in the first round, in errors of the first rows
 FARTHEST = 0.3  # largest deviation of a state in the first round
 BEYOND = 2.0  # standard deviation of later rounds, in errors of the one before
 SETTLED = 0.8  # ratio of errors to the least before at which a round is no better
 LONG_SETTLED = 2  # consecutive rounds that are no better and end the search
-LEAST_GAIN = 0.25  # least share of a variance that a regression explains, in corrections for the width of a round
+LEAST_GAIN = 0.25  # least explained share of a variance, in the correction for the width of the last round
 MOST_TRIALS = 20  # draws of a point until its coordinates are within bounds
 RIDGES = np.geomspace(0.1, 1e6, 29)  # penalties that are compared, in variances of the noise
 
@@ -90,8 +90,9 @@ class RegressionSearch:
                 return nearest, None
             if self._advanced:
                 self._advanced((yield from self._solution(nearest)))
-            estimate, errors = self._regressed(drawn)
-            is_beyond = self._move_within(estimate, drawn)
+            regressed, errors = self._regressed(drawn)
+            estimate = self._near(regressed, drawn)
+            is_beyond = bool((estimate != regressed)[:free].any())
             beyond += is_beyond
             widths = np.sqrt((errors**2).mean(axis=0))
             limits = np.minimum(limits, drawn.unknowns.std(axis=0))
@@ -189,16 +190,14 @@ class RegressionSearch:
             is_less = means < least
             least[is_less], errors[:, is_less] = means[is_less], left[:, is_less]
             estimate[is_less] = ((real / (squares + ridge)) @ projected)[is_less]
-        return middle + estimate, errors
+        estimate += middle
+        estimate[: self._problem.free] = np.clip(estimate[: self._problem.free], 0, 1)
+        return estimate, errors
 
-    def _move_within(self, estimate: Floats, drawn: _Round) -> bool:
-        """Moves an estimate to the points of a round and within bounds; returns whether it was beyond these points."""
-        free = self._problem.free
+    def _near(self, estimate: Floats, drawn: _Round) -> Floats:
+        """Returns an estimate moved towards the points of a round, as a regression does not extrapolate."""
         middle, reach = drawn.unknowns.mean(axis=0), BEYOND * drawn.unknowns.std(axis=0)
-        estimate[:free] = np.clip(estimate[:free], 0, 1)
-        is_beyond = bool((np.abs(estimate - middle) > reach)[:free].any())
-        estimate[:] = np.clip(estimate, middle - reach, middle + reach)
-        return is_beyond
+        return np.clip(estimate, middle - reach, middle + reach)
 
     def _probability(self, drawn: _Round) -> float:
         """Returns the rank of the log among simulated ones by the median distance to the simulations."""

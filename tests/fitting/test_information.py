@@ -16,7 +16,7 @@ from mjrun.fitting.information import (
     sensitivity,
 )
 from mjrun.fitting.shooting_fit import SHORTEST
-from mjrun.fitting.shooting_problem import STATE_SCALE, Solution
+from mjrun.fitting.shooting_problem import STATE_SCALE, RegressionEstimate, Solution
 from tests.fitting.logs import NOISE
 from tests.fitting.problems import THREE, segments, shooting, solved
 
@@ -176,3 +176,27 @@ def test_parameters_that_stand_in_for_each_other_are_correlated() -> None:
 def test_the_same_seed_gives_the_same_intervals() -> None:
     solution, parameters = solved()
     assert intervals(solution, parameters, 0.95, 3).low == intervals(solution, parameters, 0.95, 3).low
+
+
+def test_draws_tell_what_the_range_does_not() -> None:
+    """Normal draws have the inverse of their covariance as information, less that of the range; uniform ones have none.
+
+    Intervals are quantiles of the draws, and contain the solution.
+    """
+    solution, parameters = solved()
+    generator = np.random.default_rng(0)
+    covariance = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
+    normal = generator.multivariate_normal([0.4, 0.6], covariance, 20_000)
+    draws = np.column_stack([normal, generator.uniform(size=20_000)])
+    drawn = replace(solution, coordinates=np.array([0.4, 0.9, 0.5]), estimate=RegressionEstimate(draws, 0.5))
+
+    matrix = all_information(drawn, parameters)
+    np.testing.assert_allclose(matrix[:2, :2], np.linalg.inv(covariance) - 12 * np.eye(2), rtol=0.05)
+    (missing,) = sensitivity([drawn], parameters).unidentifiable
+    assert missing.paths == (parameters[2].path,)
+
+    known = intervals(drawn, parameters, 0.95, 0)
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    assert known.low[0] == pytest.approx(parameters[0].value(low[0]))
+    assert known.high[0] == pytest.approx(parameters[0].value(high[0]))
+    assert known.high[1] == pytest.approx(parameters[1].value(0.9))  # beyond all draws
