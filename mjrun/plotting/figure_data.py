@@ -1,6 +1,7 @@
 """The data of a figure: panels of curves as points, with their marks, the ranges of their axes, and their grid."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +22,7 @@ class ParameterAxis:
     Attributes:
       name: name of the parameter or metric.
       categories: texts, placed at 0, 1, 2, …; empty for numbers.
+      whole: whether all values are whole numbers, as seeds and counts are.
     """
 
     name: str
@@ -28,6 +30,7 @@ class ParameterAxis:
     high: float
     log: bool = False
     categories: Sequence[str] = ()
+    whole: bool = False
 
     def shares(self, values: np.ndarray) -> np.ndarray:
         """Returns the positions of values between the ends of the axis, from 0 to 1."""
@@ -45,13 +48,18 @@ def scale(
     finite = values[np.isfinite(values) & ((values > 0) | (not log))]
     if not len(finite):
         return ParameterAxis(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
-    low, high = float(finite.min()), float(finite.max())
+    low, high, whole = float(finite.min()), float(finite.max()), are_whole(finite)
     if log:
         ratio = (high / low) ** edge if high > low * (1 + FLAT) else 2.0
-        return ParameterAxis(name, low / ratio, high * ratio, True)
+        return ParameterAxis(name, low / ratio, high * ratio, True, whole=whole)
     largest = max(abs(low), abs(high))
     pad = edge * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
-    return ParameterAxis(name, low - pad, high + pad)
+    return ParameterAxis(name, low - pad, high + pad, whole=whole)
+
+
+def are_whole(values: np.ndarray) -> bool:
+    """Returns whether all values that are not NaN are whole numbers."""
+    return bool(((values % 1 == 0) | np.isnan(values)).all())
 
 
 @dataclass(frozen=True)
@@ -93,11 +101,8 @@ class DrawnPanel:
             return ParameterAxis(self.label, *self.limits, self.log)
         values = [end for curve in self.curves for end in _ends(curve.points.y)]
         values += [mark.value for mark in self.marks]
-        return scale(self.label, np.array(values), log=self.log, edge=MARGIN)
-
-    def is_whole(self) -> bool:
-        """Returns whether all values are whole numbers, as counts are."""
-        return all(bool(np.all((curve.points.y % 1 == 0) | np.isnan(curve.points.y))) for curve in self.curves)
+        axis = scale(self.label, np.array(values), log=self.log, edge=MARGIN)
+        return replace(axis, whole=all(are_whole(curve.points.y) for curve in self.curves))
 
 
 @dataclass(frozen=True)
@@ -124,15 +129,16 @@ class DrawnFigure:
         """The x axis of all curves, with the margin."""
         if self.x_limits:
             return ParameterAxis(self.x_label, *self.x_limits, self.log_x)
-        ends = [end for panel in self.panels for curve in panel.curves for end in _ends(curve.points.x)]
+        values = [curve.points.x for panel in self.panels for curve in panel.curves]
+        ends = [end for each in values for end in _ends(each)]
         if not ends:
             return ParameterAxis(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
-        low, high = min(ends), max(ends)
+        low, high, whole = min(ends), max(ends), all(map(are_whole, values))
         if self.log_x:
             ratio = (high / low) ** self.x_margin if high > low * (1 + FLAT) else 2.0
-            return ParameterAxis(self.x_label, low / ratio, high * ratio, True)
+            return ParameterAxis(self.x_label, low / ratio, high * ratio, True, whole=whole)
         pad = self.x_margin * (high - low) if high - low > 1e-15 * max(abs(low), abs(high)) else 0.5
-        return ParameterAxis(self.x_label, low - pad, high + pad)
+        return ParameterAxis(self.x_label, low - pad, high + pad, whole=whole)
 
 
 def _ends(values: np.ndarray) -> list[float]:

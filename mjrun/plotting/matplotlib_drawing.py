@@ -18,7 +18,7 @@ from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_trans
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import DPI, POINT, DrawnFigure, DrawnPanel, PanelGrid, ParameterAxis
-from mjrun.plotting.matplotlib_layout import MatplotlibFigure, curve_line, rgb, set_scales
+from mjrun.plotting.matplotlib_layout import MatplotlibFigure, curve_line, dot_size, rgb, set_scales
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
 NAMED = 8  # maximum number of reference lines with one name that are all labelled
@@ -59,7 +59,7 @@ def paint(drawing: DrawnFigure, grid: PanelGrid, canvas: MatplotlibFigure) -> No
 def _furnish(canvas: MatplotlibFigure, axes: Axes, drawing: DrawnFigure, panel: DrawnPanel, *, lowest: bool) -> None:
     """Draws a panel without the names of its curves."""
     theme = canvas.theme
-    set_scales(canvas, axes, drawing.x, panel.y, whole=panel.is_whole())
+    set_scales(canvas, axes, drawing.x, panel.y)
     axes.set_title(panel.label)
     axes.set_ylabel(canvas.shown(panel.axis_label))
     if lowest:
@@ -75,7 +75,8 @@ def _furnish(canvas: MatplotlibFigure, axes: Axes, drawing: DrawnFigure, panel: 
         axes.add_line(drawn)
         alone = _isolated(curve.points.y)
         if alone.any():
-            x, y, size = curve.points.x[alone], curve.points.y[alone], 2.2 * canvas.weight
+            x, y = curve.points.x[alone], curve.points.y[alone]
+            size = dot_size(len(x)) * canvas.weight
             clip = bool(panel.limits or drawing.x_limits)
             axes.plot(x, y, "o", markersize=size, color=drawn.get_color(), markeredgewidth=0, clip_on=clip)
 

@@ -30,6 +30,7 @@ TITLE = 1.25  # size of letters of a figure's title [em]
 ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks
 LONGEST_CATEGORY = 9  # maximum width of a category's name on a vertical axis [em]
 DECADES = 8  # maximum number of decades of a logarithmic axis with minor ticks
+FEW_DOTS = 50  # maximum number of dots that are large
 WHOLE = 8  # maximum number of categories on a horizontal axis with all names shown
 
 
@@ -193,22 +194,25 @@ def _letters() -> frozenset[int]:
     return frozenset(font_manager.get_font(font_manager.findfont(FONT)).get_charmap())
 
 
-def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: ParameterAxis, *, whole: bool = False) -> None:
-    """Sets the range and the ticks of the axis `name`, x or y, from a scale; `whole` limits ticks to whole numbers."""
+def dot_size(count: int) -> float:
+    """Returns the size of `count` dots that no line joins, as a multiple of the width of lines."""
+    return 4.0 if count <= FEW_DOTS else 2.4
+
+
+def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: ParameterAxis) -> None:
+    """Sets the range and the ticks of the axis `name`, x or y, from a scale."""
     axis = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": (scale.low, scale.high)})
     if scale.categories:
         category_ticks(axis, scale.categories, canvas)
     else:
-        number_ticks(axis, canvas.em, whole=whole)
+        number_ticks(axis, canvas.em, whole=scale.whole)
 
 
-def set_scales(
-    canvas: MatplotlibFigure, axes: Axes, x: ParameterAxis, y: ParameterAxis, *, whole: bool = False
-) -> None:
-    """Sets both axes of a panel of curves, with a grid and a line at zero; `whole` limits the ticks of y."""
+def set_scales(canvas: MatplotlibFigure, axes: Axes, x: ParameterAxis, y: ParameterAxis) -> None:
+    """Sets both axes of a panel of curves, with a grid and a line at zero."""
     set_scale(canvas, axes, "x", x)
-    set_scale(canvas, axes, "y", y, whole=whole)
+    set_scale(canvas, axes, "y", y)
     axes.grid(True)
     if not y.log and y.low < 0 < y.high:
         axes.axhline(0, color=rgb(canvas.theme.zero), linewidth=canvas.hair, zorder=1)

@@ -60,16 +60,19 @@ def test_marks_are_within_the_range() -> None:
 def test_x_is_from_the_first_to_the_last_sample() -> None:
     drawing = DrawnFigure("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [ReferenceLine("m", 99, vertical=True)])
     wide = replace(drawing, x_margin=0.1).x
-    assert drawing.x == ParameterAxis("t", 0, 3)
+    assert drawing.x == ParameterAxis("t", 0, 3, whole=True)
     assert (wide.low, wide.high) == pytest.approx((-0.3, 3.3))
-    assert DrawnFigure("", "t", False, [panel(1)], []).x == ParameterAxis("t", -0.5, 0.5)
+    assert DrawnFigure("", "t", False, [panel(1)], []).x == ParameterAxis("t", -0.5, 0.5, whole=True)
     assert DrawnFigure("", "t", True, [panel()], []).x == ParameterAxis("t", 0.1, 1, True)
     assert DrawnFigure("", "t", False, [panel()], []).x == ParameterAxis("t", 0, 1)
 
 
 def test_counts_are_whole_and_nothing_else_is() -> None:
-    assert panel(0, 3, np.nan).is_whole()
-    assert not panel(0, 0.5).is_whole()
+    assert panel(0, 3, np.nan).y.whole
+    assert not panel(0, 0.5).y.whole
+    assert DrawnFigure("", "seed", False, [panel(0.5)], []).x.whole
+    assert scale("seed", np.array([0.0, 19, np.nan]), edge=0.1).whole
+    assert not scale("mass", np.array([0.0, 0.5]), edge=0.1).whole
 
 
 def test_shares_are_where_matplotlib_puts_values() -> None:
@@ -122,7 +125,7 @@ def test_the_axis_of_a_metric_has_a_margin_and_colours_have_none() -> None:
     values = np.array([1.0, 2, np.nan])
     axis, colours = (scale("z", values, edge=edge) for edge in (MARGIN, 0.0))
     assert axis.low < 1 < 2 < axis.high
-    assert colours == ParameterAxis("z", 1, 2)
+    assert colours == ParameterAxis("z", 1, 2, whole=True)
 
 
 GRAPH = GraphPanel(ParameterAxis("x", 0, 1), ParameterAxis("z", 0, 1), [], [])

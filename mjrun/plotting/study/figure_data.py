@@ -6,7 +6,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import PanelGrid, ParameterAxis, panel_grid, scale
+from mjrun.plotting.figure_data import PanelGrid, ParameterAxis, are_whole, panel_grid, scale
 
 CELLS = 8  # maximum number of cells in a row that are all labelled
 EDGE = 0.04  # margin at the ends of an axis, as a share of its range
@@ -171,7 +171,7 @@ def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> Paramete
     steps = np.diff(levels)
     if count > CELLS and steps.max() - steps.min() < 1e-6 * steps.mean():
         half = float(steps.mean()) / 2
-        return ParameterAxis(name, float(levels[0]) - half, float(levels[-1]) + half)
+        return ParameterAxis(name, float(levels[0]) - half, float(levels[-1]) + half, whole=are_whole(levels))
     return scale(name, levels, categories=labels, edge=0.0)
 
 

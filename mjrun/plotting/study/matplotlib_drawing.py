@@ -22,6 +22,7 @@ from mjrun.plotting.matplotlib_layout import (
     TITLE,
     MatplotlibFigure,
     curve_line,
+    dot_size,
     number_ticks,
     rgb,
     set_scale,
@@ -46,7 +47,6 @@ THICK = 0.62  # height of a bar, as a share of its row
 OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow, where they add up
 BANDS = ("5–95 %", "25–75 %")
 RUG = 0.55  # height of a mark at the bottom [em]
-FEW, LARGE = 50, 4.0  # maximum number of dots that are large, and their size
 MANY = 400  # number of dots above which they are drawn faintly
 COLOUR_MAP = "viridis"  # perceptually uniform
 BAR, GAP = 0.8, 0.7  # width of a colour bar, and gap before it [em]
@@ -299,7 +299,7 @@ def _series(canvas: MatplotlibFigure, axes: Axes, series: Series) -> None:
             axes.vlines(series.x, band.low, band.high, color=colour, alpha=0.45, linewidth=width * canvas.weight)
     if series.dots:
         alone = not series.joined and not series.bands
-        size = (LARGE if alone and len(series.x) <= FEW else 2.4 if alone else 2.8) * canvas.weight
+        size = (dot_size(len(series.x)) if alone else 2.8) * canvas.weight
         axes.plot(
             series.x,
             series.y,
@@ -428,7 +428,7 @@ def _colour_bar(canvas: MatplotlibFigure, axes: Axes, colours: ParameterAxis, ga
     pad, aspect = gap * canvas.em / box.width, box.height / (BAR * canvas.em)
     bar = canvas.figure.colorbar(_colours(colours), ax=axes, pad=pad, aspect=aspect)
     bar.outline.set_visible(False)  # type: ignore[operator]
-    number_ticks(bar.ax.yaxis, canvas.em)
+    number_ticks(bar.ax.yaxis, canvas.em, whole=colours.whole)
     return bar.ax
 
 
