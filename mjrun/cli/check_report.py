@@ -1,4 +1,4 @@
-"""The report of a check: findings as text, JSON, SARIF, cases for CI systems, and numbers by rule."""
+"""The report of a check: findings as text, JSON, SARIF, tables, cases for CI systems, and numbers by rule."""
 
 import json
 import os
@@ -20,6 +20,16 @@ from mjrun.version import __version__
 
 SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
 HOME = "https://pypi.org/project/mjrun/"
+# Text columns of the table of findings, and the finding in the row of a model without findings.
+TEXTS: dict[str, Callable[[Finding], str]] = {
+    "code": lambda finding: finding.code,
+    "severity": lambda finding: finding.severity,
+    "file": lambda finding: finding.file,
+    "object": lambda finding: finding.object,
+    "message": lambda finding: finding.text,
+    "remedy": lambda finding: finding.remedy,
+}
+NO_FINDING = Finding("", "", "", "")
 
 
 def check_report(result: CheckResult) -> CommandReport:
@@ -212,3 +222,31 @@ def _uri(path: str) -> str:
     """Converts a file name to a URI, relative unless the name is absolute."""
     place = Path(path)
     return place.as_uri() if place.is_absolute() else quote(os.fsencode(place.as_posix()))
+
+
+def write_findings(path: str, result: CheckResult) -> None:
+    """Writes a table with a row for each finding, and one for each model without any; the worst models come first.
+
+    Raises:
+      UnknownNameError: no table has this suffix.
+      FileError: it cannot be written.
+    """
+    from mjrun.experiment.results_table import ResultsTable  # slow to import, as is what else writes a table
+    from mjrun.model.table_column import Column
+
+    table, models = ResultsTable(), worst_first(result.models)
+    rows = [(rank, model, found) for rank, model in enumerate(models) for found in model.findings or (NO_FINDING,)]
+
+    def add(name: str, meaning: str, numbers: list[int]) -> None:
+        table.add(Column(name, meaning=meaning, integer=True), numbers)
+
+    add("rank", "position of the model, 0 for the worst", [rank for rank, _, _ in rows])
+    table.add_texts("model", [model.model for _, model, _ in rows])
+    add("loads", "1 if the model loads", [int(model.loads) for _, model, _ in rows])
+    for severity in reversed(SEVERITIES):
+        numbers = [model.count(severity) for _, model, _ in rows]
+        add(f"{severity}s", f"findings of this severity in the model: {severity}", numbers)
+    add("line", "line in the file, 0 if unknown", [found.line or 0 for _, _, found in rows])
+    for name, text in TEXTS.items():
+        table.add_texts(name, [text(found) for _, _, found in rows])
+    table.write(Path(path).parent, {}, [Path(path).name])

@@ -1,25 +1,35 @@
-"""The comparison of two files of tables, in any formats: selects columns, key and tolerances.
+"""Comparisons of files of tables: of two in any formats, of two recordings, and of a golden table with coming rows.
 
 Tables of results of many simulations, the points of a study and the episodes of an evaluation, have keys.
 """
 
 import contextlib
-from collections.abc import Collection, Mapping, Sequence
+import queue
+import threading
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
+
 from mjrun.dataclass import dataclass
 from mjrun.diff.result import TableDifference
-from mjrun.diff.sentences import provenance_notes
+from mjrun.diff.sentences import manifest_part, provenance_notes
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
 from mjrun.errors import CellError, MjrunError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.formats.input_file import is_file, is_folder
+from mjrun.formats.manifest import read_sidecar
+from mjrun.formats.recording import RecordingReader
 from mjrun.formats.table_reader import STDIN, OpenTable, open_table
 from mjrun.formats.tables import input_format
+from mjrun.model import state
+from mjrun.model.table_column import Column
 from mjrun.options.diff import ALIGNMENTS, TableDiffOptions
+from mjrun.probe.fields import state_columns
 
 STUDY, EPISODES = "results", "episodes"  # kinds, named after the stems of the files
 SUFFIXES = (".parquet", ".csv")
@@ -29,6 +39,9 @@ COLUMNS = {
     STUDY: (POINT, STATUS, "steps", "exit_code", "message"),
     EPISODES: (EPISODE, SEED, "return", "length", "steps", "ending", "outcome"),
 }
+TIME, ROW = ALIGNMENTS
+STEP = "step"  # by which the states of recordings are aligned
+QUEUED_BLOCKS = 4  # rows for a golden table that may wait for their comparison
 
 
 @dataclass(frozen=True)
@@ -97,9 +110,6 @@ def _is_readable(path: Path) -> bool:
         input_format(path)
         return True
     return False
-
-
-TIME, ROW = ALIGNMENTS
 
 
 def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDifference, list[str]]:
@@ -227,3 +237,220 @@ def _nothing_in_common(names: Mapping[str, Sequence[str]], options: TableDiffOpt
     exception = " except time" if all(TIME in each for each in names.values()) else ""
     lists = [f"{clean(path)}: {listing(each) or 'none'}" for path, each in names.items()]
     return "\n".join([f"the tables have no columns{which} in common{exception}", *lists])
+
+
+class _RecordedRows:
+    """The states of a recording as rows, after a column with their steps."""
+
+    def __init__(self, recording: RecordingReader, names: Sequence[str]) -> None:
+        self.path: Path = recording.path
+        self.names = [STEP, *names]
+        self.units: Mapping[str, str] = {}
+        self._recording = recording
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        """Yields blocks of float64 `(n, 1 + size)`."""
+        for steps, states in self._recording.blocks():
+            yield np.column_stack([steps, states])
+
+
+def compare_recordings(
+    a: str, b: str, options: TableDiffOptions, model: mujoco.MjModel | None = None
+) -> tuple[TableDifference | None, list[str], list[str]]:
+    """Compares the states of the same steps.
+
+    Args:
+      model: the model whose joints name the numbers of a state; without it, they have their index in their field:
+        `qpos/3`.
+
+    Returns:
+      The differences of the states, None if their sizes differ; other differences; and possible reasons, in sentences.
+
+    Raises:
+      FileError: a file is not a complete recording.
+      UnknownNameError: a wildcard matches no number of the state.
+      UsageError: an option does not apply to recordings, or they do not belong to `model`.
+    """
+    with ExitStack() as stack:
+        one, other = (stack.enter_context(RecordingReader(path)) for path in (a, b))
+        notes = provenance_notes(one.facts, other.facts)
+        if differences := _size_differences(one, other, clean(a), clean(b)):
+            return None, differences, notes
+
+        names = _state_names(one, model)
+        require_matches("columns", options.columns, names)
+        chosen = [n for n in names if not options.columns or any(matches(n, pattern) for pattern in options.columns)]
+        tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
+        tolerances.require(chosen)
+        rows = _RecordedRows(one, names), _RecordedRows(other, names)
+        return compare_rows(*rows, chosen, STEP, tolerances, chosen, chosen), [], notes
+
+
+def _state_names(recording: RecordingReader, model: mujoco.MjModel | None) -> list[str]:
+    """Returns the names of the numbers of a state."""
+    sizes = recorded_sizes(recording.facts)
+    if model is not None:
+        ours = state.sizes(model)
+        others = [f"{name} is {sizes[name]}, not {ours[name]}" for name in sizes if sizes[name] != ours[name]]
+        if others or recording.size != state.size(model):
+            facts = f": {', '.join(others)}" if others else ""
+            raise UsageError(f"{option('model')}: the recordings were made with another model{facts}")
+        return state_columns(model)
+
+    names = [
+        "time" if field == "time" else f"{field}/{i}"
+        for field, part in (state.fields(sizes) if sizes else {}).items()
+        for i in range(part.stop - part.start)
+    ]
+    return names if len(names) == recording.size else [f"state/{i}" for i in range(recording.size)]
+
+
+def recorded_sizes(facts: Mapping[str, Any]) -> dict[str, int]:
+    """Returns the sizes of the recorded model; empty unless the untrusted recording has all of them."""
+    sizes = manifest_part(facts, "sizes")
+    if not all(type(sizes.get(name)) is int for name in state.SIZES):
+        return {}
+    return {name: sizes[name] for name in state.SIZES}
+
+
+def _size_differences(one: RecordingReader, other: RecordingReader, a: str, b: str) -> list[str]:
+    """Returns a sentence for each difference in the sizes of two models."""
+    first, second = recorded_sizes(one.facts), recorded_sizes(other.facts)
+    pairs = [(name, first[name], second[name]) for name in first if second]
+    differing = [f"{name} is {x} in {a}, {y} in {b}" for name, x, y in pairs if x != y]
+    if not differing and one.size != other.size:
+        differing = [f"a state has {one.size} numbers in {a}, {other.size} in {b}"]
+    return differing
+
+
+class GoldenComparison:
+    """The comparison of a golden table with rows that are still to come.
+
+    The golden table is opened at once, and read while rows come, in a thread that ends with `finish` or `close`.
+
+    Args:
+      path: the path of the golden table.
+      columns: the columns of the measured rows.
+      tolerances: the tolerances within which numbers agree.
+
+    Attributes:
+      manifest: the manifest of the golden table, in it or next to it, or None.
+
+    Raises:
+      FileError: the golden table cannot be read.
+      UsageError: it has no column except time in common with the rows, or a tolerance applies to none of them.
+    """
+
+    def __init__(self, path: str, columns: Sequence[Column], tolerances: Tolerances) -> None:
+        golden_names: list[str] = []
+        names = {*(column.name for column in columns), *(clean(column.name) for column in columns)}
+
+        def is_common(name: str) -> bool:
+            golden_names.append(name)
+            return name in names
+
+        self._table = open_table(path, is_common, exact=True)
+        try:
+            self.manifest = self._table.manifest or read_sidecar(Path(path))
+            self._rows = _ComingRows(columns, golden_names)
+            self._names = golden_names, list(self._rows.names)
+            self._key = TIME if TIME in golden_names else None
+            self._columns = [name for name in self._rows.names if name in golden_names and name != self._key]
+            if not self._columns:
+                raise UsageError(_nothing_measured(path, *self._names))
+            tolerances.require([*self._columns, *([self._key] if self._key else [])])
+        except BaseException:
+            self._table.close()
+            raise
+
+        self._tolerances = tolerances
+        self._result: TableDifference | None = None
+        self._failure: BaseException | None = None
+        self._thread = threading.Thread(target=self._compare, name="golden table")
+        self._thread.start()
+
+    def add(self, block: np.ndarray) -> None:
+        """Adds rows, float64 `(n, columns)`, which may be changed afterwards.
+
+        Raises:
+          FileError: the golden table cannot be read further.
+        """
+        self._raise_failure()
+        self._rows.add(np.array(block))
+
+    def finish(self) -> TableDifference:
+        """Returns the differences between the golden table, `a`, and all rows, `b`.
+
+        Raises:
+          FileError: the golden table cannot be read to its end.
+        """
+        self._end(completely=True)
+        self._raise_failure()
+        assert self._result
+        return self._result
+
+    def close(self) -> None:
+        """Cancels the comparison, unless it is finished."""
+        self._end(completely=False)
+
+    def _end(self, *, completely: bool) -> None:
+        if self._thread.is_alive():
+            self._rows.end(completely=completely)
+        self._thread.join()
+        self._table.close()
+
+    def _compare(self) -> None:
+        try:
+            self._result = compare_rows(
+                self._table, self._rows, self._columns, self._key, self._tolerances, *self._names
+            )
+            self._table.require_unchanged()
+        except BaseException as failure:  # handed to the thread that adds rows
+            self._failure = failure
+        self._rows.drain()
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+
+class _GivenUpError(Exception):
+    """The comparison was cancelled: no more rows come, and the result is unused."""
+
+
+class _ComingRows:
+    """Rows that one thread adds and another reads; the last item of the queue is whether the rows are complete."""
+
+    path = Path("the simulation")
+
+    def __init__(self, columns: Sequence[Column], golden_names: Sequence[str]) -> None:
+        # .csv contains cleaned names.
+        self.names = [c.name if c.name in golden_names else clean(c.name) for c in columns]
+        self.units: Mapping[str, str] = {n: c.unit for n, c in zip(self.names, columns, strict=True)}
+        self._queue: queue.Queue[np.ndarray | bool] = queue.Queue(QUEUED_BLOCKS)
+        self._is_ended = False
+
+    def add(self, block: np.ndarray) -> None:
+        if len(block):
+            self._queue.put(block)
+
+    def end(self, *, completely: bool) -> None:
+        self._queue.put(completely)
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        while not isinstance(block := self._queue.get(), bool):
+            yield block
+        self._is_ended = True
+        if not block:
+            raise _GivenUpError
+
+    def drain(self) -> None:
+        """Discards the remaining rows, so that adding never blocks."""
+        while not self._is_ended:
+            self._is_ended = isinstance(self._queue.get(), bool)
+
+
+def _nothing_measured(path: str, golden: Sequence[str], measured: Sequence[str]) -> str:
+    lists = [f"{clean(path)}: {listing(golden) or 'none'}", f"measured: {listing(measured)}"]
+    fault = f"the golden table {clean(path)} and the measured columns have nothing except time in common"
+    return "\n".join([fault, *lists])

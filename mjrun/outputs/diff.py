@@ -115,7 +115,7 @@ def _tables(diff: Diff, a: str, b: str) -> Compared:
 
 
 def _recordings(diff: Diff, a: str, b: str) -> Compared:
-    from mjrun.diff.recordings import compare_recordings
+    from mjrun.diff.table_files import compare_recordings
 
     model = None if diff.model is None else source_of(diff.model).load()
     table, differences, notes = compare_recordings(a, b, diff, model)

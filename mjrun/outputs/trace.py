@@ -34,8 +34,8 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
-    from mjrun.diff.golden import GoldenComparison
     from mjrun.diff.result import DiffResult
+    from mjrun.diff.table_files import GoldenComparison
     from mjrun.probe.assertion import Assertion
 
 QUEUED_BLOCKS = 4  # blocks that may wait to be written
@@ -376,7 +376,7 @@ class _OpenGoldenTable:
         return DiffResult("golden", self._path, source, equal, differences, notes, table, golden=facts), writers
 
     def _compare(self, options: GoldenOptions, columns: Sequence[Column], stack: ExitStack) -> None:
-        from mjrun.diff.golden import GoldenComparison
+        from mjrun.diff.table_files import GoldenComparison
         from mjrun.diff.tolerances import Tolerance, Tolerances
 
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.cli.check_config import configured
+from mjrun.cli.commands.check import configured
 from mjrun.errors import FileError
 
 

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.diff.golden import GoldenComparison
 from mjrun.diff.result import TableDifference
-from mjrun.diff.table_files import compare_tables
+from mjrun.diff.table_files import GoldenComparison, compare_tables
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats.table_reader import OpenTable

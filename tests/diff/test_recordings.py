@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.diff.recordings import compare_recordings
 from mjrun.diff.result import TableDifference
+from mjrun.diff.table_files import compare_recordings
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats import recording
 from mjrun.formats.recording import RecordingWriter

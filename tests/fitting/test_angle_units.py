@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.fitting.angle_units import degree_remarks
+from mjrun.fitting.measurements import degree_remarks
 
 TIMES: np.ndarray = np.arange(200) * 0.01
 ANGLES = 0.6 * np.sin(5 * TIMES)

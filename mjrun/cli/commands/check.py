@@ -1,19 +1,21 @@
 """Find errors in models and likely causes of errors; for CI."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.errors import UsageError, clean, option
-from mjrun.formats.input_file import exists
+from mjrun.confinement.confinement import is_readable
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, option
+from mjrun.formats.input_file import exists, is_file, opened
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.every_command import opened_file
-from mjrun.options.option import OptionRequirement
+from mjrun.options.option import OptionRequirement, options_of
 from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
@@ -24,6 +26,10 @@ if TYPE_CHECKING:
 REPORT_SUFFIXES = (".sarif", ".json", ".jsonl", ".md", ".txt")  # of files that are no models
 FIXED_BY = {"safe": "--fix", "unsafe": "--fix --unsafe-fixes"}
 MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
+# The sections of files with defaults, by file, in order of precedence.
+SECTIONS = {"mjrun.toml": ("check",), "pyproject.toml": ("tool", "mjrun", "check")}
+LARGEST_CONFIG = 2**20  # bytes
+TOML = (".toml",)
 
 
 @command(
@@ -64,8 +70,7 @@ def check(console: Console, command_line: ParsedCommandLine) -> None:
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
     if form:
         _require_models(command_line.arguments("models"), form)
-    from mjrun.cli.check_config import configured
-    from mjrun.cli.check_report import check_report, model_line
+    from mjrun.cli.check_report import check_report, model_line, write_findings
     from mjrun.document.model_and_task_check import Check
 
     written, command_line = command_line, command_line.with_defaults(**configured(options.config))
@@ -87,8 +92,6 @@ def check(console: Console, command_line: ParsedCommandLine) -> None:
         cards.add_fixes if cards else None,
     )
     if options.table:
-        from mjrun.check.findings_table import write_findings
-
         write_findings(options.table, result)
     report = check_report(result)
     if options.html and cards:
@@ -167,3 +170,94 @@ def _explain(console: Console, code: str) -> None:
     else:
         fixed = f" Fixed by {FIXED_BY[rule.fix]}." if rule.fix else ""
         console.result(f"# {code}: {rule.title}\n\nSeverity: {rule.severity}.{fixed}\n\n{text.rstrip()}")
+
+
+def configured(config: str | None) -> dict[str, object]:
+    """Returns the options in a file, by name; without one, in the nearest file that has some.
+
+    Paths and patterns are relative to the folder of the file, which contains the baseline: a configuration is not
+    trusted to name other files that are written.
+
+    Raises:
+      FileError: the file cannot be read, or contains an invalid option.
+    """
+    paths = _nearest() if config is None else iter([Path(config)])
+    for path in paths:
+        section = _section(path)
+        if section is not None:
+            return _options(path, section)
+    if config is not None:
+        raise FileError(config, f"has no section [{'.'.join(SECTIONS['pyproject.toml'])}] or [check]")
+    return {}
+
+
+def _nearest() -> Iterator[Path]:
+    """Yields the files that may contain options, from the working folder upwards."""
+    here = Path.cwd()
+    for folder in (here, *here.parents):
+        yield from (folder / name for name in SECTIONS if is_readable(folder / name) and is_file(folder / name))
+
+
+def _section(path: Path) -> Mapping[str, object] | None:
+    """Returns the section with options of check; None if the file has none."""
+    import tomllib  # slow to import, and most folders have no such file
+
+    with opened(path, "configuration", TOML) as file:
+        text = file.read(LARGEST_CONFIG)
+    try:
+        document: object = tomllib.loads(text.decode())
+    except (ValueError, RecursionError) as error:
+        raise FileError(path, f"is not valid TOML: {error}") from error
+
+    for name in SECTIONS.get(path.name, ("check",)):
+        document = cast("dict[str, object]", document).get(name) if isinstance(document, dict) else None
+    return cast("dict[str, object]", document) if isinstance(document, dict) else None
+
+
+def _options(path: Path, section: Mapping[str, object]) -> dict[str, object]:
+    """Returns the options in a section, by name, with paths relative to the working folder."""
+    from mjrun.check.check import ModelCheck
+
+    declared = {each.name: each.attribute for each in options_of(CheckOptions) if each.name != "changed_since"}
+    folder = os.path.relpath(path.parent)
+    values: dict[str, Any] = {}
+    try:
+        for key, value in section.items():
+            name = key.replace("-", "_")
+            if name == "changed_since":
+                raise UsageError(f"{key} runs git, which runs programs that a repository names: give {option(name)}")
+            if name not in declared:
+                raise UnknownNameError("option", key, [each.replace("_", "-") for each in declared])
+            values[name] = _relative(name, value, "" if folder == os.curdir else folder)
+        if isinstance(baseline := values.get("baseline"), str):  # which may be replaced
+            _require_inside(baseline, path)
+        checked = ModelCheck((), **{declared[name]: value for name, value in values.items()})
+    except UsageError as error:
+        message, _, hint = str(error).partition("\n")
+        raise FileError(path, message, hint) from error
+    return {name: getattr(checked, declared[name]) for name in values}
+
+
+def _require_inside(baseline: str, config: Path) -> None:
+    """Raises UsageError for a baseline that is outside the folder of the configuration that names it."""
+    try:
+        is_inside = config.parent.resolve() in Path(baseline).resolve().parents
+    except (OSError, RuntimeError):  # links in a circle
+        is_inside = False
+    if not is_inside:
+        raise UsageError(f"{clean(baseline)} is outside the folder of {config.name}\n{option('baseline')} may name it")
+
+
+def _relative(name: str, value: object, folder: str) -> object:
+    """Returns the value of an option with its paths relative to the working folder."""
+    if name == "baseline" and isinstance(value, str):
+        return str(Path(folder, value))
+    if name == "ignore_in" and isinstance(value, dict):
+        patterns = cast("dict[str, object]", value)
+        return {Path(folder, pattern).as_posix(): _joined(codes) for pattern, codes in patterns.items()}
+    return value
+
+
+def _joined(codes: object) -> object:
+    """Returns a list of codes as one text."""
+    return ",".join(map(str, cast("list[object]", codes))) if isinstance(codes, list) else codes

@@ -4,8 +4,8 @@ import csv
 from pathlib import Path
 
 from mjrun.check.check import CheckResult
-from mjrun.check.findings_table import write_findings
 from mjrun.check.rule import Finding, ModelCheckResult
+from mjrun.cli.check_report import write_findings
 from mjrun.plotting.table_and_study_plot import TablePlot
 
 
@@ -21,9 +21,9 @@ MODELS = (
 )
 
 
-def test_a_row_is_a_finding_and_the_worst_models_come_first() -> None:
-    write_findings("a.csv", CheckResult(MODELS, 0, 3))
-    with Path("a.csv").open(newline="") as file:
+def test_a_row_is_a_finding_and_the_worst_models_come_first(tmp_path: Path) -> None:
+    write_findings(str(tmp_path / "a.csv"), CheckResult(MODELS, 0, 3))
+    with (tmp_path / "a.csv").open(newline="") as file:
         rows = [*csv.DictReader(file)]
     assert [(row["rank"], row["model"], row["severity"], row["line"]) for row in rows] == [
         ("0", "broken.xml", "error", "7"),
@@ -42,8 +42,9 @@ def test_a_row_is_a_finding_and_the_worst_models_come_first() -> None:
     }
 
 
-def test_plots_read_its_numbers_in_every_format() -> None:
+def test_plots_read_its_numbers_in_every_format(tmp_path: Path) -> None:
     for name in ("a.parquet", "a.csv"):
-        write_findings(name, CheckResult(MODELS, 0, 3))
-        result = TablePlot(name, "a.svg", x="rank", y=["errors"]).run()
-        assert (result.rows, Path("a.svg").stat().st_size > 0) == ([7], True)
+        write_findings(str(tmp_path / name), CheckResult(MODELS, 0, 3))
+        plot = tmp_path / "a.svg"
+        result = TablePlot(str(tmp_path / name), str(plot), x="rank", y=["errors"]).run()
+        assert (result.rows, plot.stat().st_size > 0) == ([7], True)
