@@ -22,3 +22,8 @@ ON_DARK: tuple[Colour, ...] = (
     (222, 247, 100),  # yellow
     (239, 97, 13),  # vermilion
 )
+
+
+def css(colour: Colour) -> str:
+    """Returns a colour as CSS and SVG write it: `#0048af`."""
+    return "#" + "".join(f"{part:02x}" for part in colour)

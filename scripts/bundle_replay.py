@@ -1,4 +1,4 @@
-"""Bundles the viewer of replays, mjrun/plotting/replay, from its source in scripts/replay and three.js.
+"""Bundles the viewer of replays, mjrun/outputs/exports/replay, from its source in scripts/replay and three.js.
 
     python scripts/bundle_replay.py
 
@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("replay")
-TARGET = Path(__file__).parents[1] / "mjrun" / "plotting" / "replay"
+TARGET = Path(__file__).parents[1] / "mjrun" / "outputs" / "exports" / "replay"
 MODULES = SOURCE / "node_modules"
 BROWSERS = "chrome94,firefox113,safari16.4"
 

@@ -22,8 +22,8 @@ NEEDED = (
     "mjrun/SKILL.md",
     "mjrun/scenes/dominos.xml",
     "mjrun/rendering/fonts/OFL.txt",
-    "mjrun/plotting/replay/viewer.js.gz",
-    "mjrun/plotting/replay/LICENSE-three",
+    "mjrun/outputs/exports/replay/viewer.js.gz",
+    "mjrun/outputs/exports/replay/LICENSE-three",
 )
 UNWANTED = ("tests/", ".github/", "out/", "benchmarks/")
 

@@ -90,8 +90,8 @@ def test_the_font_of_captions_is_in_the_wheel_with_its_licence(installed: Path) 
 
 def test_the_viewer_of_replays_is_in_the_wheel_with_the_licence_of_three(installed: Path) -> None:
     (licences,) = installed.glob("mjrun-*.dist-info/licenses")
-    licence = (licences / "mjrun/plotting/replay/LICENSE-three").read_text("utf-8")
-    viewer = gzip.decompress((installed / "mjrun/plotting/replay/viewer.js.gz").read_bytes()).decode()
+    licence = (licences / "mjrun/outputs/exports/replay/LICENSE-three").read_text("utf-8")
+    viewer = gzip.decompress((installed / "mjrun/outputs/exports/replay/viewer.js.gz").read_bytes()).decode()
     assert licence.strip() in viewer
 
 

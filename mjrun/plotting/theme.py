@@ -6,7 +6,7 @@ Figures in a page follow its colour scheme: light on a light background, dark on
 import re
 
 from mjrun.dataclass import dataclass
-from mjrun.palette import ON_DARK, ON_LIGHT, Colour
+from mjrun.palette import ON_DARK, ON_LIGHT, Colour, css
 
 SOLID = ()
 # Lengths of dashes and gaps, in widths of the line.
@@ -62,7 +62,7 @@ _HEX = re.compile(r"#[0-9a-f]{6}\b")
 
 def adaptive(svg: str) -> str:
     """Replaces the colours of a figure in the light style by variables, which `theme_style` declares."""
-    names = {_hex(colour): name for name, colour in reversed(_colours(THEMES["light"]).items())}
+    names = {css(colour): name for name, colour in reversed(_colours(THEMES["light"]).items())}
     return _HEX.sub(lambda match: f"var({names[match[0]]})" if match[0] in names else match[0], svg)
 
 
@@ -73,14 +73,10 @@ def theme_style() -> str:
 
 
 def _declared(theme: Theme) -> str:
-    return ":root {" + "".join(f" {name}: {_hex(colour)};" for name, colour in _colours(theme).items()) + " }"
+    return ":root {" + "".join(f" {name}: {css(colour)};" for name, colour in _colours(theme).items()) + " }"
 
 
 def _colours(theme: Theme) -> dict[str, Colour]:
     plain = {"ground": theme.ground, "ink": theme.ink, "grey": theme.grey, "grid": theme.grid, "zero": theme.zero}
     curves = {f"curve-{index}": colour for index, colour in enumerate(theme.curves)}
     return {f"--figure-{name}": colour for name, colour in (plain | curves).items()}
-
-
-def _hex(colour: Colour) -> str:
-    return "#" + "".join(f"{part:02x}" for part in colour)

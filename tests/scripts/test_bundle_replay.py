@@ -4,7 +4,7 @@ import gzip
 import runpy
 from pathlib import Path
 
-from mjrun.plotting.replay_page import VIEWER
+from mjrun.outputs.exports.html import VIEWER
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "bundle_replay.py"
 

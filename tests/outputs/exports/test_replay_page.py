@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import ClientConnection
 
-from mjrun.plotting.replay_page import Replay, ReplayContacts, ReplayCurve, ReplayMark, ReplayPanel, replay_page
+from mjrun.outputs.event_detection import TimelineMark
+from mjrun.outputs.export import FrameContacts
+from mjrun.outputs.exports.html import Replay, ReplayCurve, ReplayPanel, replay_page
 from tests.browser import Tab, browser
 
 HOSTILE = "</script><img src=x onerror=hurt=1><script>hurt=1</script>"
@@ -76,8 +78,8 @@ def replay() -> Replay:
         times=TIMES,
         panels=[ReplayPanel(HOSTILE, "m", [ReplayCurve(HOSTILE, "m", np.array([1.0, 0.0, 9.0]))])],
         curve_times=np.array([0.0, 1.0, 2.0]),
-        marks=[ReplayMark(1.5, "event", HOSTILE)],
-        contacts=ReplayContacts(np.array([0, 1, 1, 0]), np.array([[0, 0, 0, 0, 0, 1, 0, 0, 5.0]] * 2)),
+        marks=[TimelineMark(1.5, "event", HOSTILE)],
+        contacts=FrameContacts(np.array([0, 1, 1, 0]), np.array([[0, 0, 0, 0, 0, 1, 0, 0, 5.0]] * 2)),
         facts=[(HOSTILE, HOSTILE)],
     )
 
