@@ -90,10 +90,17 @@ def _owner(model: mujoco.MjModel, field: str, row: int) -> str:
 DELAYED = ("actuator", "sensor")
 
 
+def is_delay(override: Override) -> bool:
+    """Returns whether an override changes delays."""
+    kind, _, rest = override.target.partition("/")
+    return kind in DELAYED and rest.endswith(".delay")
+
+
 def lengthen_buffers(spec: mujoco.MjSpec, overrides: Iterable[Override]) -> None:
     """Extends the sample buffers of elements whose delay is overridden, if they are shorter than the delay needs.
 
-    MuJoCo reads delayed values from a buffer of samples; a short buffer silently shortens the delay.
+    MuJoCo reads delayed values from a buffer of samples; a short buffer silently shortens the delay. Interpolation
+    reads one more sample. Longer buffers change no value.
 
     Args:
       overrides: the overrides that were applied to `spec`.
@@ -102,11 +109,11 @@ def lengthen_buffers(spec: mujoco.MjSpec, overrides: Iterable[Override]) -> None
     if not timestep > 0:  # the compiler reports it
         return
     for override in overrides:
-        kind, _, rest = override.target.partition("/")
-        if kind not in DELAYED or not rest.endswith(".delay"):
+        if not is_delay(override):
             continue
         for element in elements_at(spec, override)[0]:
-            element.nsample = max(element.nsample, math.ceil(rational(element.delay) / rational(timestep)))
+            samples = math.ceil(rational(element.delay) / rational(timestep)) + (element.interp > 0)
+            element.nsample = max(element.nsample, samples)
 
 
 # All exceptions that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is

@@ -115,6 +115,16 @@ def draw_numbers(text: str, generator: "np.random.Generator", count: int) -> np.
             return _quantiles(name, numbers)(generator.random(count))
 
 
+def highest_texts(text: str) -> tuple[str, ...]:
+    """Returns the values, as texts, one of which is the highest that `draw_text` returns; empty if it has no limit."""
+    distribution = _parsed(text)
+    if distribution is None:
+        return (text,)
+    if distribution.name == "normal":
+        return ()
+    return distribution.arguments if distribution.name == "choice" else distribution.arguments[-1:]
+
+
 def draw_text(text: str, generator: "np.random.Generator") -> str:
     """Draws one value from the distribution `text`, as text; returns any other `text` unchanged."""
     distribution = _parsed(text)

@@ -1,6 +1,7 @@
 """The start of an episode: the model and the initial state that its seed determines."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 
 import mujoco
@@ -8,12 +9,13 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model import state
-from mjrun.model.override import Override
+from mjrun.model.compilation import is_delay
+from mjrun.model.override import Override, elements_at
 from mjrun.model.source import ModelSource
 from mjrun.model.variants import ModelVariant, VariantLoader
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.kinematic_samples import quaternions
-from mjrun.physics.random_distribution import draw_numbers, draw_text
+from mjrun.physics.random_distribution import draw_numbers, draw_text, highest_texts
 from mjrun.probe.fields import field_probe
 from mjrun.task.batch_columns import as_slice
 from mjrun.task.random_streams import MODEL, START, stream
@@ -87,14 +89,17 @@ class EpisodeModels:
 
     Raises:
       UsageError: a path cannot vary.
+      ModelError: the model cannot be loaded, which is loaded here only where delays vary.
     """
 
     def __init__(self, source: ModelSource, vary: Sequence[tuple[str, str]], variants: VariantLoader) -> None:
-        self._source, self._vary, self._variants = source, vary, variants
         for path, _ in vary:
             if path == "opt.timestep":
                 message = f"{option('vary')} {path}: the timestep of a task is the same in all episodes"
                 raise UsageError(message, ("reset", "vary", path))
+        with _varied():
+            self._source = source.with_overrides(_buffers(source, vary))
+        self._vary, self._variants = vary, variants
 
     @property
     def is_one(self) -> bool:
@@ -119,12 +124,48 @@ class EpisodeModels:
             return self._variants.load(self._source)
         generator = stream(seed, MODEL)
         overrides = [Override(path, draw_text(text, generator)) for path, text in self._vary]
-        try:
+        with _varied():
             return self._variants.load(self._source.with_overrides(overrides))
-        except UsageError as error:
-            if error.path[:1] == ("set",):  # the option of overrides elsewhere
-                error.path = ("reset", "vary", *error.path[1:])
-            raise
+
+    def layout_error(self) -> UsageError:
+        """Returns the error for models of episodes that a world cannot step one after the other."""
+        paths = [path for path, _ in self._vary]
+        message = f"{option('vary')} {', '.join(map(clean, paths))}: all episodes must have states of the same size"
+        advice = "numbers can vary, but not objects, their kinds, buffers, memory and sleep: use several tasks"
+        return UsageError(f"{message}\n{advice}", ("reset", "vary", *(paths if len(paths) == 1 else [])))
+
+
+@contextmanager
+def _varied() -> Generator[None]:
+    """Reports errors of overrides within the `with` block at the values that vary."""
+    try:
+        yield
+    except UsageError as error:
+        if error.path[:1] == ("set",):  # the option of overrides elsewhere
+            error.path = ("reset", "vary", *error.path[1:])
+        raise
+
+
+def _buffers(source: ModelSource, vary: Sequence[tuple[str, str]]) -> list[Override]:
+    """Returns overrides that give every episode the buffers of the longest delays, for states of the same size.
+
+    Raises:
+      UsageError: a delay has no limit, or a path does not exist.
+    """
+    longest = {path: highest_texts(text) for path, text in vary if is_delay(Override(path, text))}
+    samples = dict[str, int]()
+    for path, values in longest.items():
+        if not values:
+            message = f"{option('vary')} {clean(path)}: a delay must have a limit, as uniform and truncnormal have"
+            raise UsageError(message, ("reset", "vary", path))
+    for turn in range(max(map(len, longest.values()), default=0)):
+        overrides = [Override(path, values[min(turn, len(values) - 1)]) for path, values in longest.items()]
+        spec, _ = source.with_overrides(overrides).compile()
+        for override in overrides if spec else ():
+            buffer = f"{override.target.removesuffix('delay')}nsample"
+            needed = [element.nsample for element in elements_at(spec, override)[0]]
+            samples[buffer] = max(samples.get(buffer, 0), *needed)
+    return [Override(path, str(count)) for path, count in samples.items()]
 
 
 def _draws(found: Sequence[tuple[np.ndarray, str]]) -> list[Draw]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model import state
@@ -36,6 +37,7 @@ class MjDataBatch:
     def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int, persistent: bool) -> None:
         self.model, self.nsim = model, nsim
         self._models: Sequence[mujoco.MjModel] = [model] * nsim
+        self._layout = Batch(model, 1, 1, persistent)
         self._places = state.fields(state.sizes(model))
         self._persistent, self._threads = persistent, min(nthread, nsim)
         self._datas = [mujoco.MjData(model) for _ in range(nsim if persistent else self._threads)]
@@ -72,7 +74,9 @@ class MjDataBatch:
         return self._bound[name]
 
     def set_models(self, models: Sequence[mujoco.MjModel]) -> None:
-        """Runs each simulation on its own model, of the same structure."""
+        """Runs each simulation on its own model; raises `mujoco.FatalError` if one has another layout, as `Batch`."""
+        for model in set(models) - {*self._models}:
+            self._layout.set_models(model)
         self._models = models
 
     def step(self, ids: np.ndarray | None = None, nstep: int = 1, stage: int = NONE) -> None:

@@ -72,8 +72,7 @@ class SingleWorld(TaskWorlds):
         """
         with self.task.located():
             self._load(seed, 0)
-            if not self._models.is_one:
-                self._batch.set_models([self._each[0].model])
+            self._set_models()
         self._instants[0] = 0
         self._action[:] = 0
         self._over[0] = self._failed[0] = False

@@ -193,8 +193,7 @@ class TaskWorlds:
                 self._each[world] = self._models.variant(int(self._seeds[world]))
             self._torques.begin(world, self._each[world].model)
             self.disturbances.resume(world, int(self._seeds[world]), self._each[world].model)
-        if not self._models.is_one:
-            self._batch.set_models([variant.model for variant in self._each])
+        self._set_models()
 
     def model(self, world: int) -> mujoco.MjModel:
         """Returns the model of a world, valid until its next episode begins; it must not be changed."""
@@ -228,8 +227,7 @@ class TaskWorlds:
         with self.task.located():
             for seed, world in zip(seeds, worlds.tolist(), strict=True):
                 self._load(int(seed), world)
-            if not self._models.is_one:
-                self._batch.set_models([variant.model for variant in self._each])
+            self._set_models()
         rows, some = (ALL, None) if ids is None else (worlds, worlds)
         chosen = _sorted(ids)
         self._instants[worlds], self._actions[worlds] = 0, 0
@@ -313,7 +311,6 @@ class TaskWorlds:
         plan = ObservationPlan(task.observations, model, columns, names[0], self.commands)
         self.observed: Sequence[ObservedNumber] = plan.numbers
         self._expressions = TaskExpressions(task, columns, plan.expressions, names, count)
-        self._starts = EpisodeStarts(task.reset, model)
 
         self._of_terms = len(plan.measured)
         # RK4: a step computes sensors before its stages, and leaves everything else as of the last stage.
@@ -321,6 +318,9 @@ class TaskWorlds:
         sensible = can_sense(spec, model) and not (is_rk4 and task.derived == LAGGED)
         measured = self._plan = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
+        if state.sizes(self._first) != {**state.sizes(model), "nhistory": self._first.nhistory}:
+            raise self._models.layout_error()
+        self._starts = EpisodeStarts(task.reset, self._first)
         each = self._each  # a bound method would be a reference cycle, which only Python's collector frees
         self._measurement = BatchColumns(self._batch, measured, lambda world: each[world].model)
         self._measured = np.empty((count, self._measurement.count))  # in the step at hand
@@ -374,6 +374,8 @@ class TaskWorlds:
             if variant.model is not self._first:
                 self._models.reuse(variant)
             variant = self._each[world] = self._models.variant(seed)
+        if state.size(variant.model) != self._state.shape[1]:
+            raise self._models.layout_error()
         self._seeds[world], self._begun[world] = seed, True
         self._state[world] = self._starts.state(variant, seed)
         self._returned[world] = 0
@@ -381,6 +383,19 @@ class TaskWorlds:
         self.disturbances.begin(world, seed, variant.model)
         self.commands.begin(world, seed)
         self._observations.begin(world, seed)
+
+    def _set_models(self) -> None:
+        """Steps each world with the model of its episode.
+
+        Raises:
+          UsageError: the models have different layouts.
+        """
+        if self._models.is_one:
+            return
+        try:
+            self._batch.set_models([variant.model for variant in self._each])
+        except mujoco.FatalError:
+            raise self._models.layout_error() from None
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
         """Takes steps, and computes derived quantities up to `stage`."""

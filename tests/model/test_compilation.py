@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, BrokenModelError, MjrunError, ModelError, clean
@@ -133,3 +134,21 @@ def test_a_shorter_timestep_needs_more_samples(tmp_path: Path) -> None:
     path = tmp_path / "model.xml"
     path.write_text(DELAYED.replace("SAMPLES", "0"))
     assert first_steps(path, {"actuator/m.delay": "0.01", "opt.timestep": "0.001"})[0] == 10
+
+
+@pytest.mark.parametrize("interp", ["linear", "cubic"])
+@pytest.mark.parametrize("delay", ["0.003", "0.006"])
+def test_an_interpolated_delay_has_all_samples_that_it_reads(tmp_path: Path, interp: str, delay: str) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text(DELAYED.replace('nsample="SAMPLES"', f'interp="{interp}"'))
+    forces = []
+    for overrides in [Override("actuator/m.delay", delay)], [Override("actuator/m.nsample", "40")]:
+        model = parse_source(str(path), overrides).load()
+        model.actuator_delay[:] = float(delay)
+        data, forces_here = mujoco.MjData(model), list[float]()
+        for step in range(20):
+            data.ctrl[:] = np.sin(step)
+            mujoco.mj_step(model, data)
+            forces_here.append(data.actuator_force[0])
+        forces.append(forces_here)
+    np.testing.assert_array_equal(*forces)

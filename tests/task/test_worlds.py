@@ -174,6 +174,58 @@ def test_a_measured_momentum_has_the_masses_of_each_world(tmp_path: Path) -> Non
     assert len({worlds.model(world).body_subtreemass[0] for world in range(3)}) == 3
 
 
+def test_delays_that_vary_act_as_in_models_with_these_delays(tmp_path: Path) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    delays = {
+        "actuator/push.delay": "uniform(0, 0.05)",
+        "scale:actuator/turn.delay": "2",
+        "actuator/t*.delay": "choice(0s, 40ms)",
+    }
+    reset = Reset(key="home", set={"ctrl/push": "3"}, vary=delays)
+    task = replace_model(cart(actions=[Action(actuators="turn")], reset=reset), tmp_path / "cart.xml")
+    worlds, seeds = TaskWorlds(task, 4), [1, 2, 3, 4]
+    worlds.reset(seeds)
+    actions = random_actions(10, 4, 1)
+    for action in actions:
+        worlds.step(action)
+    drawn = np.array([worlds.model(world).actuator_delay for world in range(4)])
+    assert len({*drawn[:, 0]}) == 4
+    assert {*drawn[:, 1]} == {0, 0.04}
+    for world in range(4):
+        spec = mujoco.MjSpec.from_string(CART)
+        for actuator, delay in zip(spec.actuators, drawn[world], strict=True):
+            actuator.delay, actuator.nsample = delay, 9
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        data.ctrl[0] = 3
+        for action in actions:
+            data.ctrl[1] = action[world, 0]
+            mujoco.mj_step(model, data, 3)
+        np.testing.assert_array_equal(worlds.state(world)[1 : 1 + model.nq], data.qpos)
+
+
+@pytest.mark.parametrize(
+    ("path", "values", "message"),
+    [
+        ("actuator/push.delay", "normal(0.1, 0.01)", "a delay must have a limit"),
+        ("actuator/push.nsample", "integers(1, 9)", "states of the same size"),
+        ("actuator/push.dyntype", "choice(integrator, none)", "states of the same size"),
+        ("size.memory", "choice(1M, 2M)", "states of the same size"),
+    ],
+)
+@pytest.mark.parametrize("observed", ["qpos", "contact_force"])  # the second one reads an MjData
+def test_models_that_do_not_fit_one_world_are_refused(
+    path: str, values: str, message: str, observed: str, tmp_path: Path
+) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    reset, observations = Reset(vary={path: values}), [Observation(name="seen", probe=observed)]
+    task = replace_model(cart(observations=observations, reset=reset), tmp_path / "cart.xml")
+    with pytest.raises(UsageError, match=message) as caught:
+        TaskWorlds(task, 9).reset(range(9))
+    assert caught.value.path == ("reset", "vary", path)
+
+
 def test_position_targets_are_held_by_torques_at_every_step() -> None:
     hold = Action(joints="hinge", target="position", kp=20, kd=0.5, scale=0.25, offset="home")
     worlds = TaskWorlds(cart(actions=[hold]), 2)
