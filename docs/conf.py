@@ -3,6 +3,7 @@
 from typing import Any, ClassVar
 
 from pygments.lexer import RegexLexer
+from pygments.lexers.python import PythonLexer
 from pygments.token import Comment, Name, Operator, String, Text
 from sphinx.application import Sphinx
 
@@ -41,6 +42,7 @@ class CommandLexer(RegexLexer):
     """Commands of a shell: programs, options and strings, so that site.css can keep an option on one line."""
 
     name = "Commands"
+    aliases: ClassVar[Any] = ["sh"]
     tokens: ClassVar[Any] = {
         "root": [
             (r"#.*", Comment),
@@ -53,6 +55,17 @@ class CommandLexer(RegexLexer):
     }
 
 
+class SnakemakeLexer(PythonLexer):
+    """Rules of Snakemake, which are nearly Python."""
+
+    name = "Snakemake"
+    aliases: ClassVar[Any] = ["snakemake"]
+
+
+LEXERS = (CommandLexer, SnakemakeLexer)
+
+
 def setup(app: Sphinx) -> None:
-    """Registers the lexer of commands."""
-    app.add_lexer("sh", CommandLexer)
+    """Registers the lexers that Pygments lacks."""
+    for lexer in LEXERS:
+        app.add_lexer(lexer.aliases[0], lexer)

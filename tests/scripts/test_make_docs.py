@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from pygments.lexers import get_lexer_by_name
+from pygments.token import Error
 
 from mjrun.check.rule_runner import RULES
 from mjrun.cli.main import COMMANDS
@@ -14,8 +16,10 @@ from tests.documentation import ROOT
 
 sys.path.append(str(ROOT))
 
+from docs.conf import LEXERS
 from scripts import make_docs
 
+BLOCK = re.compile(r"^```(\w+)$\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)")
 
 
@@ -88,6 +92,15 @@ def test_codes_of_rules_lead_to_their_pages_except_in_code() -> None:
     text = make_docs.with_rule_links("see MJ104, not `MJ104`", "problems/loading.md")
 
     assert text == "see [MJ104](../rules/MJ104.md), not `MJ104`"
+
+
+def test_every_block_of_code_can_be_highlighted(pages: dict[str, str]) -> None:
+    lexers = {lexer.aliases[0]: lexer() for lexer in LEXERS}
+    blocks = [(name, *block) for name, text in pages.items() for block in BLOCK.findall(text)]
+    assert {"py", "sh", "snakemake"} <= {language for _, language, _ in blocks}
+    for name, language, code in blocks:
+        lexer = lexers.get(language) or get_lexer_by_name(language)
+        assert Error not in {kind for kind, _ in lexer.get_tokens(code)}, f"{name}: {code}"
 
 
 @pytest.mark.slow
