@@ -10,36 +10,35 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import pytest
 
 import mjrun.options
 from mjrun.bench import step_timing
 from mjrun.cli.main import COMMANDS, group
 from mjrun.errors import BadValueError, UsageError
-from mjrun.formats.codecs import CODECS
 from mjrun.options.bench import BenchOptions, BenchReportOptions, EngineOptions
 from mjrun.options.check import CheckOptions
 from mjrun.options.diff import DiffOptions
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.every_command import ConfinementOptions, ConsoleOptions
+from mjrun.options.export import ExportOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.model import InfoOptions, ModelOptions
 from mjrun.options.option import FrontEnd, OptionRequirement, Options, options_of, requirements_of
-from mjrun.options.output import CODECS as CODEC_LIST
 from mjrun.options.output import LAST_INSTANT, KeyframeOptions, SimulationCommandOptions
 from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
 from mjrun.options.rendering import ViewOptions
+from mjrun.options.report import PageOptions
 from mjrun.options.run import RunCommandOptions
-from mjrun.options.simulation import SimulationOptions
-from mjrun.options.sweep import EXTRAS, ExecutionOptions, KeptFileOptions, StudyOptions, VariationOptions
+from mjrun.options.simulation import DRIVERS, PHYSICS, START, SimulationOptions
+from mjrun.options.sweep import KeptFileOptions, StudyOptions, VariationOptions
 from mjrun.options.task import ActionOptions, ObservationOptions, TaskOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import PLOT_SIDES, VideoOptions
 from mjrun.options.viewer import ViewerOptions
-from mjrun.outputs.format_lists import with_formats
 from mjrun.rendering.live_plot import live_plot_size
-from mjrun.study.executors import ENGINES
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, SimulationCommandOptions, ConsoleOptions)
 # By name: workers of pytest must collect the classes in the same order.
@@ -115,6 +114,20 @@ REQUIREMENTS = [
     for cls in (ALL[name] for name in sorted(ALL))
     for each in requirements_of(cls)
 ]
+
+
+# A value of every option that a replay may exclude.
+REPLAY_EXCLUDES = {
+    "key": "home",
+    "qpos": {"hip": 1},
+    "qvel": {"hip": 1},
+    "ctrl": {"motor": 1},
+    "ctrl_from": "a.csv",
+    "ctrl_noise": 0.1,
+    "controller": print,
+    "push": "torso=1/0/0@0+1",
+    "perturb": 0.1,
+}
 
 
 @pytest.mark.parametrize("cls", [ALL[name] for name in sorted(ALL)], ids=lambda cls: cls.__name__)
@@ -208,11 +221,14 @@ def test_requirements_are_those_of_single_values_too() -> None:
         (BenchOptions, "threads", ["1,2", "auto"], (1, 2, "auto")),
         (BenchOptions, "size", (64, 48), ((64, 48),)),
         (BenchOptions, "fail_above", 0.1, 0.1),
+        (BenchOptions, "scan", {"opt.gravity": [[0, 0, -1], [0, 0, -2]]}, (("opt.gravity", "0,0,-1;0,0,-2"),)),
+        (BenchOptions, "scan", {"timestep": [0.001, 0.002]}, (("timestep", "0.001,0.002"),)),
         (BenchOptions, "budget", "1/3", Fraction(1, 3)),
         (CheckOptions, "select", "MJ1, MJ301", ("MJ1", "MJ301")),
         (ConfinementOptions, "limit", {"time": 60, "memory": 512}, {"time": (60.0,), "memory": (512.0,)}),
         (DiffOptions, "columns", "q*", ("q*",)),
         (EVALUATION, "fail_below", {"success": 0.9}, {"success": (0.9,)}),
+        (partial(ExportOptions, None, "a.glb"), "fps", "30000/1001", Fraction(30000, 1001)),
         (FigureOptions, "y", ["max(a, b), c", "d"], ("max(a, b), c", "d")),
         (FigureOptions, "y", "qpos", ("qpos",)),
         (FigureOptions, "log", "x,2:y", ("x", "2:y")),
@@ -231,9 +247,15 @@ def test_requirements_are_those_of_single_values_too() -> None:
         (partial(ObservationOptions, name="angles"), "scale", 2, (2.0,)),
         (partial(ObservationOptions, name="angles"), "phase", "0.5", Fraction(1, 2)),
         (partial(PlotOptions, None, "a.png"), "probe", ["qpos,qvel", "energy"], ("qpos,qvel", "energy")),
+        (partial(PageOptions, html="a.html"), "embed_up_to", 0, 0),
+        (SimulationOptions, "duration", 0.1, Fraction(1, 10)),
+        (SimulationOptions, "key", 2, "2"),
+        (SimulationOptions, "qpos", {"hip": 0.3, "root": np.arange(3.0)}, {"hip": (0.3,), "root": (0, 1, 2)}),
         (STUDY, "metric", {"drift": "max(x)", "up": "share(x >= 1)"}, (("drift", "max(x)"), ("up", "share(x >= 1)"))),
         (partial(TaskOptions, duration="5"), "control_dt", 0.02, Fraction(1, 50)),
         (VariationOptions, "vary", {"a": [0.1, 2], "seed": "1..3:3"}, (("a", "0.1,2"), ("seed", "1..3:3"))),
+        (TRACE, "probe", "qpos, xpos[hand, foot],energy", ("qpos", "xpos[hand, foot]", "energy")),
+        (TRACE, "probe", ["qpos,xpos[hand, foot]", "energy"], ("qpos", "xpos[hand, foot]", "energy")),
         (VIDEO, "fps", "30000/1001", Fraction(30000, 1001)),
         (VIDEO, "jobs", 1, 1),
         (VIDEO, "jobs", "auto", "auto"),
@@ -273,6 +295,13 @@ def test_values_become_exact_and_immutable(make: Any, name: str, value: object, 
         (IMAGE, "time", -1, "^time: '-1' is not a number of at least 0"),
         (IMAGE, "legend", 1, "^legend: '1' is not true or false"),
         (KeptFileOptions, "keep", "movie", "trace, recording, video"),
+        (PageOptions, "embed_up_to", -1, "embed_up_to"),
+        *(
+            (SimulationOptions, "duration", value, "^duration: .* is not a positive number")
+            for value in (0, -1, float("nan"), float("inf"), "long")
+        ),
+        (TRACE, "probe", ["qpos", ""], "^probe: .* is not the name of something to measure"),
+        (TRACE, "probe", ["qpos", " , "], "^probe: .* is not the name of something to measure"),
         (VariationOptions, "samples", 0, "samples"),
         (VariationOptions, "design", "star", "design"),
         (VariationOptions, "sampler", "dice", "sampler"),
@@ -331,13 +360,28 @@ def test_a_plot_under_a_frame_is_as_wide_and_one_beside_it_as_high() -> None:
     assert (under[0], beside[1]) == (640, 480)
 
 
-def test_help_lists_codecs_that_a_user_can_choose() -> None:
-    (declared,) = (each for each in options_of(VideoOptions) if each.name == "codec")
-    assert CODEC_LIST in declared.help
-    assert {"h264", "h265", "av1", "vp9", "prores", "ffv1"} <= set(with_formats(CODEC_LIST).split(", ")) <= set(CODECS)
-    assert "8" in CODECS["av1"].presets
+def test_what_a_replay_excludes_is_known() -> None:
+    assert {*DRIVERS, *PHYSICS, *START} == set(REPLAY_EXCLUDES) <= {each.name for each in options_of(SimulationOptions)}
 
 
-def test_every_engine_that_needs_a_library_has_an_extra() -> None:
-    assert ExecutionOptions().engine in ENGINES
-    assert set(EXTRAS) - {"sweep", "cloud"} <= {engine.partition(":")[0] for engine in ENGINES}
+@pytest.mark.parametrize("name", [*DRIVERS, *PHYSICS])
+def test_a_replay_of_states_has_no_physics(name: str) -> None:
+    with pytest.raises(UsageError, match=f"^replay and {name} exclude each other") as error:
+        SimulationOptions(replay="a.npz", **{name: REPLAY_EXCLUDES[name]})  # type: ignore[arg-type]
+    assert error.value.path == (name,)
+    assert SimulationOptions(**{name: REPLAY_EXCLUDES[name]}).replay is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", REPLAY_EXCLUDES)
+def test_a_replay_of_controls_has_physics_and_no_other_driver(name: str) -> None:
+    given = {"replay": "a.npz", "replay_mode": "controls", name: REPLAY_EXCLUDES[name]}
+    if name not in DRIVERS:
+        SimulationOptions(**given)  # type: ignore[arg-type]
+        return
+    with pytest.raises(UsageError, match=f"^replay and {name} exclude each other: the replayed file drives"):
+        SimulationOptions(**given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", START)
+def test_a_table_may_lack_what_the_start_says(name: str) -> None:
+    SimulationOptions(replay="a.csv", **{name: REPLAY_EXCLUDES[name]})  # type: ignore[arg-type]

@@ -1,3 +1,6 @@
+"""Kinds of values: what Python, a command line and a document may give, and what is made of it."""
+
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -8,7 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.options.diff import ColumnTolerancesKind
+from mjrun.options.evaluation import LowestValuesKind
+from mjrun.options.image_dataset import NamedSharesKind
 from mjrun.options.kinds import (
+    AnyKind,
     CameraKind,
     ChoiceKind,
     FlagKind,
@@ -22,6 +29,7 @@ from mjrun.options.kinds import (
 from mjrun.options.number_kinds import (
     GROUPS,
     ExactNumberKind,
+    FigureSizeKind,
     GroupsKind,
     InstantKind,
     IntegerKind,
@@ -33,12 +41,18 @@ from mjrun.options.number_kinds import (
 )
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import (
+    DISTRIBUTIONS,
     ColumnDefinitionsKind,
     JointNumbersKind,
     NamedNumbersKind,
     SettingsKind,
+    VariedSettingsKind,
     setting_text,
+    with_paths,
 )
+from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
+from mjrun.physics.random_distribution import parse_distribution
+from tests.cases import cases
 
 
 @pytest.mark.parametrize(
@@ -90,6 +104,12 @@ from mjrun.options.setting_kinds import (
         (OneOrMoreKind(TextKind()), ["one", "two"], ("one", "two")),
         (OneOrMoreKind(SizeKind()), (640, 480), ((640, 480),)),
         (OneOrMoreKind(SizeKind()), [(640, 480), (320, 240)], ((640, 480), (320, 240))),
+        (ColumnTolerancesKind(), {"x": 1, "y": [1, 2]}, {"x": (1.0,), "y": (1.0, 2.0)}),
+        (
+            NamedSharesKind(),
+            "train=0.7, val=0.2,test=1/10",
+            (("train", Fraction(7, 10)), ("val", Fraction(1, 5)), ("test", Fraction(1, 10))),
+        ),
     ],
 )
 def test_python_gives_a_value_and_a_kind_makes_it_immutable(
@@ -157,6 +177,15 @@ def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object,
         (SettingsKind(), "opt.gravity=0,0,10", ("opt.gravity", "0,0,10")),
         (OneOrMoreKind(TextKind(), commas=True), "a, b,,c", ("a", "b", "c")),
         (OneOrMoreKind(TextKind()), "a,b", "a,b"),
+        (FigureSizeKind(), "1280x720", (1280, 720)),
+        (FigureSizeKind(), "85mmx60mm", (321, 227)),
+        (FigureSizeKind(), "85x60mm", (321, 227)),
+        (FigureSizeKind(), "25.4mmx50.8mm", (96, 192)),
+        (ColumnTolerancesKind(), "qvel/*=1e-6", ("qvel/*", (1e-6,))),
+        (ColumnTolerancesKind(), "a=b=0,1e-3", ("a=b", (0.0, 1e-3))),
+        (LowestValuesKind(), "success=90%", ("success", (0.9,))),
+        (LowestValuesKind(), "return=-200", ("return", (-200.0,))),
+        (LowestValuesKind(), "success_low=0.8", ("success_low", (0.8,))),
     ],
 )
 def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: object) -> None:
@@ -164,35 +193,34 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
 
 
 @pytest.mark.parametrize(
-    ("kind", "text"),
+    ("kind", "texts"),
     [
-        (SizeKind(), "640"),
-        (SizeKind(), "0x480"),
-        (RangeKind(), "4..1"),
-        (RangeKind(), "1"),
-        (RangeKind(), "nan..1"),
-        (ExactNumberKind(), "-1"),
-        (ExactNumberKind(), "x"),
-        (RealKind(), "nan"),
-        (IntegerKind(), "1.5"),
-        (IntegerKind(), "9" * 31),
-        (ProcessCountKind(), "0"),
-        (PercentKind(), "10"),
-        (PercentKind(), "x%"),
-        (GroupsKind(), "6"),
-        (GroupsKind(), "0;1"),
-        (NamedNumbersKind(), "hip"),
-        (NamedNumbersKind(), "hip=nan"),
-        (NamedNumbersKind(), "=1"),
-        (SettingsKind(), "opt.cone="),
-        (ColumnDefinitionsKind(), "time="),
-        (ColumnDefinitionsKind(), "=t"),
-        (ColumnDefinitionsKind(), "@"),
+        (SizeKind(), ["640", "0x480"]),
+        (FigureSizeKind(), ["85mmx60", "85mm", "x60mm", "0x0mm", "1.2.3x4mm", "85cmx60cm"]),
+        (RangeKind(), ["4..1", "1", "nan..1"]),
+        (ExactNumberKind(), ["-1", "x"]),
+        (RealKind(), ["nan"]),
+        (IntegerKind(), ["1.5", "9" * 31]),
+        (ProcessCountKind(), ["0"]),
+        (PercentKind(), ["10", "x%"]),
+        (GroupsKind(), ["6", "0;1"]),
+        (NamedNumbersKind(), ["hip", "hip=nan", "=1"]),
+        (JointNumbersKind(), ["hip=90degrees", "hip=deg", "hip=nandeg", "hip=1e999m", "hip=", "90deg", "hip=1deg/s"]),
+        (SettingsKind(), ["opt.cone="]),
+        (ColumnDefinitionsKind(), ["time=", "=t", "@"]),
+        (ColumnTolerancesKind(), ["x", "x=", "=1", "x=one", "x=-1", "x=1,2,3", "x=nan", "x=1,inf"]),
+        (LowestValuesKind(), ["0.9", "success", "=3", "success=most", "success=nan", "success=1,2", "a=%"]),
+        (NamedSharesKind(), ["", "train", "train=0.8", "a=0.5,a=0.5", "a=1.5,b=-0.5", "a/b=1", "a=1/0", "a=x"]),
     ],
 )
-def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], text: str) -> None:
-    with pytest.raises(InvalidValueError):
-        kind.parse(text)
+def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], texts: list[str]) -> None:
+    forms = {
+        JointNumbersKind: r"units: deg, rad, mm, cm, m|NAME=VALUE",
+        LowestValuesKind: "success=90% or return=200",
+    }
+    for text in texts:
+        with pytest.raises(InvalidValueError, match=forms.get(type(kind))):
+            (kind if isinstance(kind, NamedSharesKind) else kind.parse)(text)
 
 
 @pytest.mark.parametrize("kind", [NamedNumbersKind(), JointNumbersKind()])
@@ -232,3 +260,98 @@ def test_a_setting_that_has_no_text_is_refused(value: object) -> None:
 )
 def test_a_kind_says_what_stands_for_its_value(make: Callable[[], Kind[Any, Any]]) -> None:
     assert make().metavar in ("WxH", "a|b", "N")
+
+
+@cases("value, text")
+def test_every_form_of_what_varies_is_a_text(value: object, text: str) -> None:
+    assert VariedSettingsKind()({"x": value}) == (("x", text),)
+
+
+@pytest.mark.parametrize(
+    "value", [None, {}, {"from": 1}, {"gauss": [0, 1]}, {"uniform": 1}, {"uniform": [0, 1], "normal": [0, 1]}, [None]]
+)
+def test_what_varies_in_no_known_way_is_refused(value: object) -> None:
+    with pytest.raises(InvalidValueError):
+        VariedSettingsKind()({"x": value})
+
+
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_every_distribution_can_be_written_as_a_mapping(name: str) -> None:
+    numbers = [1, 2, 0, 3] if name == "truncnormal" else [1, 2]
+    text = VariedSettingsKind().text({name: numbers})
+    distribution = parse_distribution(text, "vary x")
+    assert distribution
+    assert (distribution.name, [float(each) for each in distribution.arguments]) == (name, numbers)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("a.xml,b.xml", "d/a.xml,d/b.xml"), ("a.xml;", "d/a.xml;"), (" choice(a.xml, b.xml)", "choice(d/a.xml,d/b.xml)")],
+)
+def test_paths_are_converted_one_by_one(text: str, expected: str) -> None:
+    assert with_paths(text, lambda path: f"d/{path}") == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "rate", "value"),
+    [
+        ("hip=90deg", False, (math.pi / 2,)),
+        ("hip=-1.5e1 deg", False, (-math.pi / 12,)),
+        ("hip=2rad", False, (2.0,)),
+        ("root/z=25cm", False, (0.25,)),
+        ("root=0,10mm,1m,1,0,0,0", False, (0, 0.01, 1, 1, 0, 0, 0)),
+        ("hip=180deg/s", True, (math.pi,)),
+        ("slide=3mm/s", True, (0.003,)),
+    ],
+)
+def test_joints_take_numbers_with_units(text: str, rate: bool, value: tuple[float, ...]) -> None:
+    kind = JointNumbersKind(rate=rate)
+    name, numbers = kind.parse(text)
+    assert numbers == pytest.approx(value)
+    made = kind({name: numbers})
+    assert kind(made) == made
+    assert [type(number) for number in made[name]] == [type(number) for number in numbers]
+    plain = kind.plain(made)[name]
+    assert all(type(number) is float for number in (plain if isinstance(plain, list) else [plain]))
+    assert kind({name: text.partition("=")[2].split(",")}) == made
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "made", "plain"),
+    [
+        (LimitsKind(), [-1, 1], ((-1.0,), (1.0,)), [-1.0, 1.0]),
+        (LimitsKind(), [[-1, -2], 3], ((-1.0, -2.0), (3.0,)), [[-1.0, -2.0], 3.0]),
+        (VectorOrKeyframeKind(), "home", "home", "home"),
+        (VectorOrKeyframeKind(), [1, 2], (1.0, 2.0), [1.0, 2.0]),
+        (RandomValueKind(), {"uniform": [-1, 1]}, "uniform(-1, 1)", "uniform(-1, 1)"),
+        (RandomValueKind(), 0.5, "0.5", "0.5"),
+        (ScheduleKind(), [[0, [1, 0]], [0.1, [0, 1]]], ((0, (1.0, 0.0)), (Fraction(1, 10), (0.0, 1.0))), None),
+    ],
+)
+def test_a_kind_of_tasks_takes_what_documents_write(kind: AnyKind, value: object, made: object, plain: object) -> None:
+    assert kind(value) == made
+    assert kind(kind.plain(made)) == made
+    assert plain is None or kind.plain(made) == plain
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (LimitsKind(), [1, -1]),
+        (LimitsKind(), [1]),
+        (LimitsKind(), "ab"),
+        (LimitsKind(), [[1, 2], [3, 4, 5]]),
+        (VectorOrKeyframeKind(), ""),
+        (VectorOrKeyframeKind(), [float("nan")]),
+        (RandomValueKind(), {"from": 0, "to": 1}),
+        (RandomValueKind(), [1, 2]),
+        (ScheduleKind(), []),
+        (ScheduleKind(), [[1, [0]]]),
+        (ScheduleKind(), [[0, [1]], [1, [1, 2]]]),
+        (ScheduleKind(), [[0, [1]], [0, [2]]]),
+        (ScheduleKind(), [3]),
+    ],
+)
+def test_a_kind_of_tasks_refuses_what_cannot_be(kind: AnyKind, value: object) -> None:
+    with pytest.raises(InvalidValueError):
+        kind(value)
