@@ -16,6 +16,7 @@ import pytest
 import mjrun
 from mjrun.cli.console import Console
 from mjrun.cli.main import COMMANDS
+from tests.cases import cases
 from tests.syntax_trees import nodes_of, parsed
 
 # Imports run downward. Rooms on one line are siblings and never import each other.
@@ -251,60 +252,14 @@ def plant(folder: Path, module: str, source: str) -> Path:
     return folder / "mjrun"
 
 
-@pytest.mark.parametrize(
-    ("module", "source"),
-    [
-        ("physics/simulation_loop.py", "from mjrun.camera.script_poses import BoundCameraScript"),
-        ("physics/simulation_loop.py", "import mjrun.formats.video_writer"),
-        ("physics/simulation_loop.py", "from mjrun import rendering"),
-        ("physics/simulation_loop.py", "from ..rendering import camera"),
-        ("physics/__init__.py", "from ..rendering import camera"),
-        ("physics/simulation_loop.py", "from .. import outputs"),
-        ("model/load.py", "from mjrun.physics.initial_state import InitialState"),
-        ("model/load.py", "from mjrun import Video"),
-        ("model/load.py", "import mjrun"),
-        ("outputs/video.py", "def f():\n    from mjrun.cli import main"),
-        ("outputs/video.py", "if TYPE_CHECKING:\n    from mjrun.document import run"),
-        ("outputs/video.py", "import_module('mjrun.cli.commands.video')"),
-        ("outputs/video.py", "class A:\n    async def f(self):\n        import mjrun.cli.main"),
-        ("errors.py", "from mjrun.timeline import rational"),
-        ("errors.py", "import numpy"),
-        ("timeline.py", "import mujoco"),
-        ("timeline.py", "from mjrun.errors import clean"),
-        ("outputs/video.py", "import click"),
-        ("outputs/video.py", "from rich.console import Console"),
-        ("cli/video.py", "import yaml"),
-        ("outputs/run.py", "import yaml"),
-        ("formats/codecs.py", "import imageio_ffmpeg"),
-        ("formats/video_writer.py", "from OpenGL import GL"),
-        ("cli/video.py", "import requests"),
-        ("utils/text.py", "from mjrun.errors import clean"),
-        ("cli/video.py", "from mjrun.utils import text"),
-    ],
-)
+@cases("module, source")
 def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str) -> None:
     found = violations(plant(tmp_path, module, source))
     assert len(found) == 1
     assert found[0].startswith(f"{module}:")
 
 
-@pytest.mark.parametrize(
-    ("module", "source"),
-    [
-        (
-            "physics/simulation_loop.py",
-            "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable",
-        ),
-        ("physics/simulation_loop.py", "from mjrun.physics.stepper import Stepper\nfrom . import control"),
-        ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.outputs.video import Video\nimport click"),
-        ("outputs/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
-        ("formats/ffmpeg.py", "import imageio_ffmpeg"),
-        ("rendering/try_backend.py", "def f():\n    from OpenGL import GL"),
-        ("document/run.py", "import yaml\nfrom mjrun.outputs.video import Video"),
-        ("__main__.py", "from mjrun.cli.main import run"),
-        ("__init__.py", "from mjrun.outputs.video import Video"),
-    ],
-)
+@cases("module, source")
 def test_a_planted_good_import_is_allowed(tmp_path: Path, module: str, source: str) -> None:
     assert violations(plant(tmp_path, module, source)) == []
 

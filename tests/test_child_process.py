@@ -17,6 +17,7 @@ import pytest
 
 from mjrun.child_process import STDERR_LIMIT, STDOUT_LIMIT, ChildProcess, ExitStatus, limit_this_process, python_call
 from mjrun.errors import FileError
+from tests.cases import cases
 from tests.processes import PATIENCE
 
 MIB = 2**20
@@ -145,19 +146,7 @@ def test_a_process_that_fills_too_much_memory_is_killed() -> None:
     assert (ending.cause, ending.out_of_memory, str(ending)) == ("memory", True, "needed too much memory")
 
 
-@pytest.mark.parametrize(
-    ("limits", "code", "text"),
-    [
-        ("memory=50 * 2**20", "b'x' * 2**30", "MemoryError"),
-        ("cpu=1", "while True: pass", "SIGXCPU"),
-        (
-            "file_size=10",
-            "open('big', 'wb', 0).write(bytes(11)) == 10 and open('big', 'ab', 0).write(b'x')",
-            "too large",
-        ),
-        ("file_size=math.inf, memory=math.inf", "exit('free')", "free"),
-    ],
-)
+@cases("limits, code, text")
 def test_a_process_can_limit_itself(limits: str, code: str, text: str, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(f"import math, os\nfrom mjrun.child_process import *\nos.chdir({str(tmp_path)!r})\n")

@@ -46,6 +46,7 @@ from mjrun.errors import (
     option,
     suggestion,
 )
+from tests.cases import cases
 
 CODES = {
     "MjrunError": 70,
@@ -153,21 +154,7 @@ def test_cleaned_text_is_one_line_that_any_terminal_takes_and_cleaning_again_cha
     assert (cleaned == text) or not text.isprintable()
 
 
-@pytest.mark.parametrize(
-    ("name", "valid", "found"),
-    [
-        ("left_knees", ["left_knee2", "torso", "left_knee"], ["left_knee", "left_knee2"]),
-        ("LEFT_KNEE", ["torso", "left_knee"], ["left_knee"]),
-        ("flor", ["Floor"], ["Floor"]),
-        ("xyz", ["torso", "knee"], []),
-        ("knee", [], []),
-        ("arm.xml", ["c9.xml", "am.xml"], ["am.xml"]),
-        ("arm.xml", ["legs.xml", "a.xml"], []),
-        ("arm.left", ["leg.left", "arm.let"], ["arm.let"]),
-        ("base.obj", ["base.stl", "Base.obj"], ["Base.obj", "base.stl"]),
-        (".xml", ["a.xml"], ["a.xml"]),
-    ],
-)
+@cases("name, valid, found")
 def test_near_names_come_best_first_whatever_their_case(name: str, valid: list[str], found: list[str]) -> None:
     assert near(name, valid) == found
 

@@ -20,6 +20,7 @@ from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UsageErro
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from tests.bench.bench_clocks import MODEL, FakeClock, SimulatedMachine, bench
+from tests.cases import cases
 
 
 def compared(path: Path, machine: SimulatedMachine) -> BaselineComparison:
@@ -201,16 +202,7 @@ def test_numbers_that_cannot_be_are_refused_at_once(path: Path, changed: dict[st
         bench(path, **changed)
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"horizon": 2}, "horizon has no effect without accuracy"),
-        ({"reference": ".001"}, "reference has no effect without accuracy"),
-        ({"camera": "free"}, "camera: nothing is drawn"),
-        ({"fail_above": 0.1}, "fail_above has no effect without compare"),
-        ({"force": True}, "force has no effect without compare"),
-    ],
-)
+@cases("changed, message")
 def test_options_that_would_be_ignored_are_refused(path: Path, changed: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         bench(path, **changed)

@@ -14,6 +14,7 @@ from mjrun.check.rule_catalogue import matching_codes
 from mjrun.check.rule_runner import RULES
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.errors import UsageError
+from tests.cases import cases
 from tests.check.models import PASSIVE, checked, codes, write
 from tests.processes import PATIENCE
 
@@ -70,18 +71,7 @@ def test_all_codes_begin_with_nothing_short_of_a_letter() -> None:
     assert matching_codes(["mj70"]) == {code for code in RULES if code.startswith("MJ70")}
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"select": ["MJ9"]}, "no code 'MJ9' (did you mean"),
-        ({"ignore": [""]}, "ignore: '' is not a code, or how several begin"),
-        ({"fail_on": "never"}, "fail_on: 'never' is not one of error, warning, note"),
-        ({"steps": -1}, "steps: '-1' is not a whole number of at least 0"),
-        ({"memory": 0}, "memory: '0' is not"),
-        ({"timeout": 0.0}, "timeout: '0.0' is not"),
-        ({"jobs": 0}, "jobs: '0' is not"),
-    ],
-)
+@cases("settings, message")
 def test_what_cannot_be_meant_is_refused(settings: dict, message: str) -> None:
     with pytest.raises(UsageError) as error:
         ModelCheck(["a.xml"], **settings)

@@ -13,6 +13,7 @@ from mjrun.errors import DocumentProblem, spelled
 from mjrun.policy.load import load_policy
 from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
+from tests.cases import cases
 from tests.check.tasks import HEAD, SLIDER, checked
 
 
@@ -33,16 +34,7 @@ def test_all_mistakes_in_the_document_are_found_at_their_lines() -> None:
     assert {finding.file for finding in found} == {"t.yaml"}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "message"),
-    [
-        ("qvel/rail", "qvel/rial", 6, "observations[1].probe: no column 'qvel/rial' (did you mean 'qvel/rail'?)"),
-        ("push", "pull", 8, "actions[0].actuators: no actuator 'pull'"),
-        ("0.02", "0.025", 2, "control_dt: 0.025 s is 2.5 timesteps of 0.01 s; it must be a whole number of them"),
-        ("[-1, 1]", "[[-1, 0], 1]", 8, "actions[0].clip: "),
-        ("probe: qvel/rail", "joints: rial, of: qvel", 6, "observations[1].joints: no joint 'rial'"),
-    ],
-)
+@cases("old, new, line, message")
 def test_what_does_not_fit_the_model_is_found_at_its_line(old: str, new: str, line: int, message: str) -> None:
     (finding,) = checked(head=HEAD.replace(old, new))
     assert (finding.code, finding.line) == ("MJ801", line)

@@ -17,6 +17,7 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.results import BenchResult
 from mjrun.cli.bench_report import csv_table, digits, duration, markdown, sections, text
+from tests.cases import cases
 from tests.page_cells import PageCells
 
 MODEL = """
@@ -125,17 +126,7 @@ def test_every_point_is_a_line_of_the_same_columns(grid: BenchResult) -> None:
     assert bad["failure"].startswith("the simulation became unstable at step")
 
 
-@pytest.mark.parametrize(
-    ("seconds", "expected"),
-    [
-        (None, "-"),
-        (1.0, "1.000 s"),
-        (0.0123456, "12.35 ms"),
-        (9.87e-6, "9.870 µs"),
-        (2e-9, "2.000 ns"),
-        (3e-12, "0.003 ns"),
-    ],
-)
+@cases("seconds, expected")
 def test_a_duration_is_in_the_unit_that_suits_it(seconds: float | None, expected: str) -> None:
     assert duration(seconds) == expected
 

@@ -6,6 +6,7 @@ import pytest
 
 from mjrun.cli.commands.check import configured
 from mjrun.errors import FileError
+from tests.cases import cases
 
 
 @pytest.fixture(autouse=True)
@@ -41,17 +42,7 @@ def test_a_baseline_is_inside_the_folder_of_the_file(tmp_path: Path, monkeypatch
             configured(None)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[check]\nselct = []", "no option 'selct' \\(did you mean 'select'"),
-        ('[check]\nselect = ["MJ9"]', "no code 'MJ9'"),
-        ('[check]\nfail-on = "never"', "'never' is not one of"),
-        ('[check.severity]\nMJ302 = "bad"', "'MJ302=bad' is not one of"),
-        ("[check", "is not valid TOML"),
-        ('[check]\nchanged-since = "main"', "changed-since runs git, which runs programs"),
-    ],
-)
+@cases("text, message")
 def test_a_mistake_is_reported_with_its_file(text: str, message: str) -> None:
     Path("mjrun.toml").write_text(text)
     with pytest.raises(FileError, match=rf"mjrun\.toml: .*{message}"):

@@ -15,6 +15,7 @@ from mjrun.formats.tables import suffixes
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.task import PARTS
 from mjrun.probe.expression import FUNCTIONS, SUCCESSIVE
+from tests.cases import cases
 
 ROOT = Path(__file__).parents[2]
 SECTIONS = reference_sections()
@@ -99,16 +100,7 @@ def test_every_row_of_an_option_has_three_cells_and_no_placeholder_is_left() -> 
     assert "formats}" not in text
 
 
-@pytest.mark.parametrize(
-    ("name", "end"),
-    [
-        ("`--trail-span`", "[s]. Default: all."),
-        ("`--gl`", "Not in documents."),
-        ("`--assert`", "Repeatable. `assert_` in Python."),
-        ("`--verify`", "Only on the command line."),
-        ("`as`", "`as_` in Python."),
-    ],
-)
+@cases("name, end")
 def test_a_row_states_the_default_and_where_its_option_is_missing_or_spelled_otherwise(name: str, end: str) -> None:
     row = next(line for line in options_reference().splitlines() if line.startswith(f"| {name} |"))
     assert row.removesuffix(" |").endswith(end)

@@ -9,6 +9,7 @@ import pytest
 from mjrun.document.evaluation import evaluated_task, evaluation_text, read_evaluation
 from mjrun.errors import DocumentError, MjrunError, UsageError
 from mjrun.evaluation.evaluation import Evaluation
+from tests.cases import cases
 from tests.evaluation.tasks import XML, cart_task
 
 TEXT = """\
@@ -86,16 +87,7 @@ def test_what_is_written_is_read_again(document: Path) -> None:
     assert "output: results" in text
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("episodes: 0", "4:11: episodes: expected a positive number, got 0"),
-        ("policy: act.py:act", "a document cannot contain code"),
-        ("fail_below: {success: high}", "expected a number, got 'high'"),
-        ("task: missing.yaml", "missing.yaml"),
-        ("changes: {duration: -1}", "duration"),
-    ],
-)
+@cases("line, message")
 def test_what_is_wrong_is_reported(document: Path, line: str, message: str) -> None:
     key = line.split(":")[0]
     lines = [line if each.startswith(f"{key}:") else each for each in TEXT.splitlines()]

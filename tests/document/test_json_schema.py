@@ -30,17 +30,7 @@ def is_valid(value: object, kind: str) -> bool:
     return fits(value, schema_of(kind), schema_of(kind))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "shots: [{free: }]",
-        "{speed: 0.25, shots: [{camera: top, until: 2}, {camera: 1}]}",
-        "shots: [{orbit: {lookat: [0, 0, 1], azimuth: {from: 1, to: 2, ease: in}}, until: {when: a > 1, else: end}}]",
-        "shots: [{track: {target: box, heading: true, offset: [0, 0, 1]}, fovy: {from: 40, to: 20}, fit: box}]",
-        "shots: [{look: {from: a, at: [1, 2, 3]}, duration: 1}, {orbit: , blend: 0.3, shake: , fit: {target: a}}]",
-        "shots: [{path: {waypoints: [{eye: [1, 2, 3]}, {eye: [1, 2, 4]}], curve: linear}, shake: {seed: 1}}]",
-    ],
-)
+@cases("text")
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     camera_and_ghost_forms.CAMERA.read(value, ReadingContext())

@@ -11,6 +11,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, check_metric_names, manifest_writer
 from mjrun.model.table_column import Column
+from tests.cases import cases
 
 DESIGN = Design(("seed", "geom/a.size", "model"), [("3", "0.1", "a.xml"), ("4", "0.2", "b.xml")])
 
@@ -70,17 +71,7 @@ def test_a_requirement_on_nothing_is_refused_with_its_place() -> None:
     assert caught.value.path == ("require", 1)
 
 
-@pytest.mark.parametrize(
-    ("metrics", "expected"),
-    [
-        (["a b"], "'a b' cannot be the name"),
-        (["status"], "'status' cannot be"),
-        (["status [m]"], "'status' cannot be"),
-        (["x", "x"], "x is given twice"),
-        (["x [m]", "x [mm]"], "x is given twice"),
-        (["x [m\x1b]"], "metric x: 'm.*' cannot be a unit"),
-    ],
-)
+@cases("metrics, expected")
 def test_names_that_metrics_cannot_have_are_refused(metrics: Sequence[str], expected: str) -> None:
     check_metric_names([("x", "max(time)"), ("y [m/s]", "max(time)")], ["status"])
     with pytest.raises(UsageError, match=expected):

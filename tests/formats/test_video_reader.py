@@ -13,6 +13,7 @@ import mjrun
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.video_reader import read_video
 from mjrun.formats.video_writer import write_video
+from tests.cases import cases
 
 
 def frames(count: int = 8) -> np.ndarray:
@@ -24,18 +25,7 @@ def frames(count: int = 8) -> np.ndarray:
     return video
 
 
-@pytest.mark.parametrize(
-    ("name", "codec", "error"),
-    [
-        ("f.mp4", "h264rgb", 0),
-        ("f.mkv", "ffv1", 0),
-        ("f.apng", None, 0),
-        ("f.gif", None, 2),
-        ("f.mp4", None, 8),
-        ("f.webm", None, 8),
-        ("f.webp", None, 12),
-    ],
-)
+@cases("name, codec, error")
 def test_a_video_reads_back_within_its_error(tmp_path: Path, name: str, codec: str | None, error: float) -> None:
     original = frames()
     write_video(tmp_path / name, original, 25, codec=codec)

@@ -150,16 +150,7 @@ def test_a_name_with_wild_characters_means_itself_and_not_what_it_would_match() 
     assert spec.compile().geom_solmix.tolist() == [7, 1, 1]
 
 
-@pytest.mark.parametrize(
-    ("name", "paths"),
-    [
-        ("friction", ["geom/*.friction", "flex/*.friction", "pair/*.friction"]),
-        ("damping[0]", ["joint/*.damping", "flex/*.damping", "tendon/*.damping"]),
-        ("gravity", ["opt.gravity"]),
-        ("id", []),
-        ("kp", []),
-    ],
-)
+@cases("name, paths")
 def test_the_name_of_a_field_alone_suggests_its_paths(name: str, paths: list[str]) -> None:
     with pytest.raises(UnknownNameError) as caught:
         apply(mujoco.MjSpec.from_string(MODEL), Override(name, "1"))

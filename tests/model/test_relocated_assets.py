@@ -7,6 +7,7 @@ import pytest
 
 from mjrun.model import model_files
 from mjrun.model.model_files import AbsolutePathMjcf, installed_packages, packages_in, placed
+from tests.cases import cases
 
 MESH = "/home/someone/lib/robosuite/models/assets/arenas/../robots/arm/link.obj"
 
@@ -22,16 +23,7 @@ def touch(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("given", "place"),
-    [
-        ("a", "a/link.obj"),
-        ("a", "a/arm/link.obj"),
-        ("a", "a/models/assets/robots/arm/link.obj"),
-        ("a", "a/robosuite/models/assets/robots/arm/link.obj"),
-        ("a", "a/clone/package/assets/robots/arm/link.obj"),
-    ],
-)
+@cases("given, place")
 def test_a_folder_is_searched_for_any_end_of_a_path(tmp_path: Path, given: str, place: str) -> None:
     file = touch(tmp_path / place)
     found = placed(model(MESH), tmp_path, [tmp_path / given])

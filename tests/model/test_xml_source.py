@@ -6,6 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.model.xml_source import Element, content_digest, read_xml, scan
+from tests.cases import cases
 
 
 def test_an_included_circle_is_read_once() -> None:
@@ -14,16 +15,7 @@ def test_an_included_circle_is_read_once() -> None:
     assert [element.tag for element in read_xml(Path("a.xml")).elements()].count("size") == 1
 
 
-@pytest.mark.parametrize(
-    ("attaches", "circular"),
-    [
-        ({"a": "bc", "b": "c", "c": ""}, False),
-        ({"a": "bc", "b": "d", "c": "d", "d": ""}, False),
-        ({"a": "bc", "b": "c", "c": "b"}, True),
-        ({"a": "b", "b": "c", "c": "b"}, True),
-        ({"a": "a"}, True),
-    ],
-)
+@cases("attaches, circular")
 def test_models_that_attach_each_other_in_a_circle_are_read_once(attaches: dict[str, str], circular: bool) -> None:
     for name, others in attaches.items():
         models = "".join(f'<model name="{other}" file="{other}.xml"/>' for other in others)

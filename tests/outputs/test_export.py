@@ -19,6 +19,7 @@ from mjrun.outputs.export import BLOCK, ContactRecorder, Export
 from mjrun.outputs.exports import FORMATS, export_format
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
+from tests.cases import cases
 from tests.gltf_files import animated, read_gltf
 
 
@@ -102,17 +103,7 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
     assert names == {"world", clean(name), "free"}
 
 
-@pytest.mark.parametrize(
-    ("output", "options", "message"),
-    [
-        ("a.xyz", {}, r"unknown suffix \.xyz"),
-        ("folder", {}, "follows from its suffix"),
-        ("a.glb", {"format": "gbl"}, "did you mean 'glb'"),
-        ("a.glb", {"camera": ["side", "side"]}, "only once"),
-        ("a.glb", {"camera": "sid"}, "did you mean 'side'"),
-        ("a.glb", {"show": "nothing"}, "visual flag"),
-    ],
-)
+@cases("output, options, message")
 def test_faulty_requests_fail_before_the_simulation(
     swing: Path, tmp_path: Path, output: str, options: dict[str, object], message: str
 ) -> None:

@@ -270,17 +270,7 @@ def test_a_video_and_a_trace_are_driven_alike(tmp_path: Path) -> None:
 SLIDE_MODEL = mujoco.MjModel.from_xml_string(SLIDE)
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "said"),
-    [
-        ("time,ctrl/m\n0,1\n", 2, "lacks columns for actuators of the model: ctrl/p"),
-        ("time,ctrl/m,ctrl/p,ctrl/q\n0,1,1,1\n", 2, "no actuator 'q' in the columns of"),
-        ("time,ctrl/m,ctrl/p\n1,1,1\n0,1,1\n", 2, "row 1: time 0 follows 1; times must ascend"),
-        ("time,ctrl/m,ctrl/p\n0,1,up\n", 7, "up' is not a number"),
-        ("ctrl/m,ctrl/p\n0,1\n", 2, "has no column 'time'"),
-        (None, 7, "no such file"),
-    ],
-)
+@cases("text, code, said")
 def test_a_control_table_that_does_not_fit_is_refused_before_the_first_step(
     tmp_path: Path, text: str | None, code: int, said: str
 ) -> None:

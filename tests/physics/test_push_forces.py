@@ -14,6 +14,7 @@ from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
+from tests.cases import cases
 from tests.physics.driven_arm import by_instants, stepped_in_c
 
 STEPS = 150
@@ -188,20 +189,7 @@ def test_a_body_that_is_carried_by_a_mocap_pose_is_pushed_where_it_is() -> None:
     assert pushes.on_bodies(data, 0)[2, 3:] == pytest.approx(np.cross((-0.028, 0.096, 0), (0, 0, 2)))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            "bix=1/0/0@0+1",
-            r"no body or site 'bix' in push .*'box'\?\)\nbodies and sites: box, arm, post, corner, tip, top",
-        ),
-        ("site:box=1/0/0@0+1", "no site 'box'"),
-        ("body:tip=1/0/0@0+1", "no body 'tip'"),
-        ("world=1/0/0@0+1", "the target is the world, which a force cannot move"),
-        ("ground=1/0/0@0+1", "the site ground is fixed to the world"),
-        ("box=1/0/0@0+0.0009", r"push box=1/0/0@0\+0.0009 is too short: it contains no step of 0.002 s"),
-    ],
-)
+@cases("text, message")
 def test_what_cannot_be_pushed_is_refused_with_its_place(text: str, message: str) -> None:
     with pytest.raises((UsageError, UnknownNameError), match=message) as caught:
         stepper(box(), ["box=1/0/0@0+1", text])

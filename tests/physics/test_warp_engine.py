@@ -11,6 +11,7 @@ from mjrun.model import state
 from mjrun.physics.engine import Engine
 from mjrun.physics.warp_device import WarpDevice
 from mjrun.physics.warp_engine import OVERFLOWS, WarpEngine, WarpWorlds, overflow_message
+from tests.cases import cases
 
 MODEL = """
 <mujoco>
@@ -251,16 +252,7 @@ def test_each_mark_of_a_world_is_reported_alone(device: WarpDevice) -> None:
             assert message.startswith(meaning.split("{")[0])
 
 
-@pytest.mark.parametrize(
-    ("mark", "said"),
-    [
-        ("NEFC", "^a world holds at most 64 constraints; .*: raise njmax to 70$"),
-        ("BROADPHASE", "^a world holds at most 16 contacts; .*: raise nconmax to 17$"),
-        ("CCD", "raise nconmax above 16"),
-        ("ITERATIONS", "limit of 100 iterations: raise set opt.iterations"),
-        ("NEW_ONE", "^mujoco_warp reports an overflow: new_one$"),
-    ],
-)
+@cases("mark, said")
 def test_an_overflow_says_what_is_missing_and_the_remedy(mark: str, said: str) -> None:
     assert re.search(said, spelled(overflow_message(mark, LIMITS)))
 

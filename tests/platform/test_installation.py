@@ -10,6 +10,7 @@ import pytest
 
 from mjrun.platform import installation
 from mjrun.platform.installation import as_root, install_command, pip
+from tests.cases import cases
 
 OURS = Path(sys.executable)
 
@@ -38,24 +39,7 @@ def test_the_command_installs_into_the_environment_of_the_process(tmp_path: Path
     assert done.stdout == f"'{program}' -m pip list\n"
 
 
-@pytest.mark.parametrize(
-    ("prefix", "file", "extra", "library"),
-    [
-        ("cache/archive-v0/x", "pyvenv.cfg", "uvx --from 'mjrun[plot]' mjrun", "uvx --with torch mjrun"),
-        (
-            "tools/mjrun",
-            "uv-receipt.toml",
-            "uv tool install 'mjrun[plot]'",
-            "uv tool install --with torch mjrun",
-        ),
-        (
-            "pipx/mjrun",
-            "pipx_metadata.json",
-            "pipx install --force 'mjrun[plot]'",
-            "pipx inject mjrun torch",
-        ),
-    ],
-)
+@cases("prefix, file, extra, library")
 def test_tools_install_into_their_own_environments(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, prefix: str, file: str, extra: str, library: str
 ) -> None:

@@ -17,6 +17,7 @@ from mjrun.policy.loaders import formats, loaders
 from mjrun.policy.loaders.onnx import OnnxPolicy, is_mjlab, mjlab_facts
 from mjrun.policy.normalization import NormalizedPolicy
 from mjrun.policy.policy import ActionSpace, Actor, ObservationFacts, Policy, require_trusted_file
+from tests.cases import cases
 from tests.policy.action_spaces import unbounded
 from tests.policy.networks import linear
 
@@ -214,19 +215,7 @@ def test_what_is_not_said_is_not_known() -> None:
     assert facts.observations[1] == ObservationFacts("joint_vel")
 
 
-@pytest.mark.parametrize(
-    ("key", "text", "message"),
-    [
-        ("joint_stiffness", "20,x\x1b", r"the metadata joint_stiffness is '20,x\\x1b', not a list of numbers"),
-        ("joint_damping", "1.0", "joint_damping has 1 number, and joint_stiffness 2"),
-        ("default_joint_pos", "1.0", "default_joint_pos has 1 number, and joint_names 3"),
-        ("observation_terms_scale", "1.0,1.0", "observation_terms_scale has 2 entries for 4 observations"),
-        ("observation_terms_scale", "1.0,one,1.0,1.0", "observation_terms_scale is '1.0,one,1.0,1.0', which cannot"),
-        ("observation_terms_clip", "1;2,1,1;2,1;2", "which cannot be read"),
-        ("observation_terms_history_length", "0,0,0,1.5", "which cannot be read"),
-        ("observation_terms_history_length", "0,0,0,inf", "which cannot be read"),
-    ],
-)
+@cases("key, text, message")
 def test_what_is_otherwise_is_refused(key: str, text: str, message: str) -> None:
     with pytest.raises(FileError, match=rf"^walk.onnx: .*{message}"):
         mjlab_facts({**METADATA, key: text}, PATH)
@@ -295,17 +284,7 @@ def acted(policy: Policy, seed: int = 0) -> list[float]:
     return [float(actor(np.array([1.0, 5.0]))[0]) for _ in range(3)]
 
 
-@pytest.mark.parametrize(
-    ("name", "actions"),
-    [
-        ("Counter", [1, 2, 3]),
-        ("shared", [1, 2, 3]),
-        ("kept", [1, 2, 3]),
-        ("Seeded", [9, 9, 9]),
-        ("Predictor", [1, 2, 3]),
-        ("double", [2, 2, 2]),
-    ],
-)
+@cases("name, actions")
 def test_whatever_acts_is_a_policy_and_forgets_between_episodes(
     code: str, name: str, actions: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,7 @@ from mjrun.errors import UsageError
 from mjrun.probe.aggregate import CHUNK, ChunkBuffer, RowChunk, ShareAccumulator, accumulator, shown
 from mjrun.probe.expression import AGGREGATES
 from mjrun.probe.metric import MetricEvaluator, parse_metric
+from tests.cases import cases
 from tests.probe.expression_oracle import ODD, VALUES, aggregate, judged
 
 OF_VALUES = [name for name in AGGREGATES if name not in ("share", "quantile")]  # take a value and nothing else
@@ -108,19 +109,7 @@ def test_aggregates_over_the_rows_on_which_a_condition_holds(text: str, expected
     assert value(text) == pytest.approx(expected, rel=1e-15, abs=0, nan_ok=True)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("share(x)", "found a number, expected a comparison"),
-        ("mean(x, 3)", "found a number, expected a comparison"),
-        ("mean(x, max(y) > 2)", "found an aggregate as the condition of mean, expected values per row"),
-        ("mean(x, y > 0, 3)", "found one value more"),
-        ("quantile(x)", "quantile of one value"),
-        ("quantile(x, 2)", "a number from 0 to 1"),
-        ("quantile(x, y)", "a number from 0 to 1"),
-        ("abs(x > 1)", "expected"),
-    ],
-)
+@cases("text, message")
 def test_what_is_no_aggregate_is_reported(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         value(text)

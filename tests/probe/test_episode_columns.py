@@ -10,6 +10,7 @@ from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe, EpisodeVal
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.select import available_columns, select
 from mjrun.probe.vocabularies import ModelVocabulary, TraceVocabulary
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string(
     '<mujoco><worldbody><body><joint name="hip"/><geom size=".1"/></body></worldbody></mujoco>'
@@ -20,19 +21,7 @@ EPISODE = EpisodeColumns({"position/x": "m", "position/y": "m", "last/hip": ""},
 VALUES = EpisodeValues(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), 13.0, np.array([6.0, 7.0]), 20.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "names", "values"),
-    [
-        ("obs", ["obs/position/x", "obs/position/y", "obs/last/hip"], [1, 2, 3]),
-        ("obs/position", ["obs/position/x", "obs/position/y"], [1, 2]),
-        ("obs[position]", ["obs/position/x", "obs/position/y"], [1, 2]),
-        ("obs[*/hip]", ["obs/last/hip"], [3]),
-        ("action/knee", ["action/knee"], [5]),
-        ("reward", ["reward/alive", "reward/effort", "reward/total"], [6, 7, 13]),
-        ("reward/effort", ["reward/effort"], [7]),
-        ("return", ["return"], [20]),
-    ],
-)
+@cases("text, names, values")
 def test_a_name_selects_columns_and_their_values(text: str, names: list[str], values: list[float]) -> None:
     (probe,) = select(MODEL, [text], EPISODE)
     assert isinstance(probe, EpisodeProbe)

@@ -148,16 +148,7 @@ def test_the_kind_of_a_value_is_that_of_its_latest_part(text: str, kind: str) ->
     assert parser.nodes.value(parser._expression(0)).kind == kind
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("'q/*' + 'r/*'", "a vector of 3 numbers next to one of 2, expected vectors of the same length"),
-        ("where(x > 0, 'q/*', 'r/*')", "a vector of 3 numbers next to one of 2"),
-        ("where(x > max(x), 1, 2)", "an aggregate next to values per row"),
-        ("mean('q/*')", "a vector of 2 numbers, expected one number"),
-        ("rate(x)", "rate, which only tasks have"),
-    ],
-)
+@cases("text, message")
 def test_what_does_not_go_together_is_reported(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Parser(text, "y", Vocabulary(NAMES)).row_value()

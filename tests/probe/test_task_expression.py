@@ -8,6 +8,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
+from tests.cases import cases
 
 DT = 0.05
 MODEL = mujoco.MjModel.from_xml_string(
@@ -110,19 +111,7 @@ def test_a_condition_holds_world_by_world_and_nan_is_not_finite() -> None:
     np.testing.assert_array_equal(evaluator.advance({"qpos/slide": slide, "qpos/hinge": hinge}), [0, 0, 1, 1, 1])
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            "max(qpos/slide)",
-            "reward, character 1: found max over all instants, expected max of several, or",
-        ),
-        ("mean(qpos/slide)", "reward, character 1: found mean over all instants, expected values of one instant"),
-        ("'action/*'", "reward, character 1: found a vector of 3 numbers, expected one number"),
-        ("rate(2*pi)", "reward, character 6: found rate of what never changes, expected a column in it"),
-        ("qpos/slide > 0", "reward, character 1: found a comparison, expected a number"),
-    ],
-)
+@cases("text, message")
 def test_what_has_no_number_per_instant_is_refused(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message.replace("(", r"\(")):
         parse_task_value(text, COLUMNS, "reward")

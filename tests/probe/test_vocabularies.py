@@ -8,6 +8,7 @@ from mjrun.probe.assertion import parse
 from mjrun.probe.scanner import is_bare
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary, TraceVocabulary
+from tests.cases import cases
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -44,17 +45,7 @@ def test_an_assertion_may_call_a_column_as_an_event_does(text: str, columns: tup
     assert parse(text, TraceVocabulary(MEASURED, MODEL)).columns == columns
 
 
-@pytest.mark.parametrize(
-    ("text", "name", "probe"),
-    [
-        ("max(speed/arm) < 1", "speed/arm", "speed/arm"),
-        ("max(speed(arm)) < 1", "speed/arm", "speed/arm"),
-        ("'qvel/hip' < 1", "qvel/hip", "qvel/hip"),
-        ("xpos/skin/z < 1", "xpos/skin/z", "geom_xpos/skin/z"),
-        ("contact/floor/skin < 1", "contact/floor/skin", "contact/floor/skin"),
-        ("contact(arm, floor) < 1", "contact/arm/floor", "contact/arm/floor"),
-    ],
-)
+@cases("text, name, probe")
 def test_what_could_be_measured_is_reported_with_the_probe_that_measures_it(text: str, name: str, probe: str) -> None:
     with pytest.raises(UsageError) as caught:
         parse(text, TraceVocabulary(MEASURED, MODEL))
@@ -66,22 +57,7 @@ def test_what_could_be_measured_is_reported_with_the_probe_that_measures_it(text
         assert probe in parse(text, TraceVocabulary([*MEASURED, probe], MODEL)).columns
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("xpos/low_tip/z < 1", "found 'xpos/low_tip/z', expected the column's own name, site_xpos/low_tip/z"),
-        ("sped(low_tip) < 1", "no function or probe 'sped'"),
-        ("speed(low_tp) < 1", "no object 'low_tp' in 'speed(low_tp) < 1', character 7 (did you mean 'low_tip'?)"),
-        (
-            "qpos/hop < 1",
-            "no column 'qpos/hop' in 'qpos/hop < 1', character 1 (did you mean 'qpos/hip'?)\ncolumns: time",
-        ),
-        (
-            "site_xpos(low_tip) < 1",
-            "found site_xpos(low_tip), which has several components, expected one of .x, .y, .z",
-        ),
-    ],
-)
+@cases("text, message")
 def test_what_is_not_there_is_reported_as_ever(text: str, message: str) -> None:
     with pytest.raises(UsageError) as caught:
         parse(text, TraceVocabulary(MEASURED, MODEL))

@@ -24,6 +24,7 @@ from mjrun.rendering.backend import (
     install_advice,
     requested_backends,
 )
+from tests.cases import cases
 
 
 def test_an_unknown_backend_in_the_environment_is_reported_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,18 +44,7 @@ def test_rendering_that_is_switched_off_is_reported_so(off: str) -> None:
         requested_backends(off)
 
 
-@pytest.mark.parametrize(
-    ("renderer", "name", "software"),
-    [
-        ("llvmpipe (LLVM 15.0.6, 256 bits)", "egl", True),
-        ("softpipe", "egl", True),
-        ("Google SwiftShader", "egl", True),
-        ("anything", "osmesa", True),
-        ("NVIDIA H200/PCIe/SSE2", "egl", False),
-        ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", "egl", False),
-        ("AMD Radeon RX 6800 (radeonsi)", "glfw", False),
-    ],
-)
+@cases("renderer, name, software")
 def test_software_is_reported_from_a_gpu_by_the_renderer(renderer: str, name: str, software: bool) -> None:
     assert WorkingBackend(name, renderer, "", "", 16384).software is software
 
@@ -242,18 +232,7 @@ def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend:
     assert BackendDetector(backend.name).result() == backend
 
 
-@pytest.mark.parametrize(
-    ("system", "command"),
-    [
-        ({"ID": "debian"}, "apt-get"),
-        ({"ID": "linuxmint", "ID_LIKE": "ubuntu debian"}, "apt-get"),
-        ({"ID": "fedora"}, "dnf"),
-        ({"ID": "rocky", "ID_LIKE": "rhel centos fedora"}, "dnf"),
-        ({"ID": "arch"}, "pacman"),
-        ({"ID": "nixos"}, "your distribution's packages"),
-        ({}, "your distribution's packages"),
-    ],
-)
+@cases("system, command")
 def test_the_remedy_speaks_the_language_of_the_distribution(
     monkeypatch: pytest.MonkeyPatch, system: dict[str, str], command: str
 ) -> None:

@@ -25,6 +25,7 @@ from mjrun.rendering.colormaps import (
     ticks,
 )
 from mjrun.rendering.text import crisp, text_size
+from tests.cases import cases
 
 THINGS = [SegmentedObject("geom", i, f"part_{i}", "robot") for i in range(200)]
 finite = st.floats(-1e9, 1e9)
@@ -217,18 +218,7 @@ def test_ticks_are_all_the_round_numbers_there_are(low: float, span: float, shar
         assert float(text) == pytest.approx(mark, abs=0.01 * step)
 
 
-@pytest.mark.parametrize(
-    ("values", "step", "expected"),
-    [
-        ([0, 0.5, 1], 0.5, ["0.0", "0.5", "1.0"]),
-        ([-20, 0, 20], 20, ["-20", "0", "20"]),
-        ([-0.001, -0.0], 0.01, ["0.00", "0.00"]),
-        ([0, 2e-6], 2e-6, ["0", "2e-6"]),
-        ([1.5e7, 2e7], 5e6, ["1.5e7", "2.0e7"]),
-        ([123456, 123458], 2, ["1.23456e5", "1.23458e5"]),
-        ([], 1, []),
-    ],
-)
+@cases("values, step, expected")
 def test_figures_go_to_the_place_of_the_step(values: list[float], step: float, expected: list[str]) -> None:
     assert figures(values, step) == expected
 

@@ -29,6 +29,7 @@ from mjrun.study.executors import GROWTH, MOST, QUEUED, SECONDS, ChunkSizes, com
 from mjrun.study.isolation import run_chunk
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
+from tests.cases import cases
 from tests.processes import PATIENCE, wait_until
 from tests.study.slurm_stand_in import install, states
 
@@ -327,16 +328,7 @@ def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, cluster: Path) -> 
             future.result(PATIENCE)
 
 
-@pytest.mark.parametrize(
-    ("engine", "text", "expected"),
-    [
-        ("slurm", "array=0", "not a valid setting"),
-        ("local", "time=2h", "slurm requires engine slurm"),
-        ("slurm", "partitoin=a", "not a setting of Slurm; settings: partition, account"),
-        ("slurm", "time=30", "time=90min"),
-        ("slurm", "account=a\n#SBATCH", "not a valid setting"),
-    ],
-)
+@cases("engine, text, expected")
 def test_settings_of_slurm_are_checked(engine: str, text: str, expected: str) -> None:
     with pytest.raises(UsageError, match=expected):
         ExecutionOptions(engine=engine, slurm=text)  # type: ignore[arg-type]

@@ -32,6 +32,7 @@ from mjrun.study.part_files import PartFiles, PartPublisher
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.spec import ChunkResult, PointChunk
 from mjrun.study.study import Study, StudyResult
+from tests.cases import cases
 from tests.reporters import RecordingReporter
 from tests.study import factories
 from tests.study.models import BALL
@@ -190,16 +191,7 @@ def test_a_lost_job_is_reported_and_submitted_again(simulation: Simulation, tmp_
     assert reporter.warnings == ["2 points submitted again: the job ended as NODE_FAIL without a result: see log"]
 
 
-@pytest.mark.parametrize(
-    ("engine", "limit", "counts", "reason"),
-    [
-        ("Forgetful", {"max_failures": 2}, "2 failed, 7 missing", "2 failed in this run"),
-        ("in_this_process", {"time_budget": "4s"}, "7 missing", "the time budget of 4 s is spent"),
-        ("that_breaks", {}, "9 missing", "has ended (BrokenProcessPool: a process was terminated)"),
-        ("that_cancels", {}, "9 missing", "has ended (CancelledError)"),
-        ("that_closes", {}, "9 missing", "has ended (RuntimeError: cannot schedule new futures after shutdown)"),
-    ],
-)
+@cases("engine, limit, counts, reason")
 def test_a_run_ends_at_its_limit_or_with_its_engine_and_leaves_a_study_that_continues_to_the_same_table(
     simulation: Simulation,
     tmp_path: Path,

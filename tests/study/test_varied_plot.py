@@ -12,6 +12,7 @@ from mjrun.errors import UnstableError, UsageError
 from mjrun.plotting.figure_data import DrawnFigure
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.varied_plot import VariedPlot
+from tests.cases import cases
 from tests.study.models import PENDULUM
 
 Drawn = Callable[..., DrawnFigure]
@@ -91,17 +92,7 @@ def test_models_may_vary_and_all_their_files_are_inputs(drawn: Drawn) -> None:
     assert {path for _, path in job.inputs} == {"pendulum.xml", "other.xml"}
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "nothing varies: give --vary NAME=VALUES"),
-        ({"vary": {"seed": "1..101:101"}}, "101 points; a figure shows 100 at most"),
-        ({"vary": {"seed": "1,x"}}, "seed: 'x' is not a whole number"),
-        ({"vary": {"joint/hing.damping": "1,2"}}, "no joint 'hing'"),
-        ({"vary": {"qvel/hing": "1,2"}}, "no joint 'hing'"),
-        ({"vary": {"seed": "1,2"}, "y": "qpos/hing"}, "no column 'qpos/hing'"),
-    ],
-)
+@cases("options, message")
 def test_bad_input_is_found_before_anything_is_made(drawn: Drawn, options: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message.replace("--vary", ".*vary")):
         drawn(**options)

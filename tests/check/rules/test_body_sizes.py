@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mjrun.check.rules import body_sizes
+from tests.cases import cases
 from tests.check.models import lint, mjcf
 
 SIDES = np.array([0.3, 0.2, 0.1])
@@ -23,19 +24,7 @@ def box(sides: np.ndarray = SIDES, more: str = "") -> str:
     return f'<geom type="box" size="{" ".join(repr(float(side / 2)) for side in sides)}" {more}/>'
 
 
-@pytest.mark.parametrize(
-    ("density", "severity"),
-    [
-        (11_900, ""),
-        (12_100, "warning"),
-        (79_000, "warning"),
-        (81_000, "error"),
-        (21, ""),
-        (19, "note"),
-        (1.3, "note"),
-        (1.1, "warning"),
-    ],
-)
+@cases("density, severity")
 def test_the_density_of_a_box_decides(density: float, severity: str) -> None:
     mass = f'mass="{density * SIDES.prod()}"'
     assert found("MJ207", body(box(more=mass))) == [("body 'b'", severity)] * bool(severity)

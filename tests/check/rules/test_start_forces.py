@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mjrun.check.context import CheckContext
 from mjrun.check.rules import contacts, start_forces
 from mjrun.model.xml_source import read_xml
+from tests.cases import cases
 from tests.check.models import hinged, lint, mjcf
 
 
@@ -47,16 +48,7 @@ def test_a_direct_spring_is_stiff_exactly_when_its_steps_diverge(stiffness: floa
         assert is_stiff == steps_until_it_diverges(spring.solref, step)
 
 
-@pytest.mark.parametrize(
-    ("solref", "option", "stiff_for_it"),
-    [
-        (".003 1", 'timestep=".0015"', False),
-        (".003 1", 'timestep=".002" integrator="discrete"', False),
-        (".001 1", 'timestep=".002" integrator="discrete"', True),
-        ("-100 -10", 'timestep=".002"', False),
-        ("-1e7 -10", 'timestep=".002"', True),
-    ],
-)
+@cases("solref, option, stiff_for_it")
 def test_how_stiff_a_contact_may_be_depends_on_the_integrator_and_the_format(
     solref: str, option: str, stiff_for_it: bool
 ) -> None:

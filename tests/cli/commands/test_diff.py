@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.cli.commands.schema import schema_of
+from tests.cases import cases
 from tests.document.schema_oracle import fits
 from tests.formats.table_files import columns, write
 
@@ -80,18 +81,7 @@ def test_a_workflow_gets_annotations(diff: Command) -> None:
     assert done.stderr.decode().strip().endswith("differ")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["a.csv", "none.csv"], 7, "none.csv: no such file"),
-        (["a.csv", "b.png"], 2, "only results of the same kind can be compared"),
-        (["a.csv", "none"], 7, "none: no such file"),
-        (["a.csv", "b.parquet", "--json", "--github"], 2, "--json and --github exclude each other"),
-        (["a.csv", "b.parquet", "--tol", "x"], 2, "'x' is not COLUMNS=ATOL"),
-        (["a.csv", "b.parquet", "--columns", "q"], 2, "no column 'q'"),
-        (["a.csv"], 2, "Missing argument 'B'"),
-    ],
-)
+@cases("arguments, code, message")
 def test_what_cannot_be_compared_is_an_error(diff: Command, arguments: list[str], code: int, message: str) -> None:
     done = diff("diff", *arguments)
     assert (done.returncode, bool(done.stdout)) == (code, "--json" in arguments)

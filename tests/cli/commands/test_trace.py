@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
-import pytest
 
 from mjrun.cli.commands.trace import verification_lines
 from mjrun.simulation.verification import StateDifference, VerificationResult
+from tests.cases import cases
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -138,22 +138,7 @@ def test_the_list_is_of_the_probes_that_are_given(mjrun_here: Command) -> None:
     assert b"no probe 'bogus'" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--list", "-o", "t.csv"], "--list shows columns on standard output and measures nothing: leave out --output"),
-        (["--list", "--contacts", "c.csv", "--recording", "r.npz"], "leave out --contacts, --recording"),
-        (["--probe", ""], "Invalid value for '--probe': '' is not the name of something to measure"),
-        (
-            ["--probe", "qpos", "--probe", " , "],
-            "Invalid value for '--probe': ' , ' is not the name of something to measure",
-        ),
-        (["--list", "--probe", ""], "Invalid value for '--probe': '' is not the name"),
-        (["-o", "t.npz", "--csv"], "--format csv and the suffix of t.npz disagree"),
-        (["-o", "t.csv", "--format", "jsonl", "--csv"], "--csv and --format jsonl exclude each other"),
-        (["--assert", "max(speed/bob) < 1"], "the model offers it: add --probe speed/bob"),
-    ],
-)
+@cases("options, said")
 def test_what_cannot_be_meant_is_refused_and_nothing_is_written(
     mjrun_here: Command, options: list[str], said: str
 ) -> None:

@@ -22,6 +22,7 @@ from mjrun.model.sources.demonstration import (
     model_text,
     open_demonstrations,
 )
+from tests.cases import cases
 from tests.demonstration_files import MODEL, PLAIN, recorded_states, write_assets, write_demonstrations
 from tests.model.model_files import content
 
@@ -107,22 +108,7 @@ def test_other_models_have_no_assets_elsewhere(tmp_path: Path) -> None:
         source.load()
 
 
-@pytest.mark.parametrize(
-    ("model", "message"),
-    [
-        ("<mujoco>", r"d\.hdf5:demo_1.*XML"),
-        ('<mujoco><option collision="all"/></mujoco>', r"d\.hdf5:demo_1:1: .*unrecognized attribute: 'collision'"),
-        ('<mujoco><asset><model name="a" file="d.hdf5"/></asset></mujoco>', r"d\.hdf5"),
-        (
-            '<mujoco><include file="/dev/zero"/></mujoco>',
-            r"1 of the 1 file that its model names are missing here: /dev",
-        ),
-        (
-            '<mujoco><worldbody><geom material="&#x1b;[31m" size="1"/></worldbody></mujoco>',
-            r"d\.hdf5:demo_1:1: material '\\x1b\[31m' not found",
-        ),
-    ],
-)
+@cases("model, message")
 def test_models_that_do_not_load_are_errors_about_the_demonstration(tmp_path: Path, model: str, message: str) -> None:
     path = write_demonstrations(tmp_path / "d.hdf5", model=model)
     with pytest.raises(BrokenModelError, match=message) as caught:
