@@ -22,6 +22,7 @@ LOGGED = 8  # lines of an encoder's log that are shown
 NEAR = 0.6  # least similarity of a suggested name
 FAULTS = 50  # problems of a document that are shown
 QUOTED = 200  # characters of a name that are shown
+SHOWN = 80  # characters of a text from a file that are shown
 LINE = 4096  # characters of a line of a message
 
 
@@ -75,7 +76,12 @@ def _clean_but_options(text: str) -> str:
 
 def quoted(name: str) -> str:
     """Quotes and cleans `name`, and cuts it if it is long."""
-    return f"'{clean(name if len(name) <= QUOTED else name[: QUOTED - 1] + '…')}'"
+    return f"'{clean(shortened(name, QUOTED))}'"
+
+
+def shortened(text: str, most: int = SHOWN) -> str:
+    """Returns a text from a file, cut if it is long."""
+    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def near(name: str, valid: Iterable[str]) -> list[str]:

@@ -13,6 +13,8 @@ MODELS = (*XML, *ARCHIVES, *COMPILED)  # all that can be loaded; in lower case, 
 
 MOTIONS = (".npz", ".csv")  # recordings, and the most common tables, which can be replayed on a model
 
+HTML = (".html", ".htm")  # pages
+
 HDF5 = (".h5", ".hdf5")  # tables, and demonstrations, of which FILE:EPISODE names one
 
 # What is searched for in folders: a .zip is seldom a model there, and a compiled model has no text to be checked.

@@ -13,7 +13,7 @@ from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.camera.pose import CameraPose
-from mjrun.confinement.self_confinement import confined_load
+from mjrun.confinement.confinement import load_confined
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
@@ -185,7 +185,7 @@ def timed_load(source: ModelSource, clock: Clock) -> tuple[mujoco.MjModel, LoadT
       ModelError: the model cannot be loaded.
       UsageError: an override names nothing, or its value does not fit.
     """
-    return confined_load(lambda: _timed_load(source, clock))
+    return load_confined(lambda: _timed_load(source, clock))
 
 
 def _timed_load(source: ModelSource, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:

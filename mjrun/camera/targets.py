@@ -8,21 +8,19 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
-from mjrun.model.names import PLURALS, identify, names
+from mjrun.model.names import PLACES, PLURALS, identify, names
 from mjrun.model.state import restore
 
 Vector = tuple[float, float, float]
 ObjectOrPoint = str | Vector  # an object, `box`, `geom:edge`, `site:tip`, `subtree:torso`, or a point [m]
 
-# In lookup order of a bare name, with the field of their position in MjData.
-TARGETS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 FRAMES = {
     "body": mujoco.mjtObj.mjOBJ_XBODY,  # mjOBJ_BODY would be its centre of mass
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
     "site": mujoco.mjtObj.mjOBJ_SITE,
 }
 # Valid places to look at; a subtree's centre of mass has no velocity, and thus no trail.
-POSITIONS = {**TARGETS, "subtree": "subtree_com"}
+POSITIONS = {**PLACES, "subtree": "subtree_com"}
 ROTATIONS = {"body": "xmat", "geom": "geom_xmat", "site": "site_xmat", "subtree": "xmat"}
 
 PLANE = mujoco.mjtGeom.mjGEOM_PLANE
@@ -38,12 +36,12 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
       UnknownNameError: no object has that name; the message lists the valid ones.
     """
     kind, colon, name = text.partition(":")
-    if colon and kind in TARGETS:
+    if colon and kind in PLACES:
         return kind, identify(model, kind, name)
-    for kind in TARGETS:
+    for kind in PLACES:
         if text in names(model, kind):
             return kind, identify(model, kind, text)
-    valid = {kind: [n for n in names(model, kind) if not n.startswith(f"{kind}:")] for kind in TARGETS}
+    valid = {kind: [n for n in names(model, kind) if not n.startswith(f"{kind}:")] for kind in PLACES}
     everything = list(dict.fromkeys(name for known in valid.values() for name in known))
     raise UnknownNameError("object", text, everything, plural=f"{PLURALS['body']}, geoms and sites")
 
@@ -295,7 +293,7 @@ def object_paths(
         row = list[np.ndarray]()
         for kind, index in objects:
             mujoco.mj_objectVelocity(model, data, FRAMES[kind].value, index, velocity, 0)
-            row.append(np.concatenate([getattr(data, TARGETS[kind])[index], velocity[3:]]))
+            row.append(np.concatenate([getattr(data, PLACES[kind])[index], velocity[3:]]))
         points.append(row)
     paths = np.array(points).reshape(len(times), len(objects), 6)
     return [ObjectTrajectory(np.array(times), paths[:, k, :3], paths[:, k, 3:]) for k in range(len(objects))]

@@ -4,7 +4,7 @@ import itertools
 import os
 import shlex
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
 from fnmatch import fnmatchcase
@@ -26,7 +26,7 @@ from mjrun.check.worker_pool import (
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
-from mjrun.formats.input_file import is_file, is_folder
+from mjrun.formats.input_file import files_below, is_file, is_folder
 from mjrun.model.xml_source import scan
 from mjrun.options.check import EXTRAS, CheckOptions
 from mjrun.options.number_kinds import AUTO
@@ -459,7 +459,9 @@ def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tup
             else:
                 add(path)
             continue
-        for file in _below(Path(path)):
+        for file in files_below(Path(path)):
+            if not file.name.endswith(CHECKED):
+                continue
             if file.suffix not in XML or _may_be_model(file):
                 add(str(file))
             else:
@@ -483,13 +485,6 @@ def _path(model: str | Path) -> str:
         advice = f"\n`mjrun info {shown} --xml > model.xml` writes one" if demonstration_in(source) else ""
         raise UsageError(f"{clean(str(model))}: a check needs a model file{advice}")
     return str(source.main_file if isinstance(source, CollectionModelSource) else model)
-
-
-def _below(folder: Path) -> Iterator[Path]:
-    """Yields the files with the suffix of a model below `folder`, sorted; hidden and linked folders are skipped."""
-    for parent, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (Path(parent) / name for name in sorted(files) if name.endswith(CHECKED))
 
 
 def root_tag(path: Path) -> str:

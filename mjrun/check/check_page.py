@@ -20,7 +20,7 @@ from mjrun.model.names import COUNTS
 from mjrun.model.sources import source_of
 from mjrun.model.xml_source import XmlSource
 from mjrun.plotting.html_page import Page, PageCard, PageFactTable, data_uri
-from mjrun.plotting.page_writer import MAKER, PageWriter, origin
+from mjrun.plotting.page_writer import MAKER, origin, write_page
 from mjrun.rendering.single_render import render
 from mjrun.rendering.visual import Visual
 from mjrun.reporter import Reporter
@@ -216,9 +216,7 @@ def write_check_page(path: str, result: CheckResult, summary: str, makers: Findi
         manifests=[origin("This check", command, models, versions)],
         notes=notes,
     )
-    with PageWriter(path) as writer:
-        writer.write(page)
-        writer.publish()
+    write_page(path, page)
 
 
 def _card(finding: Finding, level: str, others: Sequence[str], images: Sequence[bytes]) -> PageCard:

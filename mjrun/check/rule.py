@@ -13,12 +13,13 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import clean, option
 from mjrun.model.text_edits import TextEdit, UneditableError
 from mjrun.model.xml_source import Element
+from mjrun.options.check import SEVERITIES as CHOICES
 
 if TYPE_CHECKING:
     from mjrun.check.context import CheckContext
 
 MAX_OBJECTS = 5  # that a text names in addition to the finding's own
-SEVERITIES = ("note", "warning", "error")  # in ascending order
+SEVERITIES = CHOICES[::-1]  # in ascending order
 SAFE, UNSAFE = "safe", "unsafe"  # fixes that are certain, and fixes that need a look
 
 # Reasons why a fault is not fixed.

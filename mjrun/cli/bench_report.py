@@ -3,11 +3,13 @@
 import csv
 import io
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
 from mjrun.cli.console import CommandReport
+from mjrun.cli.table_cells import ReportColumn
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 WIDTH = 80  # of a terminal
 LABEL = 10  # width of the label before a line
 BAD = ("slower", "failed")  # verdicts
-INDENT = "\u2003"  # of phases within others on a page: browsers join spaces
+INDENT = "\u2003"  # of phases within others in Markdown and on a page: browsers join spaces
 
 Table = list[list[str]]  # rows of cells, the first is the header
 
@@ -52,21 +54,22 @@ def text(result: "BenchResult") -> str:
 
 def markdown(result: "BenchResult") -> str:
     """Formats the report for the summary of a CI job."""
-    parts = [f"### mjrun bench: {_escaped(model_line(result))}", _escaped(machine_line(result))]
+    from mjrun.cli.report_formats import escaped, markdown_table
+
+    parts = [f"### mjrun bench: {escaped(model_line(result))}", escaped(machine_line(result))]
     if comparison := result.comparison:
-        parts.append(f"against {_escaped(clean(comparison.base))}: **{comparison.verdict}**")
+        parts.append(f"against {escaped(clean(comparison.base))}: **{comparison.verdict}**")
         parts += _reference_workload(comparison)
     if lines := _single_point_lines(result):
-        parts.append("\n".join(f"- {_escaped(' '.join(line.split()))}" for line in lines))
+        parts.append("\n".join(f"- {escaped(' '.join(line.split()))}" for line in lines))
 
     for title, table in sections(result):
-        header, *rows = ([_escaped(cell.replace("  ", "&ensp;")) for cell in row] for row in table)
-        rule = [":--", *["--:"] * (len(header) - 1)]
-        lines = [f"| {' | '.join(row)} |" for row in (header, rule, *rows)]
-        parts.append("\n".join([f"**{_escaped(title)}**", "", *lines]))
+        cells = ([cell.replace("  ", INDENT) for cell in column] for column in zip_longest(*table, fillvalue=""))
+        columns = [ReportColumn(heading, column, right=bool(i)) for i, (heading, *column) in enumerate(cells)]
+        parts.append(f"**{escaped(title)}**\n\n{markdown_table(columns)}")
 
     if remarks := notes(result):
-        parts.append("\n".join(f"- {_escaped(note)}" for note in remarks))
+        parts.append("\n".join(f"- {escaped(note)}" for note in remarks))
     return "\n\n".join(parts) + "\n"
 
 
@@ -157,11 +160,6 @@ def _aligned(table: Table) -> list[str]:
         others = (cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=False))
         lines.append("  " + "  ".join([row[0].ljust(widths[0]), *others]).rstrip())
     return lines
-
-
-def _escaped(text: str) -> str:
-    """Escapes text for Markdown."""
-    return "".join(f"\\{c}" if c in r"\`*_{}[]<>#|" else c for c in text)
 
 
 def sections(result: "BenchResult") -> Iterator[tuple[str, Table]]:

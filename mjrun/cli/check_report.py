@@ -15,7 +15,7 @@ from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repe
 from mjrun.check.rule_catalogue import explanation, local_page, published_page, topic
 from mjrun.cli.console import CiVerdict, CommandReport, linked, shows_links
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.errors import clean
+from mjrun.errors import clean, counted
 from mjrun.version import __version__
 
 SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
@@ -215,7 +215,7 @@ def _all(models: Iterable[ModelCheckResult]) -> Iterator[tuple[Finding, str]]:
 
 
 def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}" if number else ""
+    return counted(number, what) if number else ""
 
 
 def _uri(path: str) -> str:

@@ -18,11 +18,11 @@ from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailureReport, clean, flag, option, spelled
 from mjrun.shared_status import note_answered
+from mjrun.suffixes import HTML
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-PAGES = (".html", ".htm")
 VIDEOS = (".mp4", ".webm", ".mkv", ".mov", ".gif", ".apng", ".webp")
 IMAGES = (".png", ".jpg", ".jpeg", ".tiff", ".svg", ".pdf")
 PATHS = ("path", "paths", "html", "files")  # keys of reports
@@ -358,7 +358,7 @@ def _files_in(document: object) -> Iterator[str]:
 def _opened(paths: Sequence[str]) -> str:
     """Opens the most telling of `paths`: a page, else a video, an image or any other; returns a warning, or nothing."""
     existing = [path for path in paths if Path(path).exists()]
-    ranked = [path for suffixes in (PAGES, VIDEOS, IMAGES) for path in existing if path.lower().endswith(suffixes)]
+    ranked = [path for suffixes in (HTML, VIDEOS, IMAGES) for path in existing if path.lower().endswith(suffixes)]
     chosen = next(iter([*ranked, *existing]), None)
     if chosen is None:
         return f"{option('open')}: no file was made"

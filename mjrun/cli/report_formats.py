@@ -109,6 +109,15 @@ def markdown_table(columns: Sequence[ReportColumn]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)
 
 
+def markdown_report(
+    title: str, last_line: str, lines: Iterable[tuple[str, str]], tables: Iterable[Sequence[ReportColumn]]
+) -> str:
+    """Formats a report: its title, its last line, lines with their labels, and tables; empty ones are left out."""
+    labelled = "\n".join(f"- **{escaped(label)}** {escaped(text)}" for label, text in lines)
+    parts = [f"### {escaped(title)}", escaped(last_line), labelled, *map(markdown_table, filter(None, tables))]
+    return "\n\n".join(filter(None, parts))
+
+
 def escaped(value: str) -> str:
     """Escapes Markdown and mentions of users in names from models."""
     return "<br>".join(SPECIAL.sub(r"\\\1", clean(line)) for line in value.split("\n"))

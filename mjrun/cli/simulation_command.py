@@ -281,6 +281,12 @@ def is_study(path: str) -> bool:
     return not is_task(path)
 
 
+def refuse_assignments(model: str, assignments: Sequence[str]) -> None:
+    """Raises UsageError for KEY=VALUE after a model that is not a document."""
+    if assignments:
+        raise UsageError(f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it")
+
+
 @contextmanager
 def reported_failures(
     console: Console,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.click_command import is_repeatable
 from mjrun.cli.console import flag
-from mjrun.cli.report_formats import escaped, markdown_table
-from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number
+from mjrun.cli.report_formats import markdown_report
+from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number, verdict_lines
 from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
@@ -50,7 +50,7 @@ def study_report(result: "StudyResult", simulation: Simulation, controller: str 
         commands = [point_command(simulation, failure.values, controller) for failure in shown]
         page.verbatim("to see the first of each", commands)
     if result.assertions:
-        page.lines("required", _verdicts(result))
+        page.lines("required", verdict_lines(result.assertions))
     if result.kept.points:
         page.note(_kept(result))
     page.note(_last_line(result))
@@ -59,9 +59,6 @@ def study_report(result: "StudyResult", simulation: Simulation, controller: str 
 
 def study_markdown(result: "StudyResult", simulation: Simulation) -> str:
     """Formats the report of a study as Markdown, the requirements and failures first."""
-    lines = _verdicts(result)
-    parts = [f"### mjrun sweep: {escaped(simulation.source.text)}", escaped(_last_line(result))]
-    parts.append("\n".join(f"- **{escaped(name)}** {escaped(text)}" for name, text in lines))
     tables = list[list[ReportColumn]]()
     if result.failures:
         first = [f"{each.point}: {_where(each.values)}" for each in result.failures]
@@ -72,7 +69,8 @@ def study_markdown(result: "StudyResult", simulation: Simulation) -> str:
         tables.append(_first_rows(_repeats(result)))
     if result.sensitivities:
         tables.append(_sensitivities(result))
-    return "\n\n".join([*filter(None, parts), *map(markdown_table, filter(None, tables))])
+    title = f"mjrun sweep: {simulation.source.text}"
+    return markdown_report(title, _last_line(result), verdict_lines(result.assertions), tables)
 
 
 def status_report(status: StudyStatus) -> str:
@@ -107,17 +105,14 @@ def _first_rows(columns: Sequence[ReportColumn]) -> list[ReportColumn]:
     return [replace(column, cells=column.cells[:SHOWN]) for column in columns]
 
 
-def _verdicts(result: "StudyResult") -> list[tuple[str, str]]:
-    return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
-
-
 def _last_line(result: "StudyResult") -> str:
     """Formats the numbers of points, and the wall time."""
-    counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    from mjrun.study.results import status_counts
+
     before = result.points - result.simulated - result.statuses.get("missing", 0)
     known = f", {before:,} of them known before" if before else ""
     points = f"{result.points:,} point{'' if result.points == 1 else 's'}"
-    return f"{clean(result.path)}: {points} ({counts}){known}; {result.wall:.1f} s"
+    return f"{clean(result.path)}: {points} ({status_counts(result.statuses)}){known}; {result.wall:.1f} s"
 
 
 def preview_report(preview: "StudyPreview") -> str:

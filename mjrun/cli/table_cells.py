@@ -1,4 +1,4 @@
-"""Columns of report tables: texts, numbers, vectors and ranges with their units."""
+"""Columns of report tables: texts, numbers, vectors and ranges with their units; and lines of verdicts."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -8,6 +8,7 @@ from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.experiment.statistics import Interval
+    from mjrun.probe.verdict import Verdict
 
 UNITS = ("B", "KiB", "MiB", "GiB")
 
@@ -77,6 +78,11 @@ def reference(kind: str | None, name: str | None) -> str:
 def common(texts: Iterable[str]) -> str:
     """Lists the distinct texts, separated by commas."""
     return ", ".join(dict.fromkeys(texts))
+
+
+def verdict_lines(verdicts: Iterable["Verdict"]) -> list[tuple[str, str]]:
+    """Returns whether each requirement holds, and its message."""
+    return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in verdicts]
 
 
 def texts(heading: str, values: Sequence[str | None], *, extra: bool = False) -> ReportColumn:

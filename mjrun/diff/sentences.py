@@ -24,8 +24,7 @@ from mjrun.diff.result import (
     VideoOrImageDifference,
     XmlChange,
 )
-from mjrun.errors import UsageError, clean, counted, listing, option, plain, quoted
-from mjrun.formats.input_file import cut
+from mjrun.errors import UsageError, clean, counted, listing, option, plain, quoted, shortened
 from mjrun.model.names import PLURALS
 from mjrun.options.diff import PictureDiffOptions
 
@@ -338,7 +337,7 @@ def provenance_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -
     both = {key: (a[key], b[key]) for key in named if key in a and key in b}
     notes = [f"{named[key]} is {_shown(one)} and {_shown(other)}" for key, (one, other) in both.items() if one != other]
     changed = [
-        f"the option {clean(cut(key))} is {_shown(one)} and {_shown(other)}"
+        f"the option {clean(shortened(key))} is {_shown(one)} and {_shown(other)}"
         for key, one, other in _changed_options(a, b)
     ]
     return [*notes, *_model_note(a, b, is_overridden=bool(changed)), *changed]
@@ -374,4 +373,4 @@ def manifest_part(manifest: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def _shown(value: object) -> str:
-    return clean(cut(str(value)))
+    return clean(shortened(str(value)))

@@ -10,7 +10,7 @@ from typing import TypeVar, cast
 
 from mjrun.dataclass import dataclass
 from mjrun.document import tree
-from mjrun.errors import FileError, listing, quoted, suggestion
+from mjrun.errors import FileError, listing, quoted, shortened, suggestion
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema_validation import SchemaViolationCollector
@@ -23,7 +23,7 @@ MOST_INSERTED = 2**20  # characters that variables may insert into a document
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}$]*)\}|\$\{")
-SHOWN = 60  # characters of an assignment that messages show
+ASSIGNMENT = 60  # characters of an assignment that messages show
 SWITCHES = "switches such as --json and --markdown take no value"
 
 _STEP = re.compile(r"(?:^|\.)([^.\[\]\x00-\x1f\x7f-\x9f]+)|\[([0-9]{1,9})\]")
@@ -67,9 +67,8 @@ class _Resolver:
             return
         for name, value in node.entries.items():
             if not _NAME.fullmatch(name):
-                self._fault(
-                    node.keys[name], (VARS,), f"{quoted(tree.shortened(name))} is not a name of letters, digits and _"
-                )
+                shown = quoted(shortened(name, tree.SHOWN))
+                self._fault(node.keys[name], (VARS,), f"{shown} is not a name of letters, digits and _")
             self.variables[name] = self._variable(value, (VARS, name))
 
     def _variable(self, value: tree.Node, path: tree.DocumentPath) -> tree.Node:
@@ -133,7 +132,7 @@ class _Resolver:
 
 def _unknown(name: str, variables: Mapping[str, tree.Node]) -> str:
     choices = f"vars: {listing(list(variables))}" if variables else "there are no vars"
-    return f"no variable {quoted(tree.shortened(name))}{suggestion(name, variables)}; {choices}"
+    return f"no variable {quoted(shortened(name, tree.SHOWN))}{suggestion(name, variables)}; {choices}"
 
 
 @dataclass(frozen=True)
@@ -228,7 +227,7 @@ def assign(
 
     faults: list[tree.DocumentFault] = []
     for i, assignment in enumerate(assignments):
-        mark = tree.DocumentPlace(order + i, 0, 0, tree.shortened(assignment, SHOWN))
+        mark = tree.DocumentPlace(order + i, 0, 0, shortened(assignment, ASSIGNMENT))
         key, equals, text = assignment.partition("=")
         try:
             if not equals:
@@ -258,7 +257,8 @@ def _path(text: str, named: Sequence[str]) -> tree.DocumentPath:
         if len(steps) > tree.DEPTH:
             raise _InvalidPathError(f"a path can have at most {tree.DEPTH} parts")
     if position < len(text) or not steps or isinstance(steps[0], int):
-        raise _InvalidPathError(f"{quoted(tree.shortened(text))} is not a path; write it as in duration, videos[0].fps")
+        shown = quoted(shortened(text, tree.SHOWN))
+        raise _InvalidPathError(f"{shown} is not a path; write it as in duration, videos[0].fps")
     return tuple(steps)
 
 

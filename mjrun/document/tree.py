@@ -8,7 +8,17 @@ from fractions import Fraction
 from typing import NamedTuple, cast
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import DocumentError, DocumentProblem, UsageError, clean, listing, quoted, spelled, suggestion
+from mjrun.errors import (
+    DocumentError,
+    DocumentProblem,
+    UsageError,
+    clean,
+    listing,
+    quoted,
+    shortened,
+    spelled,
+    suggestion,
+)
 from mjrun.options.kinds import OneOrMoreKind
 from mjrun.options.option import OTHER_NAMES, Options, document_options
 from mjrun.options.schema_validation import TYPES, SchemaViolation
@@ -181,13 +191,8 @@ def written_path(node: Node, path: DocumentPath) -> DocumentPath:
 
 def path_text(path: DocumentPath) -> str:
     """Formats `path` as in `shots[1].orbit.distance`."""
-    parts = (f"[{step}]" if isinstance(step, int) else f".{clean(shortened(step))}" for step in path)
+    parts = (f"[{step}]" if isinstance(step, int) else f".{clean(shortened(step, SHOWN))}" for step in path)
     return "".join(parts).removeprefix(".")
-
-
-def shortened(text: str, most: int = SHOWN) -> str:
-    """Returns `text`, cut if it is long."""
-    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def described(node: Node) -> str:
@@ -196,9 +201,9 @@ def described(node: Node) -> str:
         case ScalarNode(text=""):
             text = "nothing" if node.value is None else "''"
         case ScalarNode(value=str()):
-            text = quoted(shortened(node.text))
+            text = quoted(shortened(node.text, SHOWN))
         case ScalarNode():
-            text = clean(shortened(node.text))
+            text = clean(shortened(node.text, SHOWN))
         case ListNode():
             return "a list"
         case MappingNode():
@@ -255,14 +260,14 @@ def _fault(violation: SchemaViolation, node: Node, tree: Node, more_keys: Sequen
         return DocumentFault(node.mark, path_text(path), spelled(violation.message))
     hint = violation.hint
     if violation.expected == TYPES["string"] and isinstance(node, ScalarNode) and node.text:
-        hint = f"; to write text, use quotes: {quoted(shortened(node.text))}"
+        hint = f"; to write text, use quotes: {quoted(shortened(node.text, SHOWN))}"
     return DocumentFault(node.mark, path_text(path), f"expected {violation.expected}, got {described(node)}{hint}")
 
 
 def _unknown(key: str, keys: Sequence[str], places: Sequence[str]) -> tuple[str, str]:
     """Returns the message about an unknown key, which `places` would accept, and the valid keys."""
     meant = [*(name for name in OTHER_NAMES.get(key, ()) if name in keys), *places]
-    message = f"unknown key {quoted(shortened(key))}{suggestion(key, keys, *meant)}"
+    message = f"unknown key {quoted(shortened(key, SHOWN))}{suggestion(key, keys, *meant)}"
     return message, f"; keys: {listing(keys)}" if keys else ""
 
 

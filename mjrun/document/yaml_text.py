@@ -13,7 +13,7 @@ from typing import NoReturn, cast
 
 from mjrun.document import tree
 from mjrun.document.tree import meaning
-from mjrun.errors import UsageError, clean, quoted
+from mjrun.errors import UsageError, clean, quoted, shortened
 from mjrun.packages import cause_of
 
 try:
@@ -195,7 +195,7 @@ class _Composer:
             key, key_mark = self._key(event, path), self.place(event.start_mark.index)
             value = self._node(self._event(), path if key is None else (*path, key))
             if key in keys:
-                self._fault(key_mark, path, f"{quoted(tree.shortened(key))} is given twice{_first(keys[key])}")
+                self._fault(key_mark, path, f"{quoted(shortened(key, tree.SHOWN))} is given twice{_first(keys[key])}")
             elif key is not None:
                 entries[key], keys[key] = value, key_mark
         return tree.MappingNode(mark, entries, keys)
@@ -244,7 +244,7 @@ def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str,
     for pattern, sentence in PROBLEMS.items():
         if found := re.fullmatch(pattern, problem, re.DOTALL):
             return sentence.format(*found.groups()), place
-    return f"not YAML: {clean(tree.shortened(problem, 80))}", place
+    return f"not YAML: {clean(shortened(problem))}", place
 
 
 def forbidden(character: str) -> str:

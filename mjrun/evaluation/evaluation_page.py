@@ -9,21 +9,19 @@ from mjrun.evaluation.summaries import FILES, LENGTH, RETURN, PairedDifference, 
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page_parts import (
     interval,
-    number,
     origin,
     parameters_table,
     shown_files,
     study_figures,
     table_figure,
-    write_results_page,
 )
 from mjrun.experiment.statistics import NumberSummary, Proportion
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
-from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
-from mjrun.plotting.page_writer import MAKER
+from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, number
+from mjrun.plotting.page_writer import MAKER, write_page
 
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import EvaluationResult
@@ -64,7 +62,7 @@ def write_evaluation_page(
         manifests=[origin(folder / MANIFEST, facts, FACTS)],
         notes=notes,
     )
-    write_results_page(options.html, page)
+    write_page(options.html, page)
 
 
 def _policy(summary: PolicySummary, result: "EvaluationResult", *, several: bool) -> PageFactTable:

@@ -12,15 +12,14 @@ from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
-from mjrun.plotting.html_page import FileManifest, Page, PageFactTable, PageFigure, ShownFile, page_file
-from mjrun.plotting.page_writer import PageWriter, check_page_name
+from mjrun.plotting.html_page import FileManifest, PageFactTable, PageFigure, ShownFile, number, page_file
+from mjrun.plotting.page_writer import check_page_name
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
 
 LISTED = 6  # values of a parameter
 MOST_VIDEOS = 12
-DIGITS = "{:.5g}"
 
 
 def check_page(path: str) -> None:
@@ -32,17 +31,6 @@ def check_page(path: str) -> None:
     """
     check_page_name(path)
     require_matplotlib()
-
-
-def write_results_page(path: str, page: Page) -> None:
-    """Writes and publishes a page.
-
-    Raises:
-      FileError: it cannot be written.
-    """
-    with PageWriter(path) as writer:
-        writer.write(page)
-        writer.publish()
 
 
 def parameters_table(design: Design) -> list[PageFactTable]:
@@ -99,8 +87,3 @@ def origin(path: str | Path, facts: Mapping[str, object], names: Sequence[str]) 
 def interval(ends: Interval) -> str:
     """Formats a confidence interval; empty if it is undefined."""
     return "" if ends.low is None or ends.high is None else f"{number(ends.low)} … {number(ends.high)}"
-
-
-def number(value: float | None) -> str:
-    """Formats a number with a few digits; empty for None."""
-    return "" if value is None else DIGITS.format(value).replace("-", "−")

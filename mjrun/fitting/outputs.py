@@ -43,7 +43,7 @@ from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
-from mjrun.plotting.html_page import Page, PageFactTable, PageFigure
+from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, number
 from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name
 from mjrun.probe.fields import field_probe
 from mjrun.probe.scanner import spelled
@@ -429,8 +429,8 @@ def _parameters(result: "FitResult") -> PageFactTable:
     rows = [
         (
             p.path,
-            _number(p.start),
-            _number(p.value),
+            number(p.start),
+            number(p.value),
             _interval(p.low, p.high),
             f"at its {p.bound} bound" if p.bound else "",
         )
@@ -442,7 +442,7 @@ def _parameters(result: "FitResult") -> PageFactTable:
 
 def _inertias(result: "FitResult") -> list[PageFactTable]:
     rows = [
-        (f"{each.body} {q.name}", _number(q.start), _number(q.value), _interval(q.low, q.high), q.unit)
+        (f"{each.body} {q.name}", number(q.start), number(q.value), _interval(q.low, q.high), q.unit)
         for each in result.inertias
         for q in each.quantities
     ]
@@ -455,8 +455,8 @@ def _errors(result: "FitResult") -> PageFactTable:
     rows = [
         (
             each.name,
-            f"{_number(each.noise)} {each.unit}".rstrip(),
-            _number(each.misfit),
+            f"{number(each.noise)} {each.unit}".rstrip(),
+            number(each.misfit),
             *(_share(e) for e in (each.nominal, each.fitted, each.holdout_nominal, each.holdout_fitted)),
         )
         for each in result.signals
@@ -521,11 +521,7 @@ def _confidence(result: "FitResult") -> str:
 
 
 def _interval(low: float, high: float) -> str:
-    return f"{_number(low)} … {_number(high)}" if low < high else ""
-
-
-def _number(value: float) -> str:
-    return f"{value:.5g}".replace("-", "−")
+    return f"{number(low)} … {number(high)}" if low < high else ""
 
 
 def _share(value: float | None) -> str:

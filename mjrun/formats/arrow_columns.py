@@ -15,9 +15,8 @@ from numpy.typing import DTypeLike
 from pyarrow import types
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, clean
+from mjrun.errors import FileError, clean, shortened
 from mjrun.formats import table_read_stream as tables
-from mjrun.formats.input_file import cut
 from mjrun.formats.number_text import exact_cells
 from mjrun.formats.table_read_stream import AcceptedCells
 from mjrun.model.table_column import Column
@@ -57,7 +56,7 @@ def select_columns(
         if cells is AcceptedCells.ANY:
             kinds += [_is_text, types.is_null]
         if not any(is_kind(inner) for is_kind in kinds):
-            raise tables.not_numbers(path, name, clean(cut(str(inner))))
+            raise tables.not_numbers(path, name, clean(shortened(str(inner))))
     return indices
 
 

@@ -10,17 +10,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
-from mjrun.errors import FileError, MjrunError, clean, suggestion
+from mjrun.errors import FileError, MjrunError, clean, shortened, suggestion
 from mjrun.platform import system
 
-SHOWN = 80  # longest text from a file that a message shows [characters]
-
 T = TypeVar("T")
-
-
-def cut(text: str) -> str:
-    """Returns `text`, shortened for a message."""
-    return text if len(text) <= SHOWN else text[: SHOWN - 1] + "…"
 
 
 def is_file(path: str | Path) -> bool:
@@ -36,6 +29,13 @@ def is_folder(path: str | Path) -> bool:
 def exists(path: str | Path) -> bool:
     """Returns whether `path` exists; accepts names of any length."""
     return os.path.exists(path)  # noqa: PTH110
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """Yields the files below a folder, sorted, those of each folder first; skips hidden and linked folders."""
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(parent) / name for name in sorted(files))
 
 
 def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> None:
@@ -113,7 +113,7 @@ def decoding(path: Path, fault: str = "", hint: str = "") -> Iterator[None]:
             raise FileError(path, f"cannot be read: {error.strerror or error}") from None
         reason = (str(error) or "it ends early").splitlines()[0]  # StopIteration and EOFError say nothing
         fault = fault or f"cannot be read as {path.suffix.lower()}"
-        raise FileError(path, f"{fault}: {clean(cut(reason))}", hint) from error
+        raise FileError(path, f"{fault}: {clean(shortened(reason))}", hint) from error
 
 
 def decoded(path: Path, items: Iterator[T]) -> Iterator[T]:

@@ -14,8 +14,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import own_size
-from mjrun.errors import FileError, quoted
-from mjrun.formats.input_file import cut, decoded, decoding
+from mjrun.errors import FileError, quoted, shortened
+from mjrun.formats.input_file import decoded, decoding
 
 if TYPE_CHECKING:
     from mjrun.formats.number_text import WholeLinePieces
@@ -229,7 +229,7 @@ def require_plausible_size(path: Path, rows: int, columns: int, file: BinaryIO |
 
 def shown(text: str) -> str:
     """Returns text from a file as messages show it."""
-    return quoted(cut(text))
+    return quoted(shortened(text))
 
 
 def _is_wide(shape: Sequence[int]) -> bool:

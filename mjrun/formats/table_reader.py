@@ -19,9 +19,9 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, file_errors
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, file_errors, shortened
 from mjrun.file_version import content_version
-from mjrun.formats.input_file import cut, require_file
+from mjrun.formats.input_file import require_file
 from mjrun.formats.local_and_remote_folders import open_url
 from mjrun.formats.table_read_stream import AcceptedCells, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
@@ -173,7 +173,7 @@ class OpenTable:
         with self._failing():
             contents = form.module.read(path, file, wanted, cells)
         self.names = tuple(contents.names)
-        self.units = {name: clean(cut(contents.units.get(name, ""))) for name in self.names}
+        self.units = {name: clean(shortened(contents.units.get(name, ""))) for name in self.names}
         self.manifest: dict[str, Any] | None = contents.manifest
         self._blocks: Iterator[np.ndarray] = contents.blocks
         self._lines = contents.lines

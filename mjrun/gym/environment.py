@@ -177,11 +177,10 @@ def _within(actions: ActionMap, low: np.ndarray, high: np.ndarray) -> tuple[np.n
 
 def _limits(each: DrivenActuator, model: mujoco.MjModel) -> tuple[float, float]:
     """Returns the lowest and the highest effective target; infinite without limits."""
-    actuator = each.actuator(model)
     if each.target in (CONTROL, TORQUE) and model.actuator_ctrllimited[each.control]:
         low, high = model.actuator_ctrlrange[each.control]
         if each.target == TORQUE:
-            strength = model.actuator_gear[actuator, 0] * model.actuator_gainprm[actuator, 0]
+            strength = each.strength(model)
             low, high = sorted((low * strength, high * strength))
         return float(low), float(high)
     if each.target == POSITION and model.jnt_limited[each.joint]:

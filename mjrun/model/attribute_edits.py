@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.confinement.self_confinement import confined_load
+from mjrun.confinement.confinement import load_confined
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
@@ -67,7 +67,7 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[AttributeChange]:
     Raises:
       UsageError: no attribute of the text holds the overridden value, such as the gain of a muscle.
     """
-    text, changed = read_xml(path), confined_load(lambda: mujoco.MjSpec.from_file(str(path)))
+    text, changed = read_xml(path), load_confined(lambda: mujoco.MjSpec.from_file(str(path)))
     for override in overrides:
         apply(changed, override)
     made: dict[tuple[int, str], AttributeChange] = {}
@@ -129,7 +129,7 @@ def _of_element(
 def _holder(element: Element, field: str, override: Override) -> tuple[Element, str]:
     """Returns the element and the attribute that hold a field."""
     if element.tag == "body" and field in INERTIAL:
-        inner = next((child for child in element.children if child.tag == "inertial"), None)
+        inner = element.child("inertial")
         if inner is None:
             raise _refusal(override, "this body has no <inertial>")
         if field == "iquat" and (other := next((name for name in ORIENTATIONS if name in inner.attributes), None)):

@@ -45,6 +45,9 @@ KINDS = {
 KIND_OF = {int(obj): kind for kind, obj in KINDS.items()} | {int(mujoco.mjtObj.mjOBJ_XBODY): "body"}
 PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes", "mesh": "meshes"}
 
+# Fields of MjData with the places of objects, in the order in which a bare name is looked up.
+PLACES = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
+
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))

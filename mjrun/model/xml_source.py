@@ -81,6 +81,17 @@ class Element:
             above = above.parent
         return above is not None
 
+    def child(self, tag: str) -> "Element | None":
+        """Returns the first child with this tag; None without one."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def numbers(self, attribute: str) -> tuple[float, ...]:
+        """Returns the numbers of an attribute; none if it is missing or holds something else."""
+        try:
+            return tuple(map(float, self.attributes.get(attribute, "").split()))
+        except ValueError:
+            return ()
+
     def __str__(self) -> str:
         name = self.attributes.get("name")
         return f"<{self.tag}>" if name is None else f'<{self.tag} name="{name}">'

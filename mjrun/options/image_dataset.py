@@ -4,10 +4,10 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
+from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind
 from mjrun.options.number_kinds import ExactNumberKind, SizeKind
 from mjrun.options.option import OptionRequirement, option, options, required
-from mjrun.options.rendering import GEOMS, STAGE, RendererOptions
+from mjrun.options.rendering import STAGE, RendererOptions, geoms_option
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.sweep import VariationOptions
 
@@ -93,12 +93,7 @@ class LabelledImageOptions(RendererOptions):
         help="Surroundings to add: a floor that nothing collides with, light, sky, or none; auto adds the light and "
         "the sky that a model lacks.",
     )
-    geoms: str | None = option(
-        converter=optional(ChoiceKind(GEOMS)),
-        default=None,
-        usual="visual where both have about the same place",
-        help="Geoms to show of bodies that have some for looks and others for collisions.",
-    )
+    geoms: str | None = geoms_option()
 
 
 @options

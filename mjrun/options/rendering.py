@@ -33,10 +33,19 @@ GHOST_MOTIONS = ("key", "trace", "recording")  # settings that determine how a g
 NO_MAP = "none"  # disables the map for the table of a ghost
 QUALITIES = ("draft", "model", "high")
 STAGE = ("auto", "none", "floor", "light", "sky")
-GEOMS = ("visual", "collision", "both")
 RENDERERS = ("classic", "filament")
 CALIBRATION_FORMATS = ("mjrun", "nerfstudio", "bop", "ros")
 BACKENDS = "auto, egl, osmesa or glfw"
+
+
+def geoms_option() -> str | None:
+    """Declares the option by which looks, collisions or both are shown."""
+    return option(
+        converter=optional(ChoiceKind(("visual", "collision", "both"))),
+        default=None,
+        usual="visual where both have about the same place",
+        help="Geoms to show of bodies that have some for looks and others for collisions.",
+    )
 
 
 @options
@@ -106,12 +115,7 @@ class SceneOptions(RendererOptions):
         help="Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera that frames "
         "the model closely, or none; auto adds what a model without a floor and a sky lacks.",
     )
-    geoms: str | None = option(
-        converter=optional(ChoiceKind(GEOMS)),
-        default=None,
-        usual="visual where both have about the same place",
-        help="Geoms to show of bodies that have some for looks and others for collisions.",
-    )
+    geoms: str | None = geoms_option()
     show: tuple[str, ...] = option(
         converter=OneOrMoreKind(MujocoNameKind("FLAG", of="visual flag"), commas=True),
         default=(),

@@ -34,7 +34,7 @@ from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import VIDEOS, ImageSlider, Page, PageFactTable, PageFigure, data_uri, page_file
-from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name, origin
+from mjrun.plotting.page_writer import MAKER, check_page_name, origin, write_page
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write
@@ -239,9 +239,7 @@ def write_comparison_page(
     assert options.html is not None
     if os.path.realpath(options.html) in map(os.path.realpath, (result.a, result.b)):
         raise UsageError(f"{option('html')} {clean(options.html)} is a compared file; give the page another name")
-    with PageWriter(options.html) as writer:
-        writer.write(comparison_page(result, options, worst, command))
-        writer.publish()
+    write_page(options.html, comparison_page(result, options, worst, command))
 
 
 def comparison_page(

@@ -18,6 +18,7 @@ from mjrun.errors import clean, file_errors
 from mjrun.plotting.table_statistics import ColumnStatistics
 from mjrun.plotting.theme import theme_style
 from mjrun.probe.verdict import Verdict
+from mjrun.suffixes import HTML
 
 _VOID = frozenset({"img", "link", "meta", "col", "br", "source"})
 _VERSIONS = ("mjrun", "mujoco", "numpy", "python")
@@ -41,7 +42,6 @@ IMAGES = {
     ".webp": "image/webp",
     ".svg": "image/svg+xml",
 }
-PAGES = (".html", ".htm")
 VIDEOS = {".mp4": "video/mp4", ".m4v": "video/mp4", ".webm": "video/webm", ".mov": "video/mp4"}
 
 
@@ -528,7 +528,7 @@ def _links(files: Sequence[ShownFile]) -> Iterator[Markup]:
     items: list[Markup] = []
     for file in files:
         size = "folder" if file.size is None else _bytes(file.size)
-        about = "replay in 3D, " if Path(file.path).suffix.lower() in PAGES else ""
+        about = "replay in 3D, " if Path(file.path).suffix.lower() in HTML else ""
         items.append(element("li", element("a", file.path, href=file.address), f" · {about}{size}"))
     if items:
         yield element("ul", *items)
@@ -539,7 +539,7 @@ def _columns(table: TableStatistics) -> Markup:
     gaps = any(column.missing for column in table.columns)
     rows: list[Sequence[str]] = []
     for column in table.columns:
-        numbers = map(_number, (column.least, column.largest, column.mean, column.last))
+        numbers = (number(each, 6) or "–" for each in (column.least, column.largest, column.mean, column.last))
         rows.append([column.name, column.unit, *numbers, *([str(column.missing or "")] if gaps else [])])
     title = f"{table.path}: {_counted(table.rows, 'row')}, {_counted(len(table.columns), 'column')}"
     heads = ["Column", "Unit", "Min", "Max", "Mean", "Last", *(["NaN"] if gaps else [])]
@@ -547,8 +547,9 @@ def _columns(table: TableStatistics) -> Markup:
     return element("details", element("summary", title), facts_table(facts), open=len(table.columns) <= 40)
 
 
-def _number(value: float) -> str:
-    return "–" if math.isnan(value) else f"{value:.6g}".replace("-", "−")
+def number(value: float | None, digits: int = 5) -> str:
+    """Formats a number with significant digits and a minus sign; empty for None and NaN."""
+    return "" if value is None or math.isnan(value) else f"{value:.{digits}g}".replace("-", "−")
 
 
 def _bytes(size: int) -> str:

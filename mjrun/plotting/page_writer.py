@@ -11,9 +11,9 @@ from mjrun.formats.manifest import fingerprint
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.plotting.html_page import FileManifest, Page, ShownFile, html_page, page_file
 from mjrun.probe.verdict import Verdict
+from mjrun.suffixes import HTML
 from mjrun.version import __version__
 
-SUFFIXES = (".html", ".htm")
 MAKER = f"mjrun {__version__}"
 
 
@@ -38,9 +38,21 @@ class PageWriter(OutputWriter):
         self.write_file(html_page(page).encode())
 
 
+def write_page(output: str, page: Page) -> None:
+    """Writes and publishes a page.
+
+    Raises:
+      BadValueError: the output does not end with .html.
+      FileError: it cannot be written.
+    """
+    with PageWriter(output) as writer:
+        writer.write(page)
+        writer.publish()
+
+
 def check_page_name(output: str) -> None:
     """Raises BadValueError if `output` is not the name of a page."""
-    if Path(output).suffix.lower() not in SUFFIXES:
+    if Path(output).suffix.lower() not in HTML:
         with concerning("html"):
             raise BadValueError(option("html"), output, "a file that ends with .html")
 

@@ -24,6 +24,7 @@ from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_statistics import TableSummarizer
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import PythonApiReporter, Reporter
+from mjrun.suffixes import HTML
 
 SCHEMA = "mjrun-plot-1"  # schema of the report
 OF_TABLES = ("mark_event", "assert", "label")  # options that do not apply to a study
@@ -197,7 +198,7 @@ def _check_outputs(plot: TablePlot) -> None:
     require_matplotlib()
     if plot.output is None and plot.html is None:
         raise UsageError(f"nothing to make: give {option('output')}, {option('html')} or both")
-    if plot.output and plot.format is None and Path(plot.output).suffix.lower() in (".html", ".htm"):
+    if plot.output and plot.format is None and Path(plot.output).suffix.lower() in HTML:
         raise UsageError(f"{clean(plot.output)} would be a page, not an image: {option('html')} writes pages")
 
 

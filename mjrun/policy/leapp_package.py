@@ -16,8 +16,8 @@ import numpy as np
 import yaml
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, listing, quoted
-from mjrun.formats.input_file import cut, decoding, is_file, is_folder, opened
+from mjrun.errors import FileError, UsageError, clean, listing, quoted, shortened
+from mjrun.formats.input_file import decoding, is_file, is_folder, opened
 from mjrun.suffixes import YAML, is_yaml
 
 TYPES = {
@@ -300,7 +300,7 @@ class _Reader:
         if frequency is None:
             return None
         if not isinstance(frequency, int | float) or not 0 < frequency < float("inf"):
-            self._refuse(f"the frequency is {quoted(cut(str(frequency)))}, not a positive number")
+            self._refuse(f"the frequency is {quoted(shortened(str(frequency)))}, not a positive number")
         return 1 / Fraction(str(frequency))
 
     def _file(self, value: object, what: str) -> Path:
@@ -308,11 +308,11 @@ class _Reader:
         if not isinstance(value, str) or not value:
             self._refuse(f"{what} is not a path")
         if "\0" in value:
-            self._refuse(f"{what} is {quoted(cut(value))}, not a path")
+            self._refuse(f"{what} is {quoted(shortened(value))}, not a path")
         folder = self._path.parent.resolve()
         path = (folder / value).resolve()
         if not path.is_relative_to(folder):
-            self._refuse(f"{what} is {quoted(cut(value))}, which is outside its folder")
+            self._refuse(f"{what} is {quoted(shortened(value))}, which is outside its folder")
         return path
 
     def _mapping(self, value: object, what: str) -> dict[str, object]:

@@ -10,12 +10,11 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from mjrun.model.names import enum_members, names
+from mjrun.model.names import PLACES, enum_members, names
 from mjrun.model.table_column import Column
 from mjrun.probe.contacts import ContactProbe, RecordedContacts
 from mjrun.probe.fields import Fields, MjDataProbe, Probe, RecordedFieldProbe
 
-POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
     "inertia": "near-singular inertia matrix",
     "contactfull": "no memory for contacts",
@@ -66,7 +65,7 @@ def speed(model: mujoco.MjModel) -> RecordedFieldProbe:
     owners += [("site", i, int(body)) for i, body in enumerate(model.site_bodyid)]
     bodies = np.array([body for _, _, body in owners], int)
     roots = model.body_rootid[bodies]
-    known = {kind: names(model, kind) for kind in POSITIONS}
+    known = {kind: names(model, kind) for kind in PLACES}
     taken: set[str] = set()
     columns = []
     for kind, index, _ in owners:
@@ -76,10 +75,10 @@ def speed(model: mujoco.MjModel) -> RecordedFieldProbe:
         columns.append(Column(shown, "m/s", f"speed of the origin of this {kind}", kind, index))
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:
-        points = np.concatenate([fields[name] for name in POSITIONS.values()], axis=-2)
+        points = np.concatenate([fields[name] for name in PLACES.values()], axis=-2)
         return np.linalg.norm(_velocity(fields, bodies, roots, points), axis=-1)
 
-    return RecordedFieldProbe(columns, ("cvel", "subtree_com", *POSITIONS.values()), compute)
+    return RecordedFieldProbe(columns, ("cvel", "subtree_com", *PLACES.values()), compute)
 
 
 def com(model: mujoco.MjModel) -> RecordedFieldProbe:

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedStepError, UsageError, clean, concerning, listing, option
-from mjrun.formats.input_file import cut
+from mjrun.errors import FailedStepError, UsageError, clean, concerning, listing, option, shortened
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
@@ -207,7 +206,7 @@ def _changes(recorded: Mapping[str, object], now: Mapping[str, object], model: m
     for key, name in VERSIONS.items():
         there, here = recorded.get(key, now[key]), now[key]
         if there != here:
-            yield f"{name}: recorded with {clean(cut(str(there)))}, verified with {clean(str(here))}"
+            yield f"{name}: recorded with {clean(shortened(str(there)))}, verified with {clean(str(here))}"
     there, here = _overrides(recorded.get("options")), _overrides({"simulation": now["options"]})
     if there is not None and here is not None and there != here:
         yield f"overrides: recorded with {listing(there) or 'none'}, verified with {listing(here) or 'none'}"

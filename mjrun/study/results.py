@@ -70,6 +70,11 @@ def with_flags(text: str) -> str:
     return _COMPARED.sub(flag, text)
 
 
+def status_counts(statuses: Mapping[str, int]) -> str:
+    """Formats the number of points of each status: `97 ok, 3 unstable`."""
+    return ", ".join(f"{count:,} {status}" for status, count in statuses.items())
+
+
 def table_bytes(design: Design, metrics: int) -> int:
     """Estimates the size of the tables of a study [bytes]: 8 bytes per number in Parquet, their digits in CSV."""
     count = len(design.points)

@@ -19,7 +19,7 @@ from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
 from mjrun.plotting.html_page import Page, PageFactTable
-from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.page_writer import MAKER, write_page
 from mjrun.study.clusters import FOLDER as SLURM
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
@@ -202,9 +202,7 @@ def write_status_page(path: str, status: StudyStatus) -> None:
         notes=[status.text, time.strftime("%Y-%m-%d %H:%M:%S")],
         refresh=REFRESH if status.running and not status.is_finished else None,
     )
-    with PageWriter(path) as writer:
-        writer.write(page)
-        writer.publish()
+    write_page(path, page)
 
 
 def age(running: RunningRange) -> str:

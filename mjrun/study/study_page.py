@@ -8,19 +8,17 @@ from mjrun.errors import clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_page_parts import (
     interval,
-    number,
     origin,
     parameters_table,
     shown_files,
     study_figures,
-    write_results_page,
 )
 from mjrun.model.table_column import with_unit
 from mjrun.options.report import PageOptions
 from mjrun.options.sweep import MANIFEST
-from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable
-from mjrun.plotting.page_writer import MAKER
-from mjrun.study.results import SEED
+from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, number
+from mjrun.plotting.page_writer import MAKER, write_page
+from mjrun.study.results import SEED, status_counts
 
 if TYPE_CHECKING:
     from mjrun.study.study import StudyResult
@@ -43,7 +41,7 @@ def write_study_page(
     """
     assert options.html is not None
     figures, notes = study_figures(result.path)
-    statuses = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    statuses = status_counts(result.statuses)
     failed = result.points - result.statuses.get("ok", 0)
     page = Page(
         title=f"{clean(Path(result.path).name)}: study of {clean(model)}",
@@ -64,7 +62,7 @@ def write_study_page(
         ],
         notes=notes,
     )
-    write_results_page(options.html, page)
+    write_page(options.html, page)
 
 
 def _metrics(result: "StudyResult") -> list[PageFactTable]:

@@ -34,6 +34,11 @@ class DrivenActuator:
         """Returns the actuator of the control."""
         return int(np.searchsorted(model.actuator_ctrladr, self.control, side="right")) - 1
 
+    def strength(self, model: mujoco.MjModel) -> float:
+        """Returns the force or torque on the joint per unit of the control."""
+        actuator = self.actuator(model)
+        return float(model.actuator_gear[actuator, 0] * model.actuator_gainprm[actuator, 0])
+
 
 class ActionMap:
     """A map from the numbers of an action to the actuators that they drive, with the processing of these numbers.
@@ -130,8 +135,7 @@ class TargetTorques:
             return
         for index, driven in enumerate(self._driven):
             if driven.target != CONTROL:
-                actuator = driven.actuator(model)
-                self._strength[world, index] = model.actuator_gear[actuator, 0] * model.actuator_gainprm[actuator, 0]
+                self._strength[world, index] = driven.strength(model)
 
     def apply(self, targets: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray | int) -> None:
         """Writes the controls that hold for the whole control period into `ctrl` `(n, nu)`, in the worlds `rows`."""

@@ -3,10 +3,12 @@
 import os
 from collections.abc import Iterable, Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from mjrun.check.rule import SAFE, Finding, Fix, Rule
 from mjrun.errors import clean, listing, near, quoted
+from mjrun.formats.input_file import files_below
 from mjrun.model import xml_source
 from mjrun.model.description.assets import FACES
 from mjrun.model.text_edits import ElementEditor
@@ -138,7 +140,7 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
     base = Path(xml_source.with_slashes(name)).name
     if ROS_PACKAGE in name:
         return 'MuJoCo resolves no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
-    below = list(_below(source.path.parent))
+    below = [*islice(files_below(source.path.parent), MAX_SEARCHED)]
     if other_case := next(_in_other_case(paths, below), None):
         return f"{clean(str(other_case))} exists: names of files and folders are case-sensitive"
     close = near(base, _siblings(paths[0].parent))
@@ -159,7 +161,7 @@ def _in_right_case(
     source: xml_source.XmlSource, element: xml_source.Element, name: str, paths: list[Path]
 ) -> Fix | str:
     """Returns the fix that writes the name of a file with the letters that it has on disk."""
-    for found in _in_other_case(paths, _below(source.path.parent)):
+    for found in _in_other_case(paths, islice(files_below(source.path.parent), MAX_SEARCHED)):
         written = Path(xml_source.with_slashes(name))
         new = Path(*found.parts[-len(written.parts) :]).as_posix()
         attribute = next(key for key in file_attributes(element) if element.attributes.get(key) == name)
@@ -184,15 +186,3 @@ def _siblings(folder: Path) -> list[str]:
         return [entry.name for entry in folder.iterdir()]
     except OSError:
         return []
-
-
-def _below(folder: Path) -> Iterator[Path]:
-    """Yields the first `MAX_SEARCHED` files below `folder`."""
-    count = 0
-    for parent, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        for name in sorted(files):
-            yield Path(parent) / name
-            count += 1
-            if count >= MAX_SEARCHED:
-                return

@@ -220,7 +220,7 @@ def enabled_ranges(source: XmlSource) -> Fix | str:
     edits = [
         editor.with_value(element, limit, "true")
         for element, span, limit in _ranges(source)
-        if holder(element, limit) is None and any(_numbers(element, span))
+        if holder(element, limit) is None and any(element.numbers(span))
     ]
     return Fix(tuple(edits)) if edits else NOT_CERTAIN
 
@@ -238,7 +238,7 @@ def swapped_ranges(source: XmlSource) -> Fix | str:
 
 def elements_with_reversed_range(source: XmlSource) -> list[tuple[Element, str]]:
     """Returns each element with a reversed range, and the attribute with the range."""
-    numbers = ((element, span, _numbers(element, span)) for element, span, _ in _ranges(source))
+    numbers = ((element, span, element.numbers(span)) for element, span, _ in _ranges(source))
     return [(element, span) for element, span, values in numbers if len(values) == 2 and values[0] > values[1]]
 
 
@@ -248,14 +248,6 @@ def _ranges(source: XmlSource) -> Iterator[tuple[Element, str, str]]:
         for span, limit in RANGES.get(element.tag, ()):
             if span in element.attributes:
                 yield element, span, limit
-
-
-def _numbers(element: Element, attribute: str) -> tuple[float, ...]:
-    """Returns the numbers of an attribute; none if it holds something else."""
-    try:
-        return tuple(map(float, element.attributes[attribute].split()))
-    except ValueError:
-        return ()
 
 
 @rule("MJ313", "note", "hinge that turns its link through its parent")

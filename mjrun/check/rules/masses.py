@@ -229,7 +229,7 @@ def _ratio(high: float, low: float) -> str:
 def _inferred_inertia(context: CheckContext, body: int) -> Fix | str:
     """Returns the fix that gives a body the inertia of its geoms, of which the mass is scaled to that of the body."""
     element = context.element("body", body)
-    inertial = next((child for child in element.children if child.tag == "inertial"), None) if element else None
+    inertial = element.child("inertial") if element else None
     model = _model_with_inferred_inertia(context, body)
     if inertial is None:
         return GENERATED
@@ -284,4 +284,5 @@ def _loses_its_shape(context: CheckContext, link: Element) -> bool:
 
 
 def _end(joint: Element, tag: str) -> str:
-    return next((child.attributes.get("link", "") for child in joint.children if child.tag == tag), "")
+    end = joint.child(tag)
+    return end.attributes.get("link", "") if end else ""

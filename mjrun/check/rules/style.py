@@ -85,7 +85,7 @@ def directions_not_normalized(context: CheckContext) -> Iterator[Violation]:
     """Yields quaternions and axes that are probably meant to have length 1: decimals, and a length close to 1."""
     for element in _elements(context):
         for attribute, count in DIRECTIONS.items():
-            numbers = _numbers(element.attributes.get(attribute, ""))
+            numbers = element.numbers(attribute)
             length = float(np.linalg.norm(numbers))
             if len(numbers) == count and ROUNDED < abs(length - 1) < INTENDED:
                 message = f"the length of its {attribute} is close to 1, but not 1; MuJoCo normalizes it"
@@ -96,13 +96,6 @@ def directions_not_normalized(context: CheckContext) -> Iterator[Violation]:
 
 def _with_words(context: CheckContext, element: Element, attribute: str, words: Sequence[str]) -> Fix:
     return Fix(context.editor.with_words(element, attribute, dict(enumerate(words))))
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split()]
-    except ValueError:
-        return []
 
 
 def _elements(context: CheckContext) -> Iterator[Element]:

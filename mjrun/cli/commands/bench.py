@@ -16,7 +16,7 @@ from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 from mjrun.options.every_command import opened_file
 
 if TYPE_CHECKING:
-    from mjrun.bench.results import BenchResult
+    pass
 
 SLOWER, PARTLY = 1, 8  # exit codes
 
@@ -60,20 +60,14 @@ def bench(console: Console, command_line: ParsedCommandLine) -> None:
         console.answer(bench_report(result), form)
         append(markdown(result))
         if forms.html is not None:
-            _write_page(result, forms.html, console.command)
+            from mjrun.plotting.page_writer import write_page
+
+            write_page(forms.html, bench_page(result, console.command))
     comparison, failed = result.comparison, sum(bool(row.failure) for row in result.rows)
     if command_line.value("fail_above") is not None and comparison and comparison.verdict in ("slower", "failed"):
         console.fail(SLOWER, "Slower", "slower than the baseline allows, or not measured any more")
     elif failed:
         console.fail(PARTLY, "PartlyDone", f"{failed} of {counted(len(result.rows), 'point')} could not be measured")
-
-
-def _write_page(result: "BenchResult", path: str, command: str) -> None:
-    from mjrun.plotting.page_writer import PageWriter
-
-    with PageWriter(path) as writer:
-        writer.write(bench_page(result, command))
-        writer.publish()
 
 
 @contextmanager

@@ -7,7 +7,14 @@ import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import CommandReport, Console
-from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    is_study,
+    refuse_assignments,
+    reported_failures,
+    simulation,
+    stem,
+)
 from mjrun.errors import UsageError, clean, counted, option
 from mjrun.options.image_dataset import DatasetOptions
 from mjrun.options.option import values_of
@@ -63,10 +70,7 @@ def _dataset(console: Console, command_line: ParsedCommandLine) -> "tuple[Datase
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_dataset")
     if not is_study(model):
-        if assignments:
-            raise UsageError(
-                f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it"
-            )
+        refuse_assignments(model, assignments)
         made = command_line.make(Dataset, simulation=simulation(command_line), command=console.command)
         return made, nullcontext()
     from mjrun.document.study import read_study

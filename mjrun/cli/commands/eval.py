@@ -10,7 +10,7 @@ import click
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
-from mjrun.cli.table_cells import ReportColumn, interval_text, number
+from mjrun.cli.table_cells import ReportColumn, interval_text, number, verdict_lines
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import EvaluationOptions, EvaluationReportOptions
@@ -134,25 +134,23 @@ def evaluation_report(result: "EvaluationResult") -> str:
         videos = [(f.rank, f"{clean(f.path)}: return {number(f.returned)}, {clean(f.ending)}") for f in result.videos]
         page.lines("videos", videos)
     if result.assertions:
-        page.lines("required", _verdicts(result))
+        page.lines("required", verdict_lines(result.assertions))
     page.note(_last_line(result))
     return page.text()
 
 
 def evaluation_markdown(result: "EvaluationResult") -> str:
     """Formats the report of an evaluation as Markdown, the requirements and failures first."""
-    from mjrun.cli.report_formats import escaped, markdown_table
+    from mjrun.cli.report_formats import markdown_report
 
     level, rows = f"{100 * result.confidence:g} %", _number_rows(result)
-    lines = [*_verdicts(result), *(("failed", f"{name}: {text}") for name, text in _failures(result))]
+    lines = [*verdict_lines(result.assertions), *(("failed", f"{name}: {text}") for name, text in _failures(result))]
     lines += [("caution", f"{name}: {text}") for name, text in _cautions(result)]
     lines += [("success", f"{name}: {text}") for name, text in _successes(result, level)]
     lines += [("comparison", f"{name}: {text}") for name, text in _comparison(result.comparison, level)]
-    parts = [f"### mjrun eval: {escaped(result.task)}", escaped(_last_line(result))]
-    parts.append("\n".join(f"- **{escaped(name)}** {escaped(text)}" for name, text in lines))
     tables = [_number_columns(rows, level), _ending_columns(result.policies, level)]
     tables += [_point_columns(result.points[:SHOWN], result.names, level)] if result.points else []
-    return "\n\n".join([*filter(None, parts), *map(markdown_table, tables)])
+    return markdown_report(f"mjrun eval: {result.task}", _last_line(result), lines, tables)
 
 
 def _number_rows(result: "EvaluationResult") -> "list[tuple[str, str, NumberSummary]]":
@@ -181,10 +179,6 @@ def _successes(result: "EvaluationResult", level: str) -> list[tuple[str, str]]:
 
 def _failures(result: "EvaluationResult") -> list[tuple[str, str]]:
     return [(f"{each.status}, {each.count}", _failure(each, result)) for each in result.failures]
-
-
-def _verdicts(result: "EvaluationResult") -> list[tuple[str, str]]:
-    return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
 
 
 def _numbers(summary: "PolicySummary", units: Mapping[str, str]) -> "dict[str, NumberSummary]":

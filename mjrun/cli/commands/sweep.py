@@ -16,6 +16,7 @@ from mjrun.cli.simulation_command import (
     import_mujoco,
     is_study,
     load_controller,
+    refuse_assignments,
     reported_failures,
     simulation,
     stem,
@@ -162,8 +163,7 @@ def _study(console: Console, command_line: ParsedCommandLine) -> "tuple[Study, L
         request = read_study(model, assignments, values=beside, code=code, command=console.command)
         _require_said_there(command_line, model)
         return request.made, request.located
-    if assignments:
-        raise UsageError(f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it")
+    refuse_assignments(model, assignments)
     if _is_plan(model):
         if not command_line.make(StudyCommandOptions).collect:
             raise UsageError(f"{clean(model)} is a plan; give {option('task')} I/N or {option('collect')}")
@@ -235,9 +235,10 @@ def _write_plan(console: Console, study: "Study", path: str) -> None:
 
 def _simulate_task(console: Console, command_line: ParsedCommandLine, task: int, tasks: int) -> None:
     from mjrun.study.job_plan import run_task
+    from mjrun.study.results import status_counts
 
     result = run_task(_plan(command_line), task, tasks, console)
-    counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    counts = status_counts(result.statuses)
     known = result.points - result.missing - result.simulated
     facts = [
         f"task {task} of {tasks}: {counted(result.simulated, 'point')} simulated{f' ({counts})' if counts else ''}",

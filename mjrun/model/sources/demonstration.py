@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
+from mjrun.confinement.confinement import OUTSIDE, advice, is_readable, load_confined
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList
@@ -157,11 +157,7 @@ class DemonstrationSource(ModelSource):
             return self._model()[0].text.decode("utf-8", "replace")
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        if confinement() is None:
-            return self._compile()
-        from mjrun.confinement.self_confinement import confined_load
-
-        return confined_load(self._compile)
+        return load_confined(self._compile)
 
     def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         name = Path(self.text)

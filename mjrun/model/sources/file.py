@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable, load_confined
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
@@ -59,11 +59,7 @@ class FileSource(ModelSource):
         return replace(self, path=place(self.path), label=self.text)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        if confinement() is None:
-            return self._compile()
-        from mjrun.confinement.self_confinement import confined_load
-
-        return confined_load(self._compile)
+        return load_confined(self._compile)
 
     def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         self._check_file()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.confinement.confinement import confinement
+from mjrun.confinement.confinement import load_confined
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_spec, refusals_named
@@ -55,11 +55,7 @@ class StdinSource(ModelSource):
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()
-        if confinement() is None:
-            return self._compile(xml)
-        from mjrun.confinement.self_confinement import confined_load
-
-        return confined_load(lambda: self._compile(xml))
+        return load_confined(lambda: self._compile(xml))
 
     def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         with refusals_named(LABEL), parsing_checked(LABEL, xml.encode(), str(LABEL), self.overrides):

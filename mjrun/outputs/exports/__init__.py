@@ -11,6 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.options.trace import PROBES
 from mjrun.packages import require
+from mjrun.suffixes import HTML
 
 EPISODES = "mjrun.study.episode_dataset:EpisodeDataset"
 
@@ -73,7 +74,7 @@ FORMATS = {
         ),
         ExportFormat(
             "html",
-            (".html", ".htm"),
+            HTML,
             "a page that replays the simulation in 3D, without network",
             "mjrun.outputs.exports.html:write_page",
             cameras=(),

@@ -25,7 +25,7 @@ from mjrun.formats.ffmpeg import H264Encoder
 from mjrun.formats.glb import write_glb
 from mjrun.formats.image_encoding import ImageData, jpeg, png
 from mjrun.formats.mcap import McapWriter, NumericMessages, TableMessages, groups
-from mjrun.model.names import BALL, FREE, distinct, names, object_names
+from mjrun.model.names import BALL, FREE, PLACES, distinct, names, object_names
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
 from mjrun.outputs.export import Export, SceneToExport
@@ -38,7 +38,7 @@ from mjrun.timeline import nanoseconds
 
 WORLD = "world"
 ENCODERS = {"jpeg": jpeg, "png": png}
-RIGID = ("body", "geom", "site")  # nodes that are part of a model; a body is of the stage
+RIGID = (*PLACES,)  # nodes that are part of a model; a body is of the stage
 SHORTEST = 1e-6  # length of an arrow [m]
 CONTACT = 2  # columns of a contact table before those of the contact: the time and the index
 
