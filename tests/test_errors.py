@@ -344,3 +344,8 @@ def test_messages_of_what_is_partly_done_name_the_outputs_and_steer_no_terminal(
 def test_a_message_keeps_its_lines_and_options_when_it_is_cleaned() -> None:
     error = FileError("a.csv", f"is wrong\n{option('trail_span')} \x1bhelps", "so does this")
     assert error.spelled(str.upper) == "a.csv: is wrong\nTRAIL_SPAN \\x1bhelps\nso does this"
+
+
+def test_long_texts_are_cut() -> None:
+    assert errors.shortened("x" * 80) == "x" * 80
+    assert errors.shortened("x" * 81) == "x" * 79 + "…"

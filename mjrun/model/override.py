@@ -22,6 +22,9 @@ from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_ind
 from mjrun.model.position_control import add_servos
 from mjrun.model.stage import add_ground, add_to_stage
 from mjrun.options.model import ModelOptions, ServoOptions
+from mjrun.options.number_kinds import UNITS as NUMBER_UNITS
+from mjrun.options.setting_kinds import UNITS as SETTING_UNITS
+from mjrun.options.setting_kinds import LengthWithUnit
 
 
 class _Sizes:
@@ -91,13 +94,11 @@ ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
 UNITS = {unit: 1024**power for power, unit in enumerate(("", "K", "M", "G", "T"))}  # of memory, as in MJCF
 # Units of values, with what they measure and their size in SI units, and the fields that they fit.
 QUANTITIES = {
-    "m": ("length", 1.0),
-    "cm": ("length", 0.01),
-    "mm": ("length", 0.001),
+    **{unit: ("length", factor) for unit, (kind, factor) in SETTING_UNITS.items() if kind is LengthWithUnit},
+    **{unit: ("time", float(factor)) for unit, factor in NUMBER_UNITS["SECONDS"].items()},
     "kg": ("mass", 1.0),
     "g": ("mass", 0.001),
 }
-QUANTITIES |= {"s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6)}
 MEASURED = {
     "length": {"pos", "ipos", "size", "fromto", "margin", "gap", "width", "radius", "center", "extent", "cranklength"},
     "mass": {"mass"},

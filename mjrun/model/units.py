@@ -36,8 +36,11 @@ CHOSEN = {
 }
 FIELDS = {"rangefinder": mujoco.mjtRayDataField, "contact": mujoco.mjtConDataField}
 # Settings that no field of the model has under this name, by the paths of `mjrun.model.override`.
-OPTIONS = {"opt.timestep": "s", "opt.gravity": "m/s²", "opt.wind": "m/s", "opt.density": "kg/m³"}
-OPTIONS |= {"opt.viscosity": "Pa·s", "opt.magnetic": "T", "opt.sleep_tolerance": "m/s"}
+SETTINGS = {
+    "opt.timestep": "s", "opt.gravity": "m/s²", "opt.wind": "m/s", "opt.magnetic": "T", "opt.density": "kg/m³",
+    "opt.viscosity": "Pa·s", "opt.o_margin": "m", "opt.ccd_tolerance": "m", "opt.sleep_tolerance": "m/s",
+    "stat.center": "m", "stat.extent": "m", "stat.meansize": "m", "stat.meanmass": "kg",
+}  # fmt: skip
 OTHERS = {("geom", "mass"): "kg", ("geom", "density"): "kg/m³"}
 OF_DOFS = ("damping", "armature", "frictionloss")
 IN_DEGREES = ("range", "margin")  # of joints, in the compiler's unit of angles
@@ -198,7 +201,7 @@ def setting_unit(model: mujoco.MjModel, path: str) -> str:
     """
     kind, slash, rest = path.partition("[")[0].removeprefix("add:").partition("/")
     if not slash:
-        return OPTIONS.get(kind, "")
+        return SETTINGS.get(kind, "")
     pattern, _, field = rest.rpartition(".")
     if (kind, field) in OTHERS:
         return OTHERS[kind, field]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.input_file import cut, decoding, opened, require_file
+from mjrun.formats.input_file import decoding, opened, require_file
 
 
 def test_a_regular_file_is_opened(tmp_path: Path) -> None:
@@ -57,8 +57,3 @@ def test_whatever_a_decoder_raises_is_reported_in_a_sentence() -> None:
 def test_warnings_of_a_decoder_are_not_shown() -> None:
     with decoding(Path("a"), "cannot be read"):
         warnings.warn("strange", UserWarning, stacklevel=1)
-
-
-def test_long_texts_are_cut() -> None:
-    assert cut("x" * 80) == "x" * 80
-    assert cut("x" * 81) == "x" * 79 + "…"

@@ -11,15 +11,11 @@ from mjrun.dataclass import dataclass
 from mjrun.model.fields import decimal_float, floats
 from mjrun.model.names import enum_members, enum_name
 from mjrun.model.override import NAMED_INTEGERS
+from mjrun.model.units import SETTINGS
 
 VISUAL = {"global": "global_", "quality": "quality", "headlight": "headlight", "map": "map", "scale": "scale"}
 VISUAL |= {"rgba": "rgba"}
 BITS = ("disableflags", "enableflags")
-UNITS = {
-    "timestep": "s", "gravity": "m/s²", "wind": "m/s", "magnetic": "T", "density": "kg/m³", "viscosity": "Pa·s",
-    "o_margin": "m", "ccd_tolerance": "m", "sleep_tolerance": "m/s",
-}  # fmt: skip
-STATISTIC_UNITS = {"center": "m", "extent": "m", "meansize": "m", "meanmass": "kg"}
 
 Value = str | int | float | bool | tuple[float, ...]
 
@@ -44,7 +40,7 @@ def option_differences(model: mujoco.MjModel, base: mujoco.MjModel | None = None
     """Returns the options and flags of `model` that differ from those of `base`, by default an empty model."""
     other = _default_model() if base is None else base
     settings = [
-        NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
+        NonDefaultSetting(f"opt.{name}", mine, theirs, SETTINGS.get(f"opt.{name}", ""))
         for name, mine, theirs in _differences(model.opt, other.opt)
     ]
     flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, other.opt.disableflags, ("enable", "disable"))]
@@ -65,7 +61,7 @@ def visual_differences(model: mujoco.MjModel, base: mujoco.MjModel | None = None
 def statistic_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Returns the statistics of `model` that differ from those of `other`, which represent the defaults."""
     return tuple(
-        NonDefaultSetting(f"stat.{name}", mine, theirs, STATISTIC_UNITS.get(name, ""))
+        NonDefaultSetting(f"stat.{name}", mine, theirs, SETTINGS.get(f"stat.{name}", ""))
         for name, mine, theirs in _differences(model.stat, other.stat)
     )
 
