@@ -13,12 +13,11 @@ from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadTimer
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.camera.pose import CameraPose
-from mjrun.confinement.confinement import load_confined
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.model.compilation import lengthen_buffers
+from mjrun.model.compilation import lengthen_buffers, load_confined
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
 from mjrun.model.rendered_view import RenderedView

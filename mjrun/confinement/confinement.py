@@ -4,10 +4,8 @@ Paths are checked before they are opened, whether the kernel confines the proces
 """
 
 import os
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
@@ -16,8 +14,6 @@ VARIABLE = "MJRUN_CONFINEMENT"  # the environment variable with the limits, for 
 CHECKS = "checks of paths"
 MAGIC = "/proc/"  # a folder whose links may lead to places of other processes
 LINKS = 40  # the number of links that the system follows in a path
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -81,15 +77,6 @@ def is_writable(path: str | Path) -> bool:
     """Returns whether outputs may be written at `path`: anywhere, unless this process is confined."""
     limits = confinement()
     return limits is None or any(is_within(_real(path), place) for place in (*limits.written, limits.temporary))
-
-
-def load_confined(load: Callable[[], T]) -> T:
-    """Calls `load`: in a confined process, in a thread that can open only the files of models."""
-    if confinement() is None:
-        return load()
-    from mjrun.confinement.self_confinement import confined_load
-
-    return confined_load(load)
 
 
 def depends_on_processes(path: str | Path) -> bool:

@@ -11,9 +11,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.confinement.confinement import load_confined
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
+from mjrun.model.compilation import load_confined
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.text_edits import ElementEditor, edited
 from mjrun.model.xml_source import Element, XmlSource, default_holder, read_xml

@@ -3,10 +3,11 @@
 import math
 import re
 import zipfile
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -26,6 +27,17 @@ LEFT_OUT_ENDINGS = ("_user", "_texcoord")
 BOUNDS = ("range", "margin", "gap", "cutoff", "tolerance", "yield", "limited")
 # Fields computed from others: a fault in them is a fault in one of the others.
 DERIVED = ("0", "_aabb", "_rbound", "_subtreemass", "_L")
+
+T = TypeVar("T")
+
+
+def load_confined(load: Callable[[], T]) -> T:
+    """Calls `load`: in a confined process, in a thread that can open only the files of models."""
+    if confinement() is None:
+        return load()
+    from mjrun.confinement.self_confinement import confined_load
+
+    return confined_load(load)
 
 
 def non_finite_number(model: mujoco.MjModel) -> str | None:

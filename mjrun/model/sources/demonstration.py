@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.confinement.confinement import OUTSIDE, advice, is_readable, load_confined
+from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList
-from mjrun.model.compilation import compile_spec, refusals_named
+from mjrun.model.compilation import compile_spec, load_confined, refusals_named
 from mjrun.model.model_files import AbsolutePathMjcf, file_content, installed_packages, packages_in, placed
 from mjrun.model.override import ASSETS
 from mjrun.model.source import ModelSource

@@ -12,12 +12,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable, load_confined
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.model import model_files
-from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_spec, refusals_named
+from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_spec, load_confined, refusals_named
 from mjrun.model.model_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override

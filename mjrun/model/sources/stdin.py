@@ -8,10 +8,9 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.confinement.confinement import load_confined
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
-from mjrun.model.compilation import compile_spec, refusals_named
+from mjrun.model.compilation import compile_spec, load_confined, refusals_named
 from mjrun.model.model_files import existing_files
 from mjrun.model.source import ModelSource
 from mjrun.model.sources.file import FileSource, parsing_checked
