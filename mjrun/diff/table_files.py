@@ -20,7 +20,7 @@ from mjrun.diff.result import TableDifference
 from mjrun.diff.sentences import manifest_part, provenance_notes
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
-from mjrun.errors import CellError, MjrunError, UnknownNameError, UsageError, clean, concerning, listing, option
+from mjrun.errors import CellError, MjrunError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.formats.manifest import read_sidecar
 from mjrun.formats.recording import RecordingReader
@@ -29,6 +29,7 @@ from mjrun.formats.tables import input_format
 from mjrun.model import state
 from mjrun.model.table_column import Column
 from mjrun.options.diff import ALIGNMENTS, TableDiffOptions
+from mjrun.physics.recorded_states import moved_name, require_model
 from mjrun.probe.fields import state_columns
 
 STUDY, EPISODES = "results", "episodes"  # kinds, named after the stems of the files
@@ -274,7 +275,7 @@ def compare_recordings(
     with ExitStack() as stack:
         one, other = (stack.enter_context(RecordingReader(path)) for path in (a, b))
         notes = provenance_notes(one.facts, other.facts)
-        if differences := _size_differences(one, other, clean(a), clean(b)):
+        if differences := _layout_differences(one, other, clean(a), clean(b)):
             return None, differences, notes
 
         names = _state_names(one, model)
@@ -288,15 +289,12 @@ def compare_recordings(
 
 def _state_names(recording: RecordingReader, model: mujoco.MjModel | None) -> list[str]:
     """Returns the names of the numbers of a state."""
-    sizes = recorded_sizes(recording.facts)
     if model is not None:
-        ours = state.sizes(model)
-        others = [f"{name} is {sizes[name]}, not {ours[name]}" for name in sizes if sizes[name] != ours[name]]
-        if others or recording.size != state.size(model):
-            facts = f": {', '.join(others)}" if others else ""
-            raise UsageError(f"{option('model')}: the recordings were made with another model{facts}")
+        with concerning("model"):
+            require_model(model, recording, recording.facts)
         return state_columns(model)
 
+    sizes = recorded_sizes(recording.facts)
     names = [
         "time" if field == "time" else f"{field}/{i}"
         for field, part in (state.fields(sizes) if sizes else {}).items()
@@ -313,13 +311,16 @@ def recorded_sizes(facts: Mapping[str, Any]) -> dict[str, int]:
     return {name: sizes[name] for name in state.SIZES}
 
 
-def _size_differences(one: RecordingReader, other: RecordingReader, a: str, b: str) -> list[str]:
-    """Returns a sentence for each difference in the sizes of two models."""
+def _layout_differences(one: RecordingReader, other: RecordingReader, a: str, b: str) -> list[str]:
+    """Returns a sentence for each difference in the layouts of the states of two models."""
     first, second = recorded_sizes(one.facts), recorded_sizes(other.facts)
     pairs = [(name, first[name], second[name]) for name in first if second]
     differing = [f"{name} is {x} in {a}, {y} in {b}" for name, x, y in pairs if x != y]
     if not differing and one.size != other.size:
         differing = [f"a state has {one.size} numbers in {a}, {other.size} in {b}"]
+    if not differing and (moved := moved_name(one.facts, other.facts)):
+        kind, name, there, here = moved
+        differing = [f"{kind} {quoted(name)} is number {there} in {a}, {here} in {b}"]
     return differing
 
 

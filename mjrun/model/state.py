@@ -4,9 +4,12 @@ It does not include which bodies sleep: a restored simulation with `sleep` enabl
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
+
+from mjrun.model.names import names, object_names
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm start: not bit-identical
 INPUTS = int(mujoco.mjtState.mjSTATE_USER)  # controls, applied forces, mocap poses, active equalities, userdata
@@ -81,6 +84,18 @@ def moving(model: mujoco.MjModel) -> slice:
 def sizes(model: mujoco.MjModel) -> dict[str, int]:
     """Returns the sizes of `model` that determine the layout of its integration states, by MuJoCo's names."""
     return {name: int(getattr(model, name)) for name in SIZES}
+
+
+def layout(model: mujoco.MjModel) -> dict[str, Any]:
+    """Returns what the numbers of an integration state of `model` belong to, as recordings contain it.
+
+    Returns:
+      The `sizes`, and `names`: those of joints, actuators and mocap bodies, in the order of the state.
+    """
+    mocap = np.flatnonzero(model.body_mocapid >= 0)
+    bodies = object_names(model, "body", mocap[np.argsort(model.body_mocapid[mocap])].tolist())
+    owners = {"joint": names(model, "joint"), "actuator": names(model, "actuator"), "mocap body": bodies}
+    return {"sizes": sizes(model), "names": owners}
 
 
 def fields(model_sizes: Mapping[str, int]) -> dict[str, slice]:

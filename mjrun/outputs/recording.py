@@ -52,7 +52,7 @@ class OpenRecording(output.OpenOutput[RecordingResult]):
     def __init__(self, request: Recording, context: output.PassContext, stack: ExitStack) -> None:
         model = context.model
         self._request, self._context = request, context
-        self._facts = {**context.facts(request), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
+        self._facts = {**context.facts(request), **state.layout(model), "physics": physics_fingerprint(model)}
         self._writer = stack.enter_context(RecordingWriter(request.output, state.size(model), self._facts))
         self.taps = [Tap(range(context.timeline.steps + 1), self._record)]
 

@@ -6,12 +6,13 @@ import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from types import MappingProxyType
 from typing import Any, Protocol, cast
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import FileError, UsageError, clean, listing, option
+from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
 from mjrun.model import state
 from mjrun.physics.stepper import Stepper, derive, instant_of
 from mjrun.timeline import rational
@@ -155,7 +156,7 @@ class ReplayStepper:
     recorded states, a body that slept may be awake.
 
     Args:
-      sizes: the `sizes` of the recorded model, if known.
+      facts: the facts of the recording, which may state the layout of its states.
       simulated: whether the states come from physics, in which bodies may sleep, or from a table.
 
     Raises:
@@ -166,10 +167,10 @@ class ReplayStepper:
         self,
         model: mujoco.MjModel,
         states: RecordedStates,
-        sizes: Mapping[str, Any] | None = None,
+        facts: Mapping[str, Any] = MappingProxyType({}),
         simulated: bool = True,
     ) -> None:
-        require_model(model, states, sizes)
+        require_model(model, states, facts)
         require_timestep(model, states)
         self._source = "recording" if simulated else "table"
         self.model = copy.copy(model)
@@ -264,24 +265,57 @@ class ReplayStepper:
         return f"step {step}, time {float(step * self._timestep):.9g} s"
 
 
-def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
-    """Checks that `states` may be states of `model`; `recorded` are the `sizes` of their model, if known.
+def require_model(
+    model: mujoco.MjModel, states: RecordedStates, facts: Mapping[str, Any] = MappingProxyType({})
+) -> None:
+    """Checks that `states` may be states of `model`; `facts` of a recording may state their layout.
 
     Raises:
       UsageError: the recording was made with another model.
     """
-    ours = state.sizes(model)
+    ours, recorded = state.sizes(model), facts.get("sizes")
     theirs = cast("Mapping[str, Any]", recorded if isinstance(recorded, Mapping) else {})  # a recording is untrusted
     differing = [name for name in state.SIZES if theirs.get(name, ours[name]) != ours[name]]
     if differing:
-        facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
-        raise UsageError(f"the recording was made with another model: it has {'; '.join(facts)}")
+        texts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
+        raise UsageError(f"the recording was made with another model: it has {'; '.join(texts)}")
     if states.size != state.size(model):
-        facts = [f"{name} {size}" for name, size in ours.items() if size]
+        texts = [f"{name} {size}" for name, size in ours.items() if size]
         raise UsageError(
             f"the recording was made with another model: its states have {states.size} numbers, "
-            f"those of this model {state.size(model)}\nthis model has {listing(facts)}"
+            f"those of this model {state.size(model)}\nthis model has {listing(texts)}"
         )
+    if moved := moved_name(facts, state.layout(model)):
+        kind, name, there, here = moved
+        raise UsageError(
+            f"the recording was made with another model: {kind} {quoted(name)} is number {there} in it, not {here}\n"
+            "replay a trace of it instead, made with its own model: tables assign positions by name"
+        )
+
+
+def moved_name(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[str, str, int, int] | None:
+    """Returns a joint, actuator or mocap body that has different places in the states of two models.
+
+    Args:
+      first, second: what `state.layout` returns, or the facts of a recording, which are untrusted.
+
+    Returns:
+      Its kind, its name and its places, counted from 0; None if all have the same place.
+    """
+    for kind in ("joint", "actuator", "mocap body"):
+        one, other = (_places(facts.get("names"), kind) for facts in (first, second))
+        for name, place in one.items():
+            if other.get(name, place) != place:
+                return kind, name, place, other[name]
+    return None
+
+
+def _places(names: object, kind: str) -> dict[str, int]:
+    """Returns the place of each name of a kind; empty if untrusted facts lack them."""
+    owners = cast("Mapping[str, object]", names).get(kind) if isinstance(names, Mapping) else None
+    if not isinstance(owners, list):
+        return {}
+    return {name: place for place, name in enumerate(cast("list[object]", owners)) if isinstance(name, str)}
 
 
 def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:

@@ -430,7 +430,7 @@ class Simulation(SimulationOptions):
         states = self.replayed(model)
         with concerning("replay"):
             if isinstance(states, RecordingReader):
-                stepper = ReplayStepper(model, states, states.facts.get("sizes"))
+                stepper = ReplayStepper(model, states, states.facts)
             else:
                 stepper = ReplayStepper(model, states, simulated=False)
             stepper.require([self.timeline(model).steps])
@@ -441,7 +441,7 @@ class Simulation(SimulationOptions):
         states = self.replayed(model)
         with concerning("replay"):
             if isinstance(states, RecordingReader):
-                require_model(model, states, states.facts.get("sizes"))
+                require_model(model, states, states.facts)
                 require_timestep(model, states)
             elif not states.has_controls:
                 expected = listing([f"ctrl/{name}" for name in control_names(model)]) or "none: it has no actuators"

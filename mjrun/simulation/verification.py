@@ -117,7 +117,7 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
         model = simulation.load()
         timeline = simulation.timeline(model)
         with concerning("replay"):
-            ReplayStepper(model, recording, recording.facts.get("sizes")).require([timeline.steps])
+            ReplayStepper(model, recording, recording.facts).require([timeline.steps])
         last = int(np.searchsorted(recording.steps, timeline.steps))
 
         def report(done: int) -> None:

@@ -336,7 +336,7 @@ class Viewer(ViewerOptions):
             timeline = self.simulation.timeline(model)
             facts = {
                 **origin(self, self.simulation, model, timeline),
-                "sizes": state.sizes(model),
+                **state.layout(model),
                 "physics": physics_fingerprint(model),
             }
             return SessionRecording(self.recording, state.size(model), facts)

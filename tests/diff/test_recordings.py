@@ -34,7 +34,7 @@ def states(model: mujoco.MjModel, count: int) -> np.ndarray:
 
 
 def record(path: Path, rows: np.ndarray, model: mujoco.MjModel | None, first_step: int = 0) -> str:
-    facts = {"mujoco": "4.0.0"} if model is None else {"sizes": state.sizes(model), "mujoco": "4"}
+    facts = {"mujoco": "4.0.0"} if model is None else {**state.layout(model), "mujoco": "4"}
     with RecordingWriter(str(path), rows.shape[1], facts) as out:
         for step, row in enumerate(rows):
             out.write(step + (first_step if step else 0), row)
@@ -91,8 +91,23 @@ def test_recordings_of_other_models_are_reported_by_their_sizes(tmp_path: Path, 
     table, differences, notes = compare_recordings(a, bare, TableDiffOptions())
     assert differences == [f"a state has {rows.shape[1]} numbers in {a}, {state.size(larger)} in {bare}"]
     assert notes == ["MuJoCo is 4 and 4.0.0"]
-    with pytest.raises(UsageError, match="model: the recordings were made with another model: nu is 1, not 2"):
+    with pytest.raises(UsageError, match="the recording was made with another model: it has nu 1, not 2"):
         compare(a, a, larger)
+
+
+def test_joints_that_have_changed_places_are_not_compared(tmp_path: Path) -> None:
+    bodies = [f'<body><joint name="{name}"/><geom size=".{size}"/></body>' for name, size in (("a", 1), ("b", 2))]
+    models = [
+        mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{''.join(order)}</worldbody></mujoco>")
+        for order in (bodies, bodies[::-1])
+    ]
+    one, other = (record(tmp_path / f"{i}.npz", states(model, 3), model) for i, model in enumerate(models))
+    table, differences, _ = compare_recordings(one, other, TableDiffOptions())
+    assert table is None
+    assert differences == [f"joint 'a' is number 0 in {one}, 1 in {other}"]
+    with pytest.raises(UsageError, match="joint 'a' is number 0 in it, not 1") as caught:
+        compare_recordings(one, one, TableDiffOptions(), models[1])
+    assert caught.value.path == ("model",)
 
 
 def test_a_recording_that_does_not_know_its_sizes_has_numbered_states(tmp_path: Path, model: mujoco.MjModel) -> None:

@@ -1,6 +1,7 @@
 """Theorems about replaying: the states are those that were recorded, and every instant is that of the live run."""
 
 import copy
+import json
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache
@@ -201,13 +202,13 @@ def test_a_vast_stretch_without_states_is_not_simulated() -> None:
 
 def test_a_recording_on_disk_is_replayed_as_it_ran(tmp_path: Path) -> None:
     kept, instants = recorded(live(TUMBLER, controller=wave), range(0, 100, 3))
-    with RecordingWriter(str(tmp_path / "run.npz"), kept.size, {"sizes": state.sizes(TUMBLER)}) as writer:
+    with RecordingWriter(str(tmp_path / "run.npz"), kept.size, state.layout(TUMBLER)) as writer:
         for step, row in zip(kept.steps, kept.rows, strict=True):
             writer.write(step, row)
         writer.publish()
     seen: list[dict[str, bytes]] = []
     with RecordingReader(tmp_path / "run.npz") as found:
-        replay = ReplayStepper(TUMBLER, found, found.facts["sizes"])
+        replay = ReplayStepper(TUMBLER, found, found.facts)
         run_with_taps(replay, [Tap(found.steps.tolist(), lambda s: seen.append(fields(s)))], 99)
     assert seen == instants
 
@@ -281,7 +282,7 @@ def test_a_recording_of_another_model_is_refused_with_what_differs() -> None:
         f"those of this model {state.size(sleepy())}\nthis model has nq 28, nv 24, nbody 5"
     )
     with pytest.raises(UsageError) as caught:
-        ReplayStepper(sleepy(), tumbled(), state.sizes(TUMBLER))
+        ReplayStepper(sleepy(), tumbled(), state.layout(TUMBLER))
     assert str(caught.value) == (
         "the recording was made with another model: it has nq 8, not 28; nv 7, not 24; na 1, not 0; nu 1, not 0; "
         "nbody 3, not 5"
@@ -290,18 +291,45 @@ def test_a_recording_of_another_model_is_refused_with_what_differs() -> None:
 
 def test_states_of_the_same_size_may_be_of_another_model() -> None:
     ours = state.sizes(TUMBLER)
-    require_model(TUMBLER, tumbled(), ours)
+    require_model(TUMBLER, tumbled(), {"sizes": ours})
     with pytest.raises(UsageError, match=r"it has nq 9, not 8; na 0, not 1$"):
-        require_model(TUMBLER, tumbled(), {**ours, "nq": 9, "na": 0})
+        require_model(TUMBLER, tumbled(), {"sizes": {**ours, "nq": 9, "na": 0}})
+
+
+@pytest.mark.parametrize("kind", ["joint", "actuator", "mocap body"])
+def test_states_are_not_assigned_to_objects_of_other_names(kind: str) -> None:
+    parts = {
+        "joint": '<body><joint name="{0}"/><geom size=".1"/></body>',
+        "mocap body": '<body name="{0}" mocap="true"/>',
+        "actuator": '<motor name="{0}" joint="one"/>',
+    }
+
+    def model(names: str) -> mujoco.MjModel:
+        parted = "".join(parts[kind].format(name) for name in names)
+        bodies, motors = ("", parted) if kind == "actuator" else (parted, "")
+        return mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><body><joint name="one"/><geom size=".1"/></body>{bodies}</worldbody>
+            <actuator>{motors}</actuator></mujoco>"""
+        )
+
+    recorded_model = model("ab")
+    kept = recorded(live(recorded_model), range(2))[0]
+    facts = json.loads(json.dumps(state.layout(recorded_model)))
+    require_model(model("ab"), kept, facts)
+    require_model(model("cd"), kept, facts)  # renamed
+    place = 1 if kind == "joint" else 0
+    with pytest.raises(UsageError, match=rf"{kind} 'a' is number {place} in it, not {place + 1}\n.*table"):
+        require_model(model("ba"), kept, facts)
 
 
 @pytest.mark.parametrize("said", [None, {}, [], "nq", {"nq": "8\x1b"}, {"nq": None}])
 def test_a_recording_may_say_anything_of_its_model(said: object) -> None:
     if not said or not isinstance(said, dict):
-        require_model(TUMBLER, tumbled(), said)  # type: ignore[arg-type]
+        require_model(TUMBLER, tumbled(), {"sizes": said, "names": said})
+        require_model(TUMBLER, tumbled(), {"names": {"joint": said, "actuator": [said, 3], "mocap body": {"a": said}}})
         return
     with pytest.raises(UsageError) as caught:
-        require_model(TUMBLER, tumbled(), said)
+        require_model(TUMBLER, tumbled(), {"sizes": said})
     assert "\x1b" not in str(caught.value)
 
 

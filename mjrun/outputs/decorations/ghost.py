@@ -159,6 +159,6 @@ def _trace(path: Path, map_file: str | None, model: mujoco.MjModel, simulation: 
 
 def _recording(path: Path, model: mujoco.MjModel) -> RecordingReader:
     recording = RecordingReader(path)
-    require_model(model, recording, recording.facts.get("sizes"))
+    require_model(model, recording, recording.facts)
     require_timestep(model, recording)
     return recording
