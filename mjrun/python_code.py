@@ -130,14 +130,17 @@ def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str
     return digest.hexdigest() if count else ""
 
 
-def edited_since_import(sources: Iterable[ModuleSource]) -> list[str]:
-    """Returns the paths of modules whose files differ by now from what this process has executed."""
+def edit_remarks(sources: Iterable[ModuleSource]) -> list[str]:
+    """Returns a remark on each module whose file differs by now from what this process executes, as in a notebook."""
     edited = list[str]()
     for source in sources:
         with contextlib.suppress(OSError):
             if Path(source.path).read_bytes() != source.content:
                 edited.append(source.path)
-    return edited
+    return [
+        f"{clean(path)} was edited after Python had imported it: restart Python to use the new version"
+        for path in edited
+    ]
 
 
 def own_copy(code: T) -> T:

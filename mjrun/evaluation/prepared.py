@@ -21,7 +21,7 @@ from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.task import TaskOptions
 from mjrun.packages import require_all
-from mjrun.python_code import edited_since_import, memory_warning, module_sources
+from mjrun.python_code import edit_remarks, memory_warning, module_sources
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.policy_episode import policy_files
 from mjrun.task.task import Task
@@ -84,7 +84,7 @@ class PreparedEvaluation:
             chosen = [group.spec.chosen for group in self.groups]
             self.player = self._checked_players()  # imports the policies, and with them the modules that they import
             self.modules = module_sources(dict.fromkeys(each.policy for each in chosen if each.is_code))
-            self._edited = edited_since_import(self.modules)
+            self._edited = edit_remarks(self.modules)
             self.metrics = [name for name, _ in plain_metrics(options.metric)]
             self.units = {**self.player.metric_units(), **written_units(options.metric)}
             check_metric_names(
@@ -98,8 +98,7 @@ class PreparedEvaluation:
         So it does on each module that was edited between its import and this evaluation, as in a notebook. It calls the
         policies in this process, so they should have played episodes without failures before.
         """
-        for path in self._edited:
-            yield f"{clean(path)} was edited after Python had imported it: restart Python to use the new version"
+        yield from self._edited
         for group in {group.policy: group for group in reversed(self.groups)}.values():
             if group.spec.chosen.is_code:
                 player = player_of(group.spec) if group.policy else self.player

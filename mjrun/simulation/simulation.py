@@ -34,7 +34,7 @@ from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require_model, require_timestep
 from mjrun.physics.stepper import PhysicsStepper, Stepper
-from mjrun.python_code import RedirectedFunction, own_copy
+from mjrun.python_code import RedirectedFunction, edit_remarks, module_sources, own_copy
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.suffixes import is_url, split_episode
 from mjrun.task.task import Task
@@ -344,7 +344,8 @@ class Simulation(SimulationOptions):
         useless = pushes.remarks(self.timeline(model).steps) if pushes else []
         replay = self.replay_remarks(model)
         episode = self.episode.remarks(self._requested_timeline(rational(model.opt.timestep))) if self.episode else []
-        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode]
+        edited = edit_remarks(module_sources(self.code))
+        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode, *edited]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | KinematicMotion":
         """Returns the recording, or the motion of `model` in a table or a demonstration.

@@ -33,7 +33,7 @@ from mjrun.model.variants import VariantLoader
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.outputs.event_detection import EndCondition
 from mjrun.probe.metric import Metric
-from mjrun.python_code import memory_warning
+from mjrun.python_code import edit_remarks, memory_warning
 from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
@@ -138,6 +138,8 @@ class PreparedStudy(PreparedPoints):
 
     def warn(self, reporter: Reporter) -> None:
         super().warn(reporter)
+        for text in edit_remarks(self.shipped.spec.modules):
+            reporter.warn(text)
         if self.first.code and not self._acts_again_alike():
             code = option("policy" if self.first.controller is None else "controller")
             reporter.warn(memory_warning(code, f"{self.noun}s"))

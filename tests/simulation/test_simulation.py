@@ -17,6 +17,7 @@ from mjrun.model.sources.file import FileSource
 from mjrun.outputs.perform import perform
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
+from mjrun.python_code import load_code
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 from tests.cases import cases
@@ -179,6 +180,18 @@ def test_a_push_that_is_too_late_or_of_a_body_that_cannot_move_is_remarked_on() 
     (remark,) = late.remarks(MODEL)
     assert remark.startswith(option("push"))
     assert remark.endswith("does nothing: it begins at step 500, and the simulation has 10 steps")
+
+
+def test_code_that_was_edited_after_its_import_is_remarked_on(tmp_path: Path) -> None:
+    path = tmp_path / "controller_that_is_edited.py"
+    path.write_text("def act(model, data):\n    data.ctrl[:] = 1\n")
+    controller = load_code(f"{path}:act", "controller", "FILE.py:NAME")
+    assert isinstance(controller, Callable)
+    simulation = Simulation(MODEL, steps=10, controller=controller)
+    assert simulation.remarks(MODEL) == []
+    path.write_text("def act(model, data):\n    data.ctrl[:] = 2\n")
+    (remark,) = simulation.remarks(MODEL)
+    assert remark == f"{path} was edited after Python had imported it: restart Python to use the new version"
 
 
 def sway(model: mujoco.MjModel, data: mujoco.MjData) -> None:
