@@ -318,6 +318,7 @@ def made(thing: object, code: str, name: str) -> object:
 
 def _load(place: str, attribute: str, name: str, form: str) -> object:
     if _finder not in sys.meta_path:
+        _installed()  # now, as sysconfig imports a module at its first use
         sys.meta_path.insert(sys.meta_path.index(importlib.machinery.PathFinder), _finder)
     try:
         module = _file(Path(place), form) if place.endswith(".py") else _module(place)

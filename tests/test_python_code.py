@@ -3,10 +3,12 @@
 import os
 import py_compile
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
 
+from mjrun import python_code
 from mjrun.errors import ControllerError, FileError, UsageError
 from mjrun.python_code import RedirectedFunction, code_hash, load_code, made, module_sources
 
@@ -43,6 +45,25 @@ def test_names_are_found_in_files_and_modules(folder: Path, place: str, capsys: 
 def test_what_is_not_there_is_told(folder: Path, code: str, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         load_code(code, "policy", "FORM")
+
+
+def test_the_folders_of_libraries_are_known_before_imports_are_examined(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To find them, Python 3.13 imports a module, and cannot name them within that import."""
+    finder, get_paths = python_code._finder, sysconfig.get_paths
+    monkeypatch.setattr(sys, "meta_path", [each for each in sys.meta_path if each is not finder])
+
+    def before_the_finder() -> dict[str, str]:
+        assert finder not in sys.meta_path
+        return get_paths()
+
+    monkeypatch.setattr(sysconfig, "get_paths", before_the_finder)
+    python_code._installed.cache_clear()
+    (folder / "controllers.py").write_text("gain = 7")  # pytest imports modules whose names contain "test" itself
+    assert load_code("controllers:gain", "policy", "") == 7
+    assert finder in sys.meta_path
+    del sys.modules["controllers"]
 
 
 def test_a_class_that_cannot_be_made_is_an_error_of_its_own(folder: Path) -> None:
