@@ -56,7 +56,9 @@ def sbatch(folder: Path, script: str) -> int:
             return 1
     for job in jobs:
         _set(folder, job, "PENDING")
-    command = [sys.executable, "-S", __file__, str(folder / "controller"), script, array[2] if array else "1", *jobs]
+    copy = folder / f"{number}.sh"  # like that of Slurm, as submitit renames the script
+    copy.write_text(Path(script).read_text())
+    command = [sys.executable, "-S", __file__, str(folder / "controller"), str(copy), array[2] if array else "1", *jobs]
     subprocess.Popen(
         [*command, flags["output"]],
         start_new_session=True,
