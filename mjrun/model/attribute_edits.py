@@ -151,8 +151,13 @@ def _text(values: np.ndarray, old: str, override: Override) -> str:
         number = values[override.index or 0]
         return repr(float(abs(number)))  # kp and kv are gains; the bias is their negative
     field = override.target.rpartition(".")[2]
-    all_are_meant = override.index is None and field not in PARTIAL
-    count = values.size if all_are_meant else max(len(old.split()), (override.index or 0) + 1)
+    if override.index is None and field not in PARTIAL:
+        last = values.size
+    elif override.index is None and override.operation == "scale":  # default numbers too
+        last = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 1
+    else:
+        last = (override.index or 0) + 1
+    count = max(len(old.split()), last)
     return " ".join(repr(float(value)) for value in values[:count])
 
 

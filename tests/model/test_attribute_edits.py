@@ -67,6 +67,8 @@ def model(tmp_path: Path) -> Path:
         ("joint/one.damping", "0.25", ['<joint damping="0.25"/>']),  # nothing else takes it from there
         ("joint/one.armature", "0.5", ['<joint name="one" axis="0 1 0" armature="0.5"/>']),
         ("geom/g.friction[1]", "0.5", ['axis="1 0 0"/><geom name="g" size=".1" friction="1.0 0.5"/></body>']),
+        ("scale:geom/g.friction", "2", ['axis="1 0 0"/><geom name="g" size=".1" friction="2.0 0.01 0.0002"/></body>']),
+        ("scale:actuator/general.gainprm", "2", ['<general name="general" joint="two" gainprm="6.0"/>']),
         ("body/a.mass", "2", ['<inertial pos="0 0 0" mass="2.0" diaginertia="1 1 1"/>']),
         ("opt.gravity[2]", "-3.7", ["<option gravity='0.0 0.0 -3.7'/>"]),
         ("actuator/motor.gear[0]", "7", ['<motor name="motor" joint="two" gear="7.0"/>']),
