@@ -9,7 +9,7 @@ import itertools
 import json
 import shutil
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
+from mjrun.errors import ModelError, UsageError, clean, concerning, file_errors, listing, option
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fitting.prediction import Chunk, Predictor
 from mjrun.fitting.result import FitResult, FittedParameter
@@ -349,22 +349,31 @@ class FittedModelFile:
                 f"{clean(str(main))} includes, and only one file is written\nleave {option('output')} out and edit "
                 "the values there, or fit the included file"
             )
+        self._text(overrides)
 
     def write(self, stack: ExitStack, overrides: Sequence[Override]) -> tuple[OutputWriter, list[AttributeChange]]:
         """Writes the text, to be published by the caller; `stack` removes it otherwise.
 
         Raises:
-          FileError: the file cannot be written, or does not compile to the model with `overrides`.
+          FileError: the file cannot be written.
+          UsageError: the text does not compile to the model with `overrides`.
         """
+        text, made = self._text(overrides)
+        return stack.enter_context(written_file(self.path, text)), made
+
+    def _text(self, overrides: Sequence[Override]) -> tuple[bytes, list[AttributeChange]]:
         made = changes(self._main, overrides)
         text = with_changes(self._main.read_bytes(), made)
-        output = stack.enter_context(written_file(self.path, text))
         fitted = replace(self.source, overrides=tuple(overrides)).load()
-        with output.writing(), temporary_file(self.path, text, SUFFIX) as beside:
-            is_same = physics_fingerprint(FileSource(beside).load()) == physics_fingerprint(fitted)
-        if not is_same:
-            raise FileError(self.path, "would not be the fitted model", "an attribute of its text sets several numbers")
-        return output, made
+        written = file_errors(str(self.path), "written")
+        with written, temporary_file(self.path, text, SUFFIX) as beside, suppress(ModelError):
+            if physics_fingerprint(FileSource(beside).load()) == physics_fingerprint(fitted):
+                return text, made
+        raise UsageError(
+            f"{option('output')} {clean(str(self.path))} would not be the fitted model: an attribute of its text sets "
+            f"several numbers, or a file that it includes differs there\nleave {option('output')} out, write it beside "
+            f"{clean(str(self._main))}, or free single numbers such as geom/box.friction[0]"
+        )
 
     @property
     def _main(self) -> Path:

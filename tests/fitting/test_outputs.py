@@ -49,18 +49,23 @@ def test_the_text_keeps_its_comments_and_compiles_to_the_last_bit(tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fitted.xml", "pendulum.xml"]
 
 
-def test_a_place_where_it_would_be_another_model_is_refused(tmp_path: Path) -> None:
-    write_model(tmp_path)
-    (tmp_path / "pendulum.xml").write_text(
-        (tmp_path / "pendulum.xml").read_text().replace("<worldbody>", '<include file="more.xml"/><worldbody>', 1)
-    )
-    more = '<mujoco><worldbody><geom name="more" size="{}"/></worldbody></mujoco>'
-    (tmp_path / "more.xml").write_text(more.format(0.1))
+@pytest.mark.parametrize(
+    ("friction", "free"), [(0.1, OVERRIDES), (0.2, [Override("scale:actuator/servo.gainprm", "2")])]
+)
+def test_a_text_of_another_model_is_refused_before_the_fit(
+    tmp_path: Path, friction: float, free: list[Override]
+) -> None:
+    """Another included file in the folder of the output, and a gain of a servo without its bias."""
+    path = write_model(tmp_path)
+    servo = '<actuator><position name="servo" joint="hinge" kp="1"/></actuator>'
+    path.write_text(path.read_text().replace("<worldbody>", f'<include file="more.xml"/>{servo}<worldbody>', 1))
+    more = '<mujoco><worldbody><geom name="more" size=".1" friction="{}"/></worldbody></mujoco>'
+    (tmp_path / "more.xml").write_text(more.format(0.2))
     (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "more.xml").write_text(more.format(0.2))
-    fitted = FittedModelFile(tmp_path / "elsewhere" / "fitted.xml", FileSource(tmp_path / "pendulum.xml"))
-    with ExitStack() as stack, pytest.raises(FileError, match="would not be the fitted model"):
-        fitted.write(stack, OVERRIDES)
+    (tmp_path / "elsewhere" / "more.xml").write_text(more.format(friction))
+    fitted = FittedModelFile(tmp_path / "elsewhere" / "fitted.xml", FileSource(path))
+    with pytest.raises(UsageError, match="would not be the fitted model"):
+        fitted.check(free)
     assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["more.xml"]
 
 
