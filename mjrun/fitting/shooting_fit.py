@@ -222,8 +222,6 @@ class ShootingFit:
         """
         openings = [_opening(part, WINDOW) for part in parts]
         states = self.guessed(parts, coordinates)
-        if self._loss != "linear":  # guesses do not ignore outliers
-            states = self._run(self._approached(openings, coordinates, states, noise))
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
         nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed, advanced).estimate())
         place = None if coordinates is None else nearest.coordinates

@@ -15,7 +15,7 @@ from mjrun.probe.fields import field_probe
 JOINTPOS, JOINTVEL = int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL)
 QUATERNION_PLACES = {FREE: 3, BALL: 0}  # of quaternions and angular velocities within the numbers of a joint
 WINDOW = 9  # rows to which a parabola is fitted
-LONGER = (72, 36, 18)  # numbers of rows that are preferred if a parabola fits them
+WINDOWS = (72, 36, 18, WINDOW)  # numbers of rows that are preferred if a parabola fits them
 FITTING = 1.35  # largest residuals of such a parabola, in standard deviations of the noise
 
 
@@ -56,7 +56,7 @@ class StateGuesses:
 
     def place(self, data: mujoco.MjData, chunk: Chunk, timestep: float) -> None:
         """Sets the measured positions and velocities of `data` to those at the beginning of `chunk`."""
-        rows, seconds, noise = chunk.values[: LONGER[0]], chunk.positions[: LONGER[0]] * timestep, self._noise
+        rows, seconds, noise = chunk.values[: WINDOWS[0]], chunk.positions[: WINDOWS[0]] * timestep, self._noise
         for index, signal in self._qpos.items():
             data.qpos[index] = _at_start(seconds, rows[:, signal], data.qpos[index], noise[signal])[0]
         for position, velocity in self._turning.items():
@@ -125,16 +125,21 @@ def _places(model: mujoco.MjModel, field: str, signals: Sequence[str], sensor: i
 def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float, noise: float) -> tuple[float, float]:
     """Returns value and rate at 0 s of a parabola through the first samples; `otherwise` and 0 without any.
 
-    It uses as many samples as one parabola explains to the noise, since more samples reduce the effect of noise.
+    It uses as many samples as one parabola explains to the noise, since more samples reduce the effect of noise. Of
+    each `WINDOW` of them, one may be an outlier.
     """
-    for window in LONGER:
-        known = np.isfinite(values[:window])
-        if noise and len(values) >= window and known.sum() > window / 2:
-            factors, left, *_ = np.polynomial.polynomial.polyfit(
-                seconds[:window][known], values[:window][known], 2, full=True
-            )
-            if float(np.sum(left[0])) < (FITTING * noise) ** 2 * (int(known.sum()) - 3):
+    for window in WINDOWS:
+        known = np.flatnonzero(np.isfinite(values[:window]))
+        if not noise or len(values) < window or len(known) <= window / 2:
+            continue
+        for _ in range(1 + window // WINDOW):
+            powers = np.vander(seconds[known], 3, increasing=True)
+            basis, triangle = np.linalg.qr(powers)
+            left = values[known] - basis @ (basis.T @ values[known])
+            if float(left @ left) < (FITTING * noise) ** 2 * (len(known) - 3):
+                factors = np.linalg.solve(triangle, basis.T @ values[known])
                 return float(factors[0]), float(factors[1])
+            known = np.delete(known, np.argmax(left**2 / (1 - (basis**2).sum(axis=1))))  # the one that explains most
     known = np.isfinite(values[:WINDOW])
     count = int(known.sum())
     if not count:

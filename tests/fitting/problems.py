@@ -49,9 +49,11 @@ def shooting_of(
     return ShootingFit(predictor, parameters, starting), predictor, starting, parameters
 
 
-def shooting(texts: tuple[tuple[str, str], ...]) -> tuple[ShootingFit, list[FreeParameter]]:
+def shooting(
+    texts: tuple[tuple[str, str], ...], log: LogSegment | None = None
+) -> tuple[ShootingFit, list[FreeParameter]]:
     """Returns a shooting of the nominal pendulum, and its parameters."""
-    shoot, _, _, parameters = shooting_of(write_model(Path(mkdtemp())), texts, ["qpos/hinge"], ["ctrl/motor"])
+    shoot, _, _, parameters = shooting_of(write_model(Path(mkdtemp())), texts, ["qpos/hinge"], ["ctrl/motor"], log)
     return shoot, parameters
 
 

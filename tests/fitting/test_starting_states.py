@@ -15,9 +15,11 @@ from tests.fitting.cart import TRUTH, cart_log, cart_shooting
 from tests.fitting.logs import simulate, write_model
 
 
-def guess(model: mujoco.MjModel, signals: list[str], times: np.ndarray, values: np.ndarray) -> mujoco.MjData:
+def guess(
+    model: mujoco.MjModel, signals: list[str], times: np.ndarray, values: np.ndarray, noise: np.ndarray | None = None
+) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    starting = StateGuesses(model, signals, state.save(model, data))
+    starting = StateGuesses(model, signals, state.save(model, data), noise)
     parts = chunks([LogSegment("log", times, values, np.zeros((len(times), model.nu)))], 30, model.opt.timestep)
     state.restore(model, data, starting.guess(parts[1], model.opt.timestep))
     return data
@@ -31,6 +33,18 @@ def test_positions_give_velocities(tmp_path: Path) -> None:
     rates = np.gradient(angles, times)
     assert data.qpos[0] == pytest.approx(angles[row], abs=2e-3)
     assert data.qvel[0] == pytest.approx(rates[row], abs=0.2)
+
+
+@pytest.mark.parametrize("row", range(9))
+def test_an_outlier_does_not_change_a_guess(tmp_path: Path, row: int) -> None:
+    """The angle jerks after 12 rows, so that no longer window has a parabola."""
+    model = parse_source(str(write_model(tmp_path))).load()
+    times = np.arange(60) * 0.01
+    values = 0.3 + 2 * times + 40 * np.maximum(times - 0.42, 0)
+    values[30 + row] += 0.05
+    data = guess(model, ["qpos/hinge"], times, values[:, None], np.array([1e-3]))
+    assert data.qpos[0] == pytest.approx(0.9, abs=1e-6)
+    assert data.qvel[0] == pytest.approx(2, abs=1e-4)
 
 
 def test_measured_velocities_count_as_they_are(tmp_path: Path) -> None:
