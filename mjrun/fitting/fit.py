@@ -71,27 +71,30 @@ class NoiseRatios:
       ratios: residual over noise of each signal, `(signals,)`.
       shares: residual over spread of each signal, `(signals,)`.
       reduced: reduced χ², about 1 if the model explains all but noise.
+      loss: loss function of the residuals.
       estimate: parameters by regression on simulated logs, if contacts make the motion rough.
     """
 
     ratios: Floats
     shares: Floats
     reduced: float
-    estimate: RegressionEstimate | None = None
+    loss: str
+    estimate: RegressionEstimate | None
 
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
         if self.reduced < MISFIT or self.remark():
             return None
-        beyond = f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): "
+        lacking = "the model lacks something, so the intervals, which cover only scatter, may exclude the true values"
         if self.estimate:
-            return (
-                f"{beyond}contacts make the motion rough, but simulations differ less from each other than from the "
-                "log, so the model lacks something, and the intervals may exclude the true values"
+            lacking = (
+                "contacts make the motion rough, but simulations differ less from each other than from the log, so "
+                "the model lacks something, and the intervals may exclude the true values"
             )
+        outliers = f"; if it has outliers, set {option('loss')} huber" if self.loss == "linear" else ""
         return (
-            f"{beyond}the model lacks something, so the intervals, which cover only scatter, may exclude the true "
-            f"values\nif the noise is larger than the high frequencies of the log suggest, set {option('noise')}"
+            f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): {lacking}\n"
+            f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}{outliers}"
         )
 
     def remark(self) -> str | None:
@@ -106,7 +109,7 @@ class NoiseRatios:
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
         """Returns the reason why nothing is written; None if the residuals are acceptable."""
         bad = np.flatnonzero((self.ratios > HOPELESS) & (self.shares > HOPELESS_SHARE)).tolist()
-        if not bad:
+        if not bad or self.remark():
             return None
         worst = [
             f"{clean(columns[i].name)} by {self.ratios[i] * noise[i]:.3g} {columns[i].unit}".rstrip()
@@ -127,7 +130,8 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
     ratios = left / np.maximum(noise, LEAST * spread)
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
-    return NoiseRatios(ratios, left / np.where(spread > 0, spread, np.nan), reduced, solution.estimate)
+    shares = left / np.where(spread > 0, spread, np.nan)
+    return NoiseRatios(ratios, shares, reduced, solution.loss, solution.estimate)
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:
@@ -174,18 +178,19 @@ def improvement(before: Solution, after: Solution) -> PredictionImprovement:
     """Compares two models by the same measurements.
 
     If the second is right, its residuals r are noise, and those of the first are r + δ: the gain is Σ δ² + 2 Σ δ·r,
-    whose second part is chance. Its standard deviation is the larger of two estimates: from sums over blocks of time,
-    within which r may be correlated, and from white noise.
+    whose second part is chance. Under a robust loss, weights limit what a residual can change. The standard deviation
+    is the larger of two estimates: from sums over blocks of time, within which r may be correlated, and from white
+    noise.
     """
     loss = LOSSES[after.loss]
     scale = max(after.cost, 1e-12)
     gain, squares, numbers, sums = 0.0, 0.0, 0, list[float]()
-    for r, other, weights in zip(after.residuals, before.residuals, after.weights, strict=True):
+    for r, other, v, w in zip(after.residuals, before.residuals, after.weights, before.weights, strict=True):
         gain += float(np.nansum(loss(other**2) - loss(r**2)))
         numbers += int(np.isfinite(r).sum())
-        change = np.nan_to_num((other - r) * np.sqrt(weights))
-        squares += float(np.nansum(change**2))
-        products = np.nansum(change * np.nan_to_num(r) * np.sqrt(np.nan_to_num(weights)), axis=1)
+        change = np.nan_to_num(w * other - v * r)
+        squares += float((change**2).sum())
+        products = (change * np.nan_to_num(r)).sum(axis=1)
         blocks = max(BLOCKS // len(after.residuals), 1)
         sums += [float(block.sum()) for block in np.array_split(products, min(blocks, len(products)))]
     deviation = 2 * max(float(np.sqrt(np.sum(np.square(sums)))), scale * float(np.sqrt(squares)))

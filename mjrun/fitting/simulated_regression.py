@@ -10,9 +10,10 @@ genetics" (2002); P. Fearnhead, D. Prangle, "Constructing summary statistics for
 (2012).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.gauss_newton import state_spread
@@ -31,6 +32,8 @@ from mjrun.fitting.shooting_problem import (
 SIMULATIONS = 200  # per round
 LEAST_SIMULATIONS = 50  # that must not fail
 BATCH = 50  # points that are simulated at once
+NEIGHBOURS = 2  # rows before and after another that show whether it is an outlier
+PART = 4096  # numbers of all logs that are multiplied at once
 MOST_ROUNDS = 16
 MOST_BEYOND = 3  # rounds whose estimates may lie beyond what was drawn, as those of a wrong model do
 WIDE = 0.3  # standard deviation of coordinates in the first round
@@ -50,11 +53,19 @@ class _Round:
 
     Attributes:
       unknowns: coordinates, then the deviations of all states, `(points, unknowns)`.
-      residuals: weighted residuals of the simulations, `(points, numbers)`.
+      residuals: residuals of the simulations, and those of priors, `(points, numbers)`.
+      weights: weights of the residuals under the loss, `(numbers,)`.
     """
 
     unknowns: Floats
     residuals: Floats
+    weights: Floats
+
+    def parts(self) -> Iterator[tuple[slice, Floats]]:
+        """Returns weighted residuals of consecutive numbers, `(points, at most PART)`, as logs may be long."""
+        for first in range(0, len(self.weights), PART):
+            part = slice(first, first + PART)
+            yield part, self.residuals[:, part] * self.weights[part]
 
 
 class RegressionSearch:
@@ -72,6 +83,7 @@ class RegressionSearch:
     ) -> None:
         self._problem, self._opening, self._advanced = problem, opening, advanced
         self._generator = np.random.default_rng(seed)
+        self._runs = _consecutive(problem.known)
 
     def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
         """Draws and regresses until the errors no longer decrease.
@@ -147,22 +159,25 @@ class RegressionSearch:
 
     def _simulated(self, unknowns: Floats, nearest: Unknowns) -> Simulating[tuple[_Round, Unknowns]]:
         """Simulates points; returns those that do not fail, and the nearest to the log, which `nearest` may remain."""
-        points = [nearest, *map(self._point, unknowns)]
-        residuals = list[list[Floats]]()
+        points, least, near = [nearest, *map(self._point, unknowns)], np.inf, list[Floats]()
+        rows = np.empty((len(points), sum(int(each.sum()) for each in self._problem.known) + self._problem.free))
         for first in range(0, len(points), BATCH):
-            residuals += yield from self._problem.residuals(points[first : first + BATCH])
-        costs = [self._problem.cost(*each) for each in zip(points, residuals, strict=True)]
-        best = int(np.argmin(costs))
-        weights = [np.sqrt(loss_weights(self._problem.loss, each)) for each in residuals[best]]
-        whole = [i for i, one in enumerate(residuals) if i and not any((each == PENALTY).any() for each in one)]
-        rows = np.stack([self._row(points[i], residuals[i], weights) for i in whole or [0]])
-        return _Round(unknowns[[i - 1 for i in whole]], rows[: len(whole)]), points[best]
+            batch = points[first : first + BATCH]
+            all_residuals = yield from self._problem.residuals(batch)
+            for row, point, residuals in zip(rows[first:], batch, all_residuals, strict=False):
+                priors, _ = self._problem.priors(point.coordinates)
+                np.concatenate([*self._known(residuals), priors], out=row)
+                if (cost := self._problem.cost(point, residuals)) < least:
+                    least, nearest, near = cost, point, residuals
+        whole = [i for i, row in enumerate(rows) if i and not (row == PENALTY).any()]
+        for place, i in enumerate(whole):  # in place, as logs may be long
+            rows[place] = rows[i]
+        weights = [loss_weights(self._problem.loss, _away_from_neighbours(each)) for each in near]
+        all_weights = np.concatenate([*self._known(weights), np.ones(self._problem.free)])
+        return _Round(unknowns[[i - 1 for i in whole]], rows[: len(whole)], all_weights), nearest
 
-    def _row(self, point: Unknowns, residuals: Sequence[Floats], weights: Sequence[Floats]) -> Floats:
-        """Returns the weighted residuals of a point, and those of priors, which count as measurements."""
-        priors, _ = self._problem.priors(point.coordinates)
-        known = zip(residuals, weights, self._problem.known, strict=True)
-        return np.concatenate([*((r * w)[is_known] for r, w, is_known in known), priors])
+    def _known(self, values: Sequence[Floats]) -> list[Floats]:
+        return [each[known] for each, known in zip(values, self._problem.known, strict=True)]
 
     def _regressed(self, drawn: _Round) -> tuple[Floats, Floats]:
         """Returns the unknowns of the log, `(unknowns,)`, and the errors for the simulated ones, `(points, unknowns)`.
@@ -170,15 +185,19 @@ class RegressionSearch:
         Each error is that of a regression without the log in question. The penalty of each unknown is the one with the
         least errors.
         """
-        logs = self._generator.normal(size=drawn.residuals.shape)
-        logs += drawn.residuals
-        middle, offset = drawn.unknowns.mean(axis=0), logs.mean(axis=0)
-        logs -= offset  # in place, as logs may be long
+        middle, count = drawn.unknowns.mean(axis=0), len(drawn.unknowns)
         targets = drawn.unknowns - middle
-        squares, vectors = np.linalg.eigh(logs @ logs.T)
+        products, of_log = np.zeros((count, count)), np.zeros(count)
+        for _, rows in drawn.parts():
+            logs = rows + self._generator.normal(size=rows.shape)
+            offset = logs.mean(axis=0)
+            logs -= offset
+            products += logs @ logs.T
+            of_log -= logs @ offset
+        squares, vectors = np.linalg.eigh(products)
         squares = np.maximum(squares, 0.0)
         projected = vectors.T @ targets
-        real = vectors.T @ (logs @ -offset)
+        real = vectors.T @ of_log
 
         least = np.full(targets.shape[1], np.inf)
         estimate, errors = np.zeros(targets.shape[1]), np.zeros_like(targets)
@@ -200,12 +219,45 @@ class RegressionSearch:
         return np.clip(estimate, middle - reach, middle + reach)
 
     def _probability(self, drawn: _Round) -> float:
-        """Returns the rank of the log among simulated ones by the median distance to the simulations."""
-        rows = drawn.residuals
-        logs = np.concatenate([np.zeros((1, rows.shape[1])), rows + self._generator.normal(size=rows.shape)])
-        lengths = (rows**2).sum(axis=1)
-        distances = (logs**2).sum(axis=1)[:, None] - 2 * logs @ rows.T + lengths
-        others = ~np.eye(len(rows), dtype=bool)
-        real = np.median(distances[0])
-        simulated = np.array([np.median(each[is_other]) for each, is_other in zip(distances[1:], others, strict=True)])
-        return float((1 + (simulated >= real).sum()) / (1 + len(simulated)))
+        """Returns the rank of the log among simulated ones by the median distance to the simulations.
+
+        It is the lower of two: third differences show noise and outliers that a rough motion hides.
+        """
+        count = len(drawn.unknowns)
+        distances = np.zeros((2, 1 + count, count))
+        for part, rows in drawn.parts():
+            logs = np.concatenate([np.zeros((1, rows.shape[1])), rows + self._generator.normal(size=rows.shape)])
+            runs = self._runs[:, (self._runs[0] >= part.start) & (self._runs[-1] < part.stop)] - part.start
+            pairs = ((logs, rows), (_third_differences(logs, runs), _third_differences(rows, runs)))
+            for sums, (ours, theirs) in zip(distances, pairs, strict=True):
+                sums += (ours**2).sum(axis=1)[:, None] - 2 * ours @ theirs.T + (theirs**2).sum(axis=1)
+        distances[:, np.arange(1, 1 + count), np.arange(count)] = np.nan  # of a log to its own simulation
+        medians = np.nanmedian(distances, axis=2)
+        return float((medians >= medians[:, :1]).mean(axis=1).min())
+
+
+def _consecutive(known: Sequence[NDArray[np.bool_]]) -> NDArray[np.int64]:
+    """Returns the places of each four consecutive values of a signal, among the known values of all chunks, `(4, n)`.
+
+    Args:
+      known: masks of the known values of each chunk, `(n, signals)`.
+    """
+    runs, first = list[NDArray[np.int64]](), 0
+    for each in known:
+        places = np.where(each, first - 1 + np.cumsum(each).reshape(each.shape), -1)
+        of_chunk = np.lib.stride_tricks.sliding_window_view(places, 4, axis=0).reshape(-1, 4)
+        runs.append(of_chunk[(of_chunk >= 0).all(axis=1)])
+        first += int(each.sum())
+    return np.concatenate(runs).T
+
+
+def _away_from_neighbours(residuals: Floats) -> Floats:
+    """Returns residuals without the medians of their neighbours, so that only single outliers remain."""
+    padded = np.pad(np.nan_to_num(residuals), ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1, axis=0)
+    return residuals - np.median(windows, axis=-1)
+
+
+def _third_differences(rows: Floats, runs: NDArray[np.int64]) -> Floats:
+    a, b, c, d = (rows[:, run] for run in runs)
+    return d - a + 3 * (b - c)

@@ -12,8 +12,17 @@ import pytest
 from mjrun.fitting.information import all_information, intervals
 from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.shooting_fit import ShootingFit
-from mjrun.fitting.shooting_problem import Advanced, RegressionEstimate, Solution, Unknowns, together, with_noise
-from mjrun.fitting.simulated_regression import RegressionSearch
+from mjrun.fitting.shooting_problem import (
+    UNLIKELY,
+    Advanced,
+    RegressionEstimate,
+    Solution,
+    Unknowns,
+    loss_weights,
+    together,
+    with_noise,
+)
+from mjrun.fitting.simulated_regression import RegressionSearch, _away_from_neighbours, _Round
 from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
 
 SLIDE = """<mujoco>
@@ -74,6 +83,12 @@ def search_of(
     return RegressionSearch(problem, opening, seed, advanced)
 
 
+def _bumps(knots: int, count: int) -> np.ndarray:
+    """Returns smooth curves that add up to 1, `(knots, count)`."""
+    distance = np.linspace(0, knots - 1, count) - np.arange(knots)[:, None]
+    return np.where(np.abs(distance) < 1, np.cos(np.pi / 2 * distance) ** 2, 0.0)
+
+
 def regressed(shoot: ShootingFit, search: RegressionSearch) -> tuple[Unknowns, RegressionEstimate]:
     ((nearest, estimate),) = together(predictor_of(shoot), [search.estimate()])
     assert estimate
@@ -83,6 +98,7 @@ def regressed(shoot: ShootingFit, search: RegressionSearch) -> tuple[Unknowns, R
 def test_where_motion_is_smooth_it_agrees_with_least_squares(monkeypatch: pytest.MonkeyPatch) -> None:
     """A pendulum, from draws among which it moves nearly linearly: about the same values and errors."""
     monkeypatch.setattr("mjrun.fitting.simulated_regression.WIDE", 0.03)
+    monkeypatch.setattr("mjrun.fitting.simulated_regression.PART", 64)  # several in this log
     solution, parameters = solved()
     shoot, _ = shooting(THREE)
     nearest, estimate = regressed(shoot, search_of(shoot, segments()[0], solution.coordinates, solution.noise[0]))
@@ -94,6 +110,25 @@ def test_where_motion_is_smooth_it_agrees_with_least_squares(monkeypatch: pytest
     assert estimate.probability > 0.05
 
 
+@pytest.mark.parametrize(
+    ("loss", "outliers", "is_likely"), [("linear", 0, True), ("linear", 8, False), ("huber", 8, True)]
+)
+def test_outliers_show_beside_a_rough_motion(loss: str, outliers: int, is_likely: bool) -> None:
+    """Simulations differ by smooth curves of 100 standard deviations; some rows of the log are off by 20."""
+    shoot, _ = shooting(THREE)
+    shoot._loss = loss
+    (log,) = segments()
+    generator, count = np.random.default_rng(0), len(log.times)
+    curves = 100 * np.cumsum(generator.normal(size=(250, 20)), axis=1) @ _bumps(20, count)
+    measured = generator.normal(size=count) - 100 * np.cumsum(generator.normal(size=20)) @ _bumps(20, count)
+    measured[generator.choice(count, outliers, replace=False)] += 20
+    search = search_of(shoot, log, np.full(3, 0.5), 1.0)
+    residuals = curves - measured
+    weights = loss_weights(loss, _away_from_neighbours(residuals[0][:, None]))[:, 0]
+    drawn = _Round(np.zeros((250, 3)), np.pad(residuals, ((0, 0), (0, 3))), np.append(weights, np.ones(3)))
+    assert (search._probability(drawn) >= UNLIKELY) == is_likely
+
+
 def test_a_robust_loss_ignores_an_outlier_in_the_first_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fourth value of a pendulum's log, to which its initial state is guessed, is wrong by 50 mrad."""
     monkeypatch.setattr("mjrun.fitting.simulated_regression.WIDE", 0.03)
@@ -101,9 +136,10 @@ def test_a_robust_loss_ignores_an_outlier_in_the_first_rows(monkeypatch: pytest.
     (log,) = segments()
     values = log.values.copy()
     values[3] += 0.05
-    shoot, _ = shooting(THREE)
+    log = replace(log, values=values)
+    shoot, _ = shooting(THREE, log)
     shoot._loss = "huber"
-    end = shoot._regressed(shoot.cut([replace(log, values=values)]), solution.coordinates, solution.noise)
+    end = shoot._regressed(shoot.cut([log]), solution.coordinates, solution.noise)
     assert end.estimate
     errors = np.sqrt(np.diag(np.linalg.inv(all_information(solution, parameters))))
     assert (np.abs(end.estimate.draws.mean(axis=0) - solution.coordinates) < 3 * errors).all()

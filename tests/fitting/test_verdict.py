@@ -38,6 +38,8 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
         assert ("no misfit" in (residuals.remark() or "")) == (not warned)
     assert misfit(rough, solution.noise, ()).remark() is None
     assert "contacts" not in (doubled.warning() or "")
+    assert "huber" in (doubled.warning() or "")
+    assert "huber" not in (misfit(replace(solution, loss="cauchy"), solution.noise / 2, ()).warning() or "huber")
 
 
 def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:
@@ -45,6 +47,9 @@ def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the
     spread = float(np.std(solution.chunks[0].values))
     wrong = with_residuals(0.5 * spread / solution.noise * noise(0))
     assert "times its noise" in (misfit(wrong, solution.noise, ()).refusal([SIGNAL], solution.noise) or "")
+    for probability, is_refused in ((0.5, False), (0.001, True)):
+        rough = replace(wrong, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
+        assert bool(misfit(rough, solution.noise, ()).refusal([SIGNAL], solution.noise)) == is_refused
     small = solution.noise / 100  # so that residuals are far beyond it, and a small part of the signal
     assert misfit(solution, small, ()).refusal([SIGNAL], small) is None
 
@@ -64,6 +69,17 @@ def test_an_improvement_is_certain_if_chance_does_not_make_it() -> None:
         assert np.mean([improvement(after, before).is_certain for before, after in pairs]) < 0.1
     assert certain[0.02] < 0.1
     assert certain[2.0] == 1
+
+
+@pytest.mark.parametrize("size", [3.0, 300.0])
+def test_a_robust_loss_does_not_hide_an_improvement_behind_outliers(size: float) -> None:
+    """Outliers of both models, and large errors of the first, count as little in the uncertainty as in the gain."""
+    r = noise(0)
+    r[::25] += 50
+    wrong = size * np.sin(np.arange(len(r)) / 9)[:, None]
+    before, after = (replace(with_residuals(each), loss="huber") for each in (r + wrong, r))
+    assert improvement(before, after).is_certain
+    assert not improvement(after, before).is_certain
 
 
 def test_measurements_are_silent_where_both_models_predict_the_same() -> None:
