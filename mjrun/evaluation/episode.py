@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -274,7 +275,7 @@ class _Tallies:
       steps: number of control periods of each `(count,)`.
     """
 
-    def __init__(self, count: int, names: Sequence[str], control_dt: float) -> None:
+    def __init__(self, count: int, names: Sequence[str], control_dt: Fraction) -> None:
         self.steps = np.zeros(count, int)
         self._totals, self._terms = np.zeros(count), np.zeros((count, len(names)))
         self._names, self._control_dt = names, control_dt
@@ -292,7 +293,7 @@ class _Tallies:
     def ended(self, world: int, seed: int, ending: Ending) -> EpisodeRecord:
         """Returns the record of the episode of `seed`, which has ended in a world."""
         steps, sums = int(self.steps[world]), tuple(self._terms[world].tolist())
-        length, total = steps * self._control_dt, float(self._totals[world])
+        length, total = float(steps * self._control_dt), float(self._totals[world])
         return EpisodeRecord(seed, total, steps, length, ending.name, ending.kind, self._names, sums)
 
 
@@ -338,7 +339,7 @@ class TaskPlayer(EpisodePlayer):
     def _played(self, seeds: Sequence[int], count: int) -> Iterator[EpisodeRecord]:
         """Yields the episodes as they end or fail, in `count` worlds."""
         worlds, waiting, running = self._worlds, deque(seeds), dict[int, _Running]()
-        tallies = _Tallies(worlds.count, self.rewards, float(self._task.control_dt))
+        tallies = _Tallies(worlds.count, self.rewards, self._task.control_dt)
         observations = np.empty((worlds.count, len(worlds.observed)))
         actions = np.zeros((worlds.count, len(self._actions.names)))
         for world in range(count):
@@ -424,7 +425,7 @@ class _EnvironmentPlayer(EpisodePlayer):
         return [self._played(seed) for seed in seeds]
 
     def _played(self, seed: int) -> EpisodeRecord:
-        tally = _Tallies(1, self.rewards, float(self._environment.control_dt))
+        tally = _Tallies(1, self.rewards, self._environment.control_dt)
         try:
             return self._ended(seed, tally)
         except MjrunError as error:
@@ -436,13 +437,13 @@ class _EnvironmentPlayer(EpisodePlayer):
         Raises:
           MjrunError: the policy or the environment failed.
         """
-        environment, control_dt = self._environment, float(self._environment.control_dt)
+        environment = self._environment
         actor, periods = self._policy.episode(seed, self._actions), 0
         observation = environment.reset(seed)
         while True:
             action = actor(observation)
             if not np.isfinite(action).all():
-                step, time = periods * environment.control_steps, periods * control_dt
+                step, time = periods * environment.control_steps, float(periods * environment.control_dt)
                 raise _invalid(self._policy, self._actions, action, step, time)
             result = environment.step(action)
             terms = [result.reward_terms.get(name, np.nan) for name in self.rewards]
@@ -515,7 +516,7 @@ class _MeasuringPlayer(EpisodePlayer):
         assert isinstance(stepper, EpisodeStepper)
         assert simulation.episode
         period, longest = stepper.control_steps, simulation.episode.longest
-        tally, ending = _Tallies(1, self.rewards, float(simulation.episode.control_dt)), None
+        tally, ending = _Tallies(1, self.rewards, simulation.episode.control_dt), None
         evaluation.feed(_row(sampler, stepper))
         while ending is None:
             stepper.advance(stepper.step + period)
