@@ -78,3 +78,8 @@ def test_a_model_of_no_kind_is_refused() -> None:
         BadValueError, match="model: '5' is not the name or the path of a model, an MjModel, or a source"
     ):
         mjrun.Simulation(5).load()  # type: ignore[arg-type]
+
+
+def test_a_controller_is_a_function_in_python() -> None:
+    with pytest.raises(BadValueError, match=r"^controller: 'pd\.py:act' is not a function .*, not its name$"):
+        mjrun.Simulation("scene:pendulum", controller="pd.py:act")  # type: ignore[arg-type]

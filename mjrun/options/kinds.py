@@ -242,7 +242,9 @@ class PythonFunctionKind(Kind[Callable[..., object] | None, Callable[..., object
 
     metavar = "CODE"
 
-    def __call__(self, value: Callable[..., object] | None) -> Callable[..., object] | None:
+    def __call__(self, value: object) -> Callable[..., object] | None:
+        if value is not None and not callable(value):
+            raise InvalidValueError("a function or another object that can be called, not its name")
         return value
 
 
