@@ -128,7 +128,7 @@ class ModelArgument(click.Argument):
         self.written, self.tables = written, tables
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem[str]]":
-        from mjrun.cli.completion import model_values
+        from mjrun.cli.commands.completion import model_values
 
         return model_values(incomplete)
 
@@ -285,7 +285,7 @@ class DeclaredOption(click.Option):
         return super().get_help_record(ctx)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem[str]]":
-        from mjrun.cli.completion import option_values
+        from mjrun.cli.commands.completion import option_values
 
         # Without the value that is being completed, click parses options only: arguments remain.
         model = ctx.params.get("model") or next(iter(ctx.args), None)

@@ -147,7 +147,7 @@ def group(ctx: click.Context) -> None:
 def run(arguments: Sequence[str]) -> int:
     """Runs one command line and returns its exit code."""
     if COMPLETE in os.environ:
-        from mjrun.cli.completion import complete
+        from mjrun.cli.commands.completion import complete
 
         return complete(group, os.environ[COMPLETE])
     for number in system.SIGNALS:

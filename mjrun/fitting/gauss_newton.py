@@ -168,12 +168,12 @@ class GaussNewton:
             jacobians = yield from self._sound(place, jacobians)
         return self._solution(place, jacobians)
 
-    def approach(self, evaluations: int = STAGE_EVALUATIONS) -> Simulating[Solution]:
+    def approach(self) -> Simulating[Solution]:
         """Searches for a point from which longer stretches continue, and ends where the model explains the log.
 
         Derivatives of the solution are approximate.
         """
-        return self._solution(*(yield from self._descended(evaluations, ROUGH_TOLERANCE, EXPLAINED)))
+        return self._solution(*(yield from self._descended(STAGE_EVALUATIONS, ROUGH_TOLERANCE, EXPLAINED)))
 
     def look(self) -> Simulating[Solution]:
         """Returns the start of the problem, with derivatives."""

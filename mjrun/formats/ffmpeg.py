@@ -118,19 +118,18 @@ class H264Encoder:
     Args:
       size: width and height of the frames [pixels].
       fps: frames per second of the video.
-      crf: constant rate factor; by default, that of videos.
 
     Raises:
       EncoderError: ffmpeg is missing.
       OSError: the system refuses to start it.
     """
 
-    def __init__(self, size: tuple[int, int], fps: Fraction, crf: int | None = None) -> None:
+    def __init__(self, size: tuple[int, int], fps: Fraction) -> None:
         self.size = size
         self._written = self._returned = 0
         self._rest = b""  # the beginning of the next access unit
         width, height = size
-        chosen = encoding(None, "mp4", "h264", crf)
+        chosen = encoding(None, "mp4", "h264")
         self._encoding = replace(chosen, keyframe_every=max(1, math.floor(fps)))
         arguments = self._encoding.annex_b_arguments(width, height)
         encoder = command(*raw_frames(RGB24, size, fps), "-i", "pipe:0", *arguments, "-flush_packets", "1", "pipe:1")

@@ -1,4 +1,4 @@
-"""The fields of a compiled model: their dimensions, the objects that their ids refer to, and their values in words.
+"""The fields of a compiled model: their dimensions, the objects that their ids refer to, and their values.
 
 Names, extents and meanings come from MuJoCo's description of mjModel. Each field is of one of three sorts:
 
@@ -10,6 +10,7 @@ Names, extents and meanings come from MuJoCo's description of mjModel. Each fiel
 Units are in `mjrun.model.units`.
 """
 
+import copy
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -25,7 +26,6 @@ from mjrun.model.names import KIND_OF, KIND_OF_COUNT, KINDS, enum_name, object_n
 Obj = mujoco.mjtObj
 Value = str | int | float | bool
 SINGLE: type = np.float32
-
 # Dimensions along which each object of a kind has several rows, by the field with the addresses of these.
 STRETCHES = {
     "nmeshvert": "mesh_vertadr", "nmeshnormal": "mesh_normaladr", "nmeshtexcoord": "mesh_texcoordadr",
@@ -60,7 +60,6 @@ COMPUTED = {
 }
 # Numbers of the whole model that define it. Other counts follow from its objects.
 SIZES = ("nuserdata", "njmax", "nconmax")
-
 # The kind of object that the ids in a field refer to, or the field that determines the kind.
 REFERENCES = {
     "body_parentid": "body", "body_rootid": "body", "body_weldid": "body", "body_plugin": "plugin",
@@ -265,3 +264,51 @@ def stretch(model: mujoco.MjModel, dimension: str, index: int) -> slice:
 def stretch_kind(dimension: str) -> str:
     """Returns the kind of object whose rows lie along a dimension."""
     return KIND_OF_COUNT[f"n{STRETCHES[dimension].partition('_')[0]}"]
+
+
+@dataclass(frozen=True)
+class VariedModel:
+    """A model of which each simulation has different numbers in some arrays.
+
+    Attributes:
+      model: the model.
+      arrays: these arrays, `(simulations, rows, size)`, by name.
+    """
+
+    model: mujoco.MjModel
+    arrays: Mapping[str, np.ndarray]
+
+    def at(self, simulation: int) -> mujoco.MjModel:
+        """Returns a copy of the model with the numbers of one simulation."""
+        model = copy.copy(self.model)
+        for name, values in self.arrays.items():
+            write_array(model, name, values[simulation])
+        return model
+
+
+# Arrays by name: those of MjModel; options and statistics are `opt.NAME` and `stat.NAME`, arrays of one row.
+
+
+def read_array(model: mujoco.MjModel, array: str) -> np.ndarray:
+    """Returns a copy of an array, `(rows, size)`; of `opt.NAME` or `stat.NAME` as one row."""
+    group, dot, field = array.rpartition(".")
+    if dot:
+        return np.array(getattr(getattr(model, group), field), float).reshape(1, -1)
+    return getattr(model, field).copy()
+
+
+def write_array(model: mujoco.MjModel, array: str, values: np.ndarray) -> None:
+    """Writes an array, the reverse of `read_array`."""
+    group, dot, field = array.rpartition(".")
+    if dot:
+        setattr(getattr(model, group), field, values[0] if values.shape[1] > 1 else float(values[0, 0]))
+    else:
+        getattr(model, field)[...] = values
+
+
+def restore_array(model: mujoco.MjModel, array: str, source: mujoco.MjModel) -> None:
+    """Writes an array of another model."""
+    if "." in array:
+        write_array(model, array, read_array(source, array))
+    else:
+        getattr(model, array)[...] = getattr(source, array)

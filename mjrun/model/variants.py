@@ -27,8 +27,8 @@ from mjrun.model.compiler_copied_fields import (
     field_of,
     may_be_copied,
 )
+from mjrun.model.fields import VariedModel, read_array, restore_array, write_array
 from mjrun.model.fingerprint import model_fingerprint
-from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
 from mjrun.model.override import Override
 from mjrun.model.recompilation import ChangedBodyCompiler, DerivedNumbersComputer, Recompiler, may_be_recompiled
 from mjrun.model.source import ModelSource

@@ -166,12 +166,11 @@ def required(
     help: str,  # noqa: A002
     usual: str = "",
     short: str | tuple[str, ...] = (),
-    places: FrontEnd | None = None,
     key: str = "",
     kw_only: bool = True,
 ) -> T:
     """Declares a field of options without a default."""
-    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places, key))
+    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, None, key))
 
 
 def _facts(

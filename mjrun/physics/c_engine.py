@@ -17,7 +17,7 @@ from mujoco.batch import SimulationError as BatchError  # pyright: ignore[report
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
-from mjrun.model.model_arrays import VariedModel
+from mjrun.model.fields import VariedModel
 from mjrun.physics.control import ControlArray, ControlSources
 from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, Models, RolloutBlock, block_steps, models_of
 from mjrun.physics.step_stages import is_bounded

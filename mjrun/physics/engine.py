@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError
 from mjrun.model import state
-from mjrun.model.model_arrays import VariedModel
+from mjrun.model.fields import VariedModel
 
 BLOCK_STEPS = 4096  # the most steps in a block
 SHORT_BLOCK_STEPS = 256  # the most steps between two instants at which the caller may end simulations

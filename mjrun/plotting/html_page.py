@@ -344,16 +344,15 @@ def page_file(path: str, page: str, limit: float) -> ShownFile:
     return ShownFile(path, kind if size is not None else None, f"./{quote(beside)}", size)
 
 
-def media_html(paths: Iterable[str | Path], limit: float = NOTEBOOK) -> str | None:
-    """Returns images and videos as a notebook shows them, complete in itself, or None.
-
-    Args:
-      limit: maximum size of an embedded file [MB]; larger ones are named.
+def media_html(paths: Iterable[str | Path]) -> str | None:
+    """Returns images and videos as a notebook shows them, complete in itself, or None. Large files are only named.
 
     Raises:
       FileError: a file does not exist or cannot be read.
     """
-    files = [page_file(str(path), str(path), limit) for path in paths if Path(path).suffix.lower() in IMAGES | VIDEOS]
+    files = [
+        page_file(str(path), str(path), NOTEBOOK) for path in paths if Path(path).suffix.lower() in IMAGES | VIDEOS
+    ]
     shown = [_medium(file) if file.is_embedded else element("p", f"{file.path} is too large") for file in files]
     return element("div", *shown) if shown else None
 

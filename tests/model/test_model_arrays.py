@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from mjrun.model.model_arrays import VariedModel, read_array, restore_array, write_array
+from mjrun.model.fields import VariedModel, read_array, restore_array, write_array
 
 MODEL = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="1"/><geom size="2"/></worldbody></mujoco>')
 

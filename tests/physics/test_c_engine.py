@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError, UsageError
 from mjrun.model import state
-from mjrun.model.model_arrays import VariedModel
+from mjrun.model.fields import VariedModel
 from mjrun.physics import engine as engines
 from mjrun.physics.c_engine import CEngine
 from mjrun.physics.engine import RolloutBlock

@@ -13,7 +13,7 @@ import pytest
 
 from mjrun.errors import DeviceMemoryError, UnstableError
 from mjrun.experiment.design_points import ABSENT
-from mjrun.model.model_arrays import VariedModel
+from mjrun.model.fields import VariedModel
 from mjrun.model.source import ModelSource
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from mjrun.outputs.recording import Recording
