@@ -153,8 +153,8 @@ def _resistance(position: Unit, units: Mapping[str, str]) -> Unit:
 
 # The fields of MjData whose unit is the same in every model.
 DATA_UNITS = dict.fromkeys(("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos"), "m")
-DATA_UNITS |= dict.fromkeys(("subtree_com", "wrap_xpos", "mocap_pos"), "m")
-DATA_UNITS |= {"subtree_linvel": "m/s", "subtree_angmom": "kg·m²/s"}
+DATA_UNITS |= dict.fromkeys(("subtree_com", "wrap_xpos", "mocap_pos", "flexvert_xpos", "flexedge_length"), "m")
+DATA_UNITS |= {"subtree_linvel": "m/s", "subtree_angmom": "kg·m²/s", "flexedge_velocity": "m/s"}
 # The fields of MjModel and of MjData; their names do not overlap.
 UNITS: dict[str, str | Unit] = {
     "body_pos": "m", "body_ipos": "m", "body_mass": "kg", "body_subtreemass": "kg", "body_inertia": "kg·m²",

@@ -229,6 +229,17 @@ DRIVEN = """
 """
 
 
+def test_vertices_and_edges_of_flexes_have_units() -> None:
+    flex = '<flexcomp name="cloth" type="grid" count="2 2 1" spacing=".1 .1 .1" dim="2"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{flex}</worldbody></mujoco>")
+    units = {name: field_probe(model, name).columns[0].unit for name in offered(model) if name.startswith("flex")}
+    assert {name: unit for name, unit in units.items() if unit} == {
+        "flexvert_xpos": "m",
+        "flexedge_length": "m",
+        "flexedge_velocity": "m/s",
+    }
+
+
 def test_the_unit_of_a_tendon_or_an_actuator_is_that_of_what_it_moves() -> None:
     model = mujoco.MjModel.from_xml_string(DRIVEN)
     units = {column.name: column.unit for name in offered(model) for column in field_probe(model, name).columns}
