@@ -14,7 +14,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import own_size
-from mjrun.errors import FileError, quoted, shortened
+from mjrun.errors import CellError, FileError, quoted, shortened
 from mjrun.formats.input_file import decoded, decoding
 
 if TYPE_CHECKING:
@@ -165,9 +165,9 @@ def require_vector(path: Path, name: str, shape: Sequence[int], *, row_vectors: 
         raise FileError(path, f"column {shown(name)} has the shape {tuple(shape)}, not {expected}")
 
 
-def not_numbers(path: Path, name: str, content: str) -> FileError:
+def not_numbers(path: Path, name: str, content: str) -> CellError:
     """Returns the error of a column that holds something other than numbers."""
-    return FileError(path, f"column {shown(name)} holds {content}, not numbers")
+    return CellError(path, f"column {shown(name)} holds {content}, not numbers")
 
 
 def row_blocks(rows: int, width: int, read: Callable[[int, int], Iterable[np.ndarray]]) -> Iterator[np.ndarray]:

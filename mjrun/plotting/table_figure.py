@@ -1,8 +1,8 @@
 """Figures of tables: of files, each read once, and of tables in memory, which plot themselves."""
 
 import re
-from collections.abc import Collection, Sequence
-from contextlib import ExitStack
+from collections.abc import Collection, Generator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
@@ -72,16 +72,13 @@ class TableFigure:
         """
         for index, (path, collector) in enumerate(zip(self._paths, self._collectors, strict=True)):
             summary = summaries[index] if summaries else None
-            reader = self._narrowed(path, self._readers[index], summary.names if summary else ())
-            try:
+            with _advised(option("y")):
+                reader = self._narrowed(path, self._readers[index], summary.names if summary else ())
                 for block in reader.blocks():
                     columns = dict(zip(reader.names, block.T, strict=True))
                     collector.feed(columns)
                     if summary:
                         summary.feed(columns)
-            except CellError as error:
-                error.add_note(f"{option('y')} chooses columns; others may hold anything")
-                raise
             if not collector.rows:
                 raise FileError(path, "has no rows")
 
@@ -107,6 +104,16 @@ class TableFigure:
         if path == STDIN:
             return reader
         return self._stack.enter_context(open_table(path, wanted, missing="nan"))
+
+
+@contextmanager
+def _advised(name: str) -> Generator[None]:
+    """Adds the option or argument that chooses columns to the error of one that does not hold numbers."""
+    try:
+        yield
+    except CellError as error:
+        error.add_note(f"{name} chooses columns; others may hold anything")
+        raise
 
 
 def table_names(paths: Sequence[str]) -> list[str]:
@@ -224,5 +231,6 @@ def read_table(
       UnknownNameError: no format has this suffix, or a named column is missing.
       MissingExtraError: the library of the format is not installed.
     """
-    read = table_reader.read_table(path, columns, missing=missing)
+    with _advised("columns"):
+        read = table_reader.read_table(path, columns, missing=missing)
     return Table(read.columns, read.units)

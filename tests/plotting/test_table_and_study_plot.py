@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import mjrun
 from mjrun.errors import FailedAssertionError, FileError, MjrunError, UnknownNameError, UsageError
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
@@ -103,7 +104,18 @@ def test_columns_that_are_not_shown_may_hold_anything(tmp_path: Path) -> None:
     assert result.rows == [3]
     with pytest.raises(FileError, match="'me' is not a number") as refused:
         TablePlot([path], tmp_path / "b.png").run()
-    assert refused.value.spelled(str).endswith("y chooses columns; others may hold anything")
+    advice = "chooses columns; others may hold anything"
+    assert refused.value.spelled(str).endswith(f"y {advice}")
+    frame = {"time": np.arange(3.0), "who": np.array(["me", "you", "me"]), "v": np.ones(3)}
+    np.savez(tmp_path / "a.npz", **frame)
+    assert TablePlot([tmp_path / "a.npz"], tmp_path / "a.png", y="v", size=(300, 200)).run().rows == [3]
+    with pytest.raises(FileError, match="column 'who' holds text, not numbers") as refused:
+        TablePlot([tmp_path / "a.npz"], tmp_path / "b.png").run()
+    assert refused.value.spelled(str).endswith(f"y {advice}")
+    for table_path in (path, tmp_path / "a.npz"):
+        with pytest.raises(FileError) as refused:
+            mjrun.read_table(table_path)
+        assert refused.value.spelled(str).endswith(f"columns {advice}")
     assert not (tmp_path / "b.png").exists()
     path.write_text("time,v\n0,1\n1\n")
     with pytest.raises(FileError, match=r"expected 2 cells, as in the header, got 1$"):
