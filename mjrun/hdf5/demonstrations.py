@@ -20,12 +20,11 @@ import h5py
 import numpy as np
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, MjrunError, clean, file_errors, quoted, suggestion
+from mjrun.errors import FileError, MjrunError, clean, file_errors, quoted, shortened, suggestion
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationListEntry
 from mjrun.hdf5.untrusted_content import require_own_content, text_attributes
 
 LISTED = 8  # episodes in a message
-SHOWN = 80  # characters of a reason in a message
 LONGEST = 1000  # characters of an instruction
 ROBOSUITE = 1  # type of an environment, of robomimic
 
@@ -177,8 +176,7 @@ class DemonstrationFile:
             raise FileError(where or self.path, "does not fit in memory") from None
         except Exception as error:
             reason = (str(error) or type(error).__name__).splitlines()[0]
-            reason = reason if len(reason) <= SHOWN else f"{reason[: SHOWN - 1]}…"
-            raise FileError(where or self.path, f"cannot be read as HDF5: {clean(reason)}") from error
+            raise FileError(where or self.path, f"cannot be read as HDF5: {clean(shortened(reason))}") from error
 
 
 def _episodes(archive: h5py.File) -> tuple[h5py.Group, dict[str, h5py.Group]]:

@@ -6,7 +6,7 @@ from operator import neg, pos
 
 import numpy as np
 
-from mjrun.errors import UsageError, clean, counted, quoted
+from mjrun.errors import UsageError, clean, counted, quoted, shortened
 from mjrun.probe import expression as tree
 from mjrun.probe.scanner import (
     QUOTES,
@@ -158,7 +158,7 @@ class Parser:
         value = float(token.text)
         if math.isinf(value):
             raise self.source.fault(
-                token.start, f"a number too large for floating point ({token.text[:SHOWN]})", "less, or inf"
+                token.start, f"a number too large for floating point ({shortened(token.text, SHOWN)})", "less, or inf"
             )
         return tree.NumberLiteral(token.start, token.end, tree.FIXED, value)
 
@@ -236,7 +236,7 @@ class Parser:
     def _unexpected(self, expected: str) -> UsageError:
         token = self.token
         meant = tree.MEANT.get(token.text) if token.kind == "unknown" else None
-        shown = quoted(token.text if len(token.text) <= SHOWN else token.text[:SHOWN] + "…")
+        shown = quoted(shortened(token.text, SHOWN))
         hint = f" (did you mean {meant}?)" if meant else ""
         shown = "the end" if token.kind == "end" else shown + hint
         return self._unquoted() or self.source.fault(token.start, shown, expected)

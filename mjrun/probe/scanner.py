@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UnknownNameError, UsageError, clean, quoted
+from mjrun.errors import UnknownNameError, UsageError, clean, quoted, shortened
 from mjrun.probe.expression import CONSTANTS, FUNCTIONS, KEYWORDS, SUCCESSIVE
 
 SHOWN = 72  # most characters of an expression that a message shows
@@ -89,8 +89,7 @@ class SourceText:
 
     def place(self, position: int) -> str:
         """Returns the text and the number of its character at `position`."""
-        whole = self.text if len(self.text) <= SHOWN else self.text[:SHOWN] + "…"
-        return f"{quoted(whole)}, character {position + 1}"
+        return f"{quoted(shortened(self.text, SHOWN))}, character {position + 1}"
 
 
 class Vocabulary:
