@@ -1,4 +1,4 @@
-"""Cases of tests that are plain data: a YAML file beside a module has a table for each of its tests."""
+"""Data of tests: tables of plain cases, in a YAML file beside a module, and models of several tests, in `models/`."""
 
 from collections.abc import Callable
 from functools import cache
@@ -22,3 +22,8 @@ def cases(names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 @cache
 def _tables(path: Path) -> dict[str, list[Any]]:
     return yaml.load(path.read_text("utf-8"), yaml.CSafeLoader)
+
+
+def mjcf(name: str) -> str:
+    """Returns the text of a model in `tests/models`."""
+    return (Path(__file__).parent / "models" / f"{name}.xml").read_text("utf-8")

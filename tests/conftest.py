@@ -44,6 +44,7 @@ from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering.backend import BackendDetector, VulkanDetector, WorkingBackend
 from tests.backend_trials import RememberedTrial
+from tests.cases import mjcf
 from tests.merged_cases import merged
 from tests.prepared_interpreters import PreparedPopen
 from tests.processes import PATIENCE, without_progress
@@ -133,24 +134,7 @@ for ending, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
         signal.signal(ending, handler)
 
 # Without multisampling, which takes half of the time in software; tests/rendering/test_classic.py has it.
-SWING = """
-<mujoco>
-  <visual><global offwidth="64" offheight="64"/><quality shadowsize="256" offsamples="0"/><map force=".1"/></visual>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>
-    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
-    <body name="box" pos="0 0 .6">
-      <joint name="hinge" axis="0 1 0" pos="0 0 .3"/>
-      <geom name="box" type="box" size=".2 .1 .1" rgba="1 0 0 1"/>
-    </body>
-    <body name="ball" pos=".6 0 .2">
-      <freejoint name="ball"/>
-      <geom name="ball" size=".1" rgba="0 1 0 1"/>
-    </body>
-  </worldbody>
-</mujoco>
-"""
+SWING = mjcf("swing")
 
 
 def pytest_xdist_auto_num_workers() -> int:
@@ -192,19 +176,7 @@ def swing(tmp_path: Path) -> Path:
 def exploding(tmp_path: Path) -> Path:
     """A model file whose simulation becomes unstable within its first second."""
     path = tmp_path / "exploding.xml"
-    path.write_text(
-        """
-        <mujoco>
-          <option timestep=".03"><flag contact="disable"/></option>
-          <worldbody>
-            <body><joint name="a" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2"/>
-              <body pos="0 0 -.2"><joint axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2"/></body>
-            </body>
-          </worldbody>
-          <keyframe><key name="fast" qvel="100 0"/></keyframe>
-        </mujoco>
-        """
-    )
+    path.write_text(mjcf("exploding"))
     return path
 
 

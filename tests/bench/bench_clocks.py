@@ -11,20 +11,9 @@ from mujoco.batch import Batch
 from mjrun.bench.bench import Bench
 from mjrun.bench.reference_workload import MJCF
 from mjrun.model.source import ModelSource
+from tests.cases import mjcf
 
-MODEL = """
-<mujoco>
-  <option timestep=".01"/>
-  <visual><global offwidth="64" offheight="48"/><quality shadowsize="256"/></visual>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom type="plane" size="1 1 .1"/>
-    <body pos="0 0 .2"><joint name="x" type="slide" axis="1 0 0" stiffness="100"/><geom size=".1" mass="1"/></body>
-  </worldbody>
-  <actuator><motor name="m" joint="x"/></actuator>
-  <keyframe><key name="test" qpos=".3" ctrl=".5"/><key name="rest"/></keyframe>
-</mujoco>
-"""
+MODEL = mjcf("spring")
 
 
 def bench(model: Path | ModelSource | mujoco.MjModel, **changed: Any) -> Bench:

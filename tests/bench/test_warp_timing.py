@@ -17,7 +17,7 @@ from mjrun.bench.step_timing import WarpRolloutTimer, WarpSettings
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from tests.bench.bench_clocks import BlockClock, FakeClock
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
 MODEL = """
 <mujoco>
@@ -175,17 +175,7 @@ def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[s
 # --- rollouts of real worlds, on Warp's CPU device ------------------------------------------------------------------
 
 # A ball that falls, and stays where it has fallen; and a slider that is pushed.
-BALL = """
-<mujoco>
-  <option timestep=".01"/>
-  <worldbody>
-    <geom type="plane" size="5 5 1"/>
-    <body pos="0 0 .5"><freejoint/><geom size=".1"/></body>
-    <body pos="2 0 5"><joint name="x" type="slide" axis="1 0 0"/><geom size=".1"/></body>
-  </worldbody>
-  <actuator><motor name="m" joint="x"/></actuator>
-</mujoco>
-"""
+BALL = mjcf("ball_and_slide")
 FALLING, FALLEN = 25, 45  # steps; the ball meets the plane in between: it falls 0.4 m in 0.29 s
 WORLDS = 2
 

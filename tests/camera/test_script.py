@@ -18,7 +18,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.settings import EasedNumber, Shake, ShotBlend
 from mjrun.errors import MjrunError, UsageError
 from mjrun.model.state import save
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
 SIDE_CAMERA = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><camera name="side" pos="0 -2 1" xyaxes="1 0 0 0 .5 1" fovy="40"/>
@@ -124,19 +124,7 @@ def test_what_is_no_time_is_not_compared(value: object) -> None:
     ]
 
 
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <worldbody>
-        <camera name="top" pos="0 0 3"/>
-        <camera pos="0 0 4"/>
-        <body name="box" pos="1 2 3">
-          <freejoint/><geom name="edge" pos=".1 0 0" size=".1"/><site name="tip" pos="0 0 .5"/>
-        </body>
-      </worldbody>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("camera_script"))
 phases = st.floats(0, 1)
 
 

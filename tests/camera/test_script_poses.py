@@ -21,25 +21,9 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.settings import BLENDS, EasedNumber, Shake, ShotBlend
 from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
+from tests.cases import mjcf
 
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <statistic center="0 0 0" extent="1"/>
-      <worldbody>
-        <camera name="top" pos="0 0 3" fovy="60"/>
-        <camera name="flat" pos="0 0 3" projection="orthographic" fovy="2"/>
-        <camera name="flatter" pos="0 0 3" projection="orthographic" fovy="4"/>
-        <geom name="floor" type="plane" pos="0 0 -.1" size="1 1 .1"/>
-        <body name="box">
-          <camera name="com" mode="trackcom" pos="0 -1 .2" euler="80 0 0"/>
-          <freejoint/><geom name="box" type="box" size=".02 .03 .04" pos=".01 0 0"/>
-          <body pos=".2 0 0"><geom type="capsule" size=".01 .05" euler="30 0 0"/></body>
-        </body>
-      </worldbody>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("box_with_cameras"))
 SIZE = (160, 90)
 
 

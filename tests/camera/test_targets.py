@@ -6,26 +6,9 @@ import pytest
 
 from mjrun.camera.targets import BoundObjectOrPoint, find_target, identify_objects, moving_parts, object_bounds
 from mjrun.errors import MjrunError
+from tests.cases import mjcf
 
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <asset><mesh name="wedge" vertex="0 0 0  1 0 0  0 2 0  0 0 .5  1 2 0"/></asset>
-      <worldbody>
-        <geom name="floor" type="plane" size="2 1 .1" pos="0 0 -1"/>
-        <geom name="earth" type="plane" size="0 0 .1"/>
-        <body name="arm" pos="1 2 3" euler="20 -30 70">
-          <freejoint/>
-          <geom name="edge" type="box" pos=".1 0 0" size=".1 .2 .3" euler="10 0 0"/>
-          <site name="ball" size=".2"/><site name="rod" type="capsule" size=".1 .4"/>
-          <site name="can" type="cylinder" size=".1 .4"/><site name="egg" type="ellipsoid" size=".1 .2 .3"/>
-          <body name="hand" pos="0 0 1"><geom name="wedge" type="mesh" mesh="wedge"/></body>
-        </body>
-        <body name="air"/>
-      </worldbody>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("targets"))
 
 
 @pytest.fixture

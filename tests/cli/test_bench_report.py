@@ -17,18 +17,9 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.results import BenchResult
 from mjrun.cli.bench_report import csv_table, digits, duration, markdown, sections, text
-from tests.cases import cases
+from tests.cases import cases, mjcf
 from tests.page_cells import PageCells
 
-MODEL = """
-<mujoco>
-  <option timestep=".01"/>
-  <worldbody>
-    <body><joint name="x" type="slide" axis="1 0 0" stiffness="100"/><geom size=".1" mass="1"/></body>
-  </worldbody>
-  <keyframe><key name="test" qpos=".3"/></keyframe>
-</mujoco>
-"""
 SECOND = count(1.0).__next__  # a clock that advances by a second at every look
 bench = partial(Bench, steps=20, repeats=8, threads=(1, 2))
 
@@ -36,7 +27,7 @@ bench = partial(Bench, steps=20, repeats=8, threads=(1, 2))
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bench") / "model.xml"
-    path.write_text(MODEL)
+    path.write_text(mjcf("spring"))
     return path
 
 

@@ -17,41 +17,10 @@ from mjrun.cli.table_cells import ReportColumn
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList, DemonstrationListEntry
 from mjrun.model.info import SECTIONS as DESCRIBED
 from mjrun.model.info import ModelDescription
-from tests.cases import cases
+from tests.cases import cases, mjcf
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
-MODEL = """
-<mujoco>
-  <option gravity="0 0 -1" integrator="RK4"/>
-  <worldbody>
-    <light name="lamp" pos="0 0 3" castshadow="false"/>
-    <camera name="side" pos="0 -2 1" mode="targetbody" target="a" fovy="30"/>
-    <body name="a">
-      <joint name="turn" range="-90 45" limited="true" damping="2"/><joint name="push" type="slide" damping="3"/>
-      <geom name="ball" size=".1" mass="2" condim="4"/><geom type="box" size=".1 .2 .3" mass="1"/>
-      <site name="tip" pos="0 0 1"/>
-      <body name="b"><joint name="root" type="ball"/><geom name="pin" size=".1" mass=".5"/></body>
-    </body>
-    <body name="c" mocap="true"><site name="far" pos="0 0 2"/></body>
-  </worldbody>
-  <tendon>
-    <fixed name="sum" range="0 1" limited="true"><joint joint="turn" coef="1"/></fixed>
-    <fixed name="mix"><joint joint="turn" coef="1"/><joint joint="push" coef="-.5"/></fixed>
-    <spatial name="rope"><site site="tip"/><site site="far"/></spatial>
-  </tendon>
-  <equality><joint name="gear" joint1="turn" joint2="push" active="false"/></equality>
-  <contact><pair name="touch" geom1="ball" geom2="pin" margin=".2"/><exclude name="none" body1="a" body2="b"/></contact>
-  <actuator>
-    <motor name="drive" joint="turn" ctrlrange="-3 3" gear="2"/>
-    <position name="hold" joint="turn" kp="10" kv="1" forcerange="-5 5"/>
-  </actuator>
-  <sensor>
-    <jointpos name="angle" joint="turn"/><accelerometer name="imu" site="tip" noise=".1"/>
-    <framepos name="where" objtype="site" objname="tip" reftype="body" refname="a"/>
-  </sensor>
-  <keyframe><key name="home" qpos="0 0 1 0 0 0"/><key name="far" qpos="2 0 1 0 0 0"/></keyframe>
-</mujoco>
-"""
+MODEL = mjcf("sections")
 
 
 def table(section: str, text: str = MODEL, path: Path | None = None) -> dict[str, ReportColumn]:

@@ -16,6 +16,7 @@ from mjrun.diff.result import ArrayDifference, FieldDifference, ModelComparison,
 from mjrun.model.fields import COMPUTED, ModelField, is_layout, model_fields
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
+from tests.cases import mjcf
 from tests.diff.models import CRATE, compared, spec, xml
 
 Edit = Callable[[Any], None]
@@ -204,36 +205,7 @@ def test_user_data_of_another_width_ends_in_zeros() -> None:
     ]
 
 
-RICH = """
-<mujoco>
-  <option><flag energy="enable"/></option>
-  <asset>
-    <texture name="sky" type="skybox" builtin="gradient" width="8" height="8" rgb1="1 0 0"/>
-    <texture name="chequer" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0"/>
-    <material name="paint" texture="chequer"/>
-    <mesh name="wedge" vertex="0 0 0  1 0 0  0 1 0  0 0 1" texcoord="0 0 1 0 0 1 1 1" face="0 2 1 0 1 3 0 3 2 1 2 3"/>
-    <hfield name="hill" nrow="3" ncol="4" size="1 1 1 1" elevation="0 1 2 3 4 5 6 7 8 9 10 11"/>
-  </asset>
-  <worldbody>
-    <geom name="hill" type="hfield" hfield="hill" material="paint"/>
-    <light name="sun"/> <camera name="eye"/>
-    <body name="a" pos="0 0 2"><freejoint name="root"/><geom type="mesh" mesh="wedge"/><site name="s"/></body>
-    <body name="b" pos="1 0 2"><joint name="hinge"/><geom name="peg" size=".1"/></body>
-    <body name="m" mocap="true"><geom size=".1"/></body>
-    <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" mass="1" radius=".01" pos="0 0 4">
-      <edge equality="true"/>
-    </flexcomp>
-  </worldbody>
-  <tendon><spatial name="rope"><site site="s"/><geom geom="peg"/><site site="s"/></spatial></tendon>
-  <actuator><general name="servo" joint="hinge" dyntype="filter" dynprm="1" biastype="affine"/></actuator>
-  <sensor><framepos name="where" objtype="site" objname="s"/></sensor>
-  <custom>
-    <numeric name="gains" data="7 8 9"/> <text name="note" data="hello"/>
-    <tuple name="both"><element objtype="body" objname="a" prm="1"/></tuple>
-  </custom>
-  <keyframe><key name="start"/></keyframe>
-</mujoco>
-"""
+RICH = mjcf("rich")
 
 
 @pytest.fixture(scope="module")

@@ -3,20 +3,9 @@
 from pathlib import Path
 
 from mjrun.task.task import Action, Observation, Reset, Task, Termination
+from tests.cases import mjcf
 
-XML = """
-<mujoco>
-  <option timestep="0.01"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="5 5 .1"/>
-    <body name="cart" pos="0 0 .2">
-      <joint name="slider" type="slide" axis="1 0 0" damping="0.1"/>
-      <geom name="box" size=".1 .1 .1" mass="1"/>
-    </body>
-  </worldbody>
-  <actuator><motor name="push" joint="slider" gear="5" ctrlrange="-1 1" ctrllimited="true"/></actuator>
-</mujoco>
-"""
+XML = mjcf("cart_on_floor")
 POLICY = """
 import numpy as np
 

@@ -11,6 +11,7 @@ from mjrun.camera.pose import lens, pose_of
 from mjrun.errors import UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
+from tests.cases import mjcf
 
 KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 
@@ -33,18 +34,7 @@ def places(points: np.ndarray) -> np.ndarray:
     return np.stack([points[name] for name in "xyz"], axis=1)
 
 
-SCENE = """
-<mujoco>
-  <statistic extent="2"/>
-  <worldbody>
-    <geom name="table" type="plane" size="1 1 .1" pos="0 0 .3" euler="0 25 0" rgba="0 1 0 1"/>
-    <geom name="cube" type="box" size=".2 .2 .2" pos="0 0 1" euler="10 20 30" rgba="1 0 0 1"/>
-    <camera name="left" pos="-1 -3 2" xyaxes="1 -.3 0 .1 .5 1"/>
-    <camera name="right" pos="1.5 -2.5 2.2" xyaxes="1 .6 0 -.3 .5 1"/>
-    <camera name="above" pos="0 0 5" projection="orthographic" fovy="4"/>
-  </worldbody>
-</mujoco>
-"""
+SCENE = mjcf("table_and_cameras")
 LEGEND = [SegmentedObject("geom", 0, "table", "world"), SegmentedObject("geom", 1, "cube", "world")]
 
 

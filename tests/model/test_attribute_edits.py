@@ -11,31 +11,9 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.platform.installation import scene_folder
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
-MODEL = """<mujoco>
-  <!-- comments > stay -->
-  <option gravity='0 0 -9.81'/>
-  <default>
-    <joint damping="1"/>
-    <default class="stiff"><joint stiffness="5"/><position kp="20" kv="1"/></default>
-  </default>
-  <worldbody>
-    <body name="a" childclass="stiff">
-      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-      <joint name="one" axis="0 1 0"/>
-      <body name="b"><joint name="two" damping=".5"
-        axis="1 0 0"/><geom name="g" size=".1" friction="1"/></body>
-    </body>
-    <body name="c"><freejoint/><geom name="h" size=".1"/></body>
-  </worldbody>
-  <actuator>
-    <position name="servo" joint="one" class="stiff"/>
-    <motor name="motor" joint="two"/>
-    <general name="general" joint="two" gainprm="3"/>
-  </actuator>
-</mujoco>
-"""
+MODEL = mjcf("classes")
 
 
 def changed(path: Path, *overrides: tuple[str, str]) -> tuple[list[str], list[str]]:

@@ -6,20 +6,9 @@ import mujoco
 import pytest
 
 from mjrun.model.fingerprint import physics_fingerprint
+from tests.cases import mjcf
 
-XML = """
-<mujoco>
-  <asset><texture name="t" type="2d" builtin="checker" width="8" height="8"/><material name="m" texture="t"/></asset>
-  <worldbody>
-    <light name="sun" pos="0 0 3"/><camera name="side" pos="0 -2 1"/>
-    <body name="box">
-      <joint name="hinge" damping=".1"/><geom name="box" size=".1" material="m"/><site name="tip"/>
-    </body>
-  </worldbody>
-  <actuator><motor name="motor" joint="hinge"/></actuator>
-  <keyframe><key name="up" qpos="1"/></keyframe>
-</mujoco>
-"""
+XML = mjcf("textured_box")
 
 
 def changed(change: Callable[[mujoco.MjSpec], object]) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.model import state
+from tests.cases import mjcf
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
 
@@ -36,23 +37,7 @@ def test_a_part_of_a_state_is_restored_alone() -> None:
     assert np.array_equal(target.qpos, mujoco.MjData(model).qpos)
 
 
-CROWDED = """
-<mujoco>
-  <size nuserdata="3"/>
-  <worldbody>
-    <body name="hand" mocap="true"><geom size=".1"/></body>
-    <body name="box" pos="0 0 1"><freejoint name="root"/><geom size=".1"/>
-      <body pos="0 0 .3"><joint name="swivel" type="ball"/><geom size=".05"/></body>
-    </body>
-    <body pos="1 0 1"><joint name="knee" stiffness="1" springyield=".1"/><geom size=".1" pos=".2 0 0"/></body>
-  </worldbody>
-  <equality><weld body1="hand" body2="box"/></equality>
-  <actuator>
-    <general name="filter" joint="knee" dyntype="filter" dynprm=".1"/>
-    <motor name="late" joint="knee" delay=".01" nsample="5"/>
-  </actuator>
-</mujoco>
-"""
+CROWDED = mjcf("crowded_state")
 
 
 def test_every_number_of_a_state_belongs_to_the_field_that_it_is_read_from() -> None:

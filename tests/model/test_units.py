@@ -18,19 +18,9 @@ from mjrun.model.units import (
     tendon_unit,
 )
 from mjrun.probe.fields import extents
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
-MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="world"/>
-<body name="b"><joint name="hinge"/><joint name="slide" type="slide"/><geom size="1"/><site name="s"/></body>
-<body name="c"><joint name="ball" type="ball"/><geom size="1"/></body><body><freejoint/><geom size="1"/></body>
-</worldbody>
-<tendon><fixed name="angle"><joint joint="hinge" coef="2"/></fixed><fixed name="way"><joint joint="slide" coef="1"/>
-</fixed><fixed name="both"><joint joint="hinge" coef="1"/><joint joint="slide" coef="1"/></fixed>
-<spatial name="rope"><site site="world"/><site site="s"/></spatial></tendon>
-<actuator><motor joint="hinge"/><motor joint="slide"/><motor joint="ball"/><motor tendon="angle"/>
-<motor tendon="way"/><motor tendon="both"/><motor tendon="rope"/><adhesion body="b" gain="1" ctrlrange="0 1"/>
-<motor site="s" gear="1 0 0 0 0 0"/><motor site="s" gear="0 0 0 0 1 0"/><motor site="s" gear="1 0 0 0 1 0"/>
-<motor cranksite="s" slidersite="world" cranklength="9"/></actuator></mujoco>""")
+MODEL = mujoco.MjModel.from_xml_string(mjcf("units"))
 
 
 def test_hinges_and_balls_turn_slides_move_and_free_joints_do_both() -> None:

@@ -16,7 +16,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.file import FileSource
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
-from tests.cases import cases
+from tests.cases import cases, mjcf
 from tests.model.model_files import content
 
 MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .001"/></default>
@@ -159,27 +159,7 @@ def test_compiled_models_are_shared_as_they_are(tmp_path: Path) -> None:
 
 # --- numbers that the compiler scales, or that others depend on -------------------------------------------------------
 
-ARM = """<mujoco><compiler autolimits="true"/>
-<asset><texture name="sky" type="skybox" builtin="gradient" rgb1="1 1 1" rgb2="0 0 1" width="32" height="192"/>
-<texture name="grid" type="2d" builtin="checker" width="64" height="64" rgb1="1 1 1" rgb2="0 0 0"/>
-<material name="grid" texture="grid" rgba=".5 .5 .5 1"/></asset>
-<worldbody><light pos="0 0 3"/><camera name="eye" pos="1 1 1" mode="trackcom"/>
-<geom name="floor" type="plane" size="2 2 .1" material="grid"/><site name="goal" pos=".3 .2 .5" size=".02"/>
-<body name="box" pos="0 1 .5"><freejoint/><geom name="box" type="box" size=".1 .2 .3"/></body>
-<body name="arm" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping=".5 .1" armature=".01" stiffness="2"/>
-<inertial pos=".1 0 0" mass="2" diaginertia=".01 .02 .02"/>
-<geom name="upper" type="capsule" fromto="0 0 0 .4 0 0" size=".04"/>
-<geom name="pad" pos=".2 .1 0" size=".05" quat=".9 .1 .2 .3"/><site name="wrist" pos=".4 0 .05"/>
-<body name="hand" pos=".4 0 0"><joint name="elbow" axis="0 1 0" range="-1 1" damping=".2" frictionloss=".1"/>
-<geom name="palm" type="box" size=".05 .03 .02" pos=".05 0 0" euler="10 20 30"/>
-<geom name="thumb" size=".02" pos=".1 .03 0"/>
-<geom name="nail" type="ellipsoid" size=".01 .02 .01" pos=".12 .03 .01" mass=".01"/><site name="tip" pos=".12 0 0"/>
-<frame pos="0 .1 0"><geom name="ring" type="cylinder" size=".01 .02" pos=".01 0 0"/></frame></body></body>
-</worldbody>
-<tendon><spatial name="cord" stiffness="3"><site site="goal"/><site site="tip"/></spatial></tendon>
-<equality><weld body1="box" body2="world"/></equality>
-<actuator><position name="elbow" joint="elbow" kp="5" dampratio="1"/><motor name="pull" tendon="cord"/></actuator>
-<keyframe><key name="up" ctrl=".1 .2"/></keyframe></mujoco>"""
+ARM = mjcf("arm_with_hand")
 NUMBERS = [
     *(
         "body/box.pos",

@@ -13,6 +13,7 @@ import pytest
 from mjrun.errors import DamagedPackageError, MissingExtraError, UnknownNameError, UsageError
 from mjrun.physics import warp_device
 from mjrun.physics.warp_device import UNUSED, PerWorldFields, WarpDevice
+from tests.cases import mjcf
 
 pytestmark = pytest.mark.warp
 
@@ -63,16 +64,7 @@ def test_a_refusal_says_why_and_what_to_do(cpu: WarpDevice, error: Exception, me
         raise error
 
 
-MODEL = """
-<mujoco>
-  <option gravity="0 0 -9.81"/>
-  <worldbody>
-    <geom type="plane" size="5 5 1"/>
-    <body pos="0 0 .5"><joint name="j" damping="1" armature=".1"/><geom name="g" size=".1 .1 .1"/></body>
-  </worldbody>
-  <actuator><position name="p" joint="j" kp="10"/></actuator>
-</mujoco>
-"""
+MODEL = mjcf("servo")
 CHANGES = {
     "mass": lambda spec: setattr(spec.geom("g"), "mass", 3),
     "size": lambda spec: setattr(spec.geom("g"), "size", [0.2, 0.1, 0.1]),

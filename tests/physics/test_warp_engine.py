@@ -11,7 +11,7 @@ from mjrun.model import state
 from mjrun.physics.engine import Engine
 from mjrun.physics.warp_device import WarpDevice
 from mjrun.physics.warp_engine import OVERFLOWS, WarpEngine, WarpWorlds, overflow_message
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
 MODEL = """
 <mujoco>
@@ -105,17 +105,7 @@ def test_every_world_has_the_numbers_of_its_own_model(engine: Engine) -> None:
 
 
 # A ball that falls, and stays where it has fallen; and a slider that is pushed.
-WORLD = """
-<mujoco>
-  <option timestep=".01"/>
-  <worldbody>
-    <geom type="plane" size="5 5 1"/>
-    <body pos="0 0 .5"><freejoint/><geom size=".1"/></body>
-    <body pos="2 0 5"><joint name="x" type="slide" axis="1 0 0"/><geom size=".1"/></body>
-  </worldbody>
-  <actuator><motor name="m" joint="x"/></actuator>
-</mujoco>
-"""
+WORLD = mjcf("ball_and_slide")
 WORLDS = 2
 LIMITS = {"nconmax": 16, "njmax": 64, "contacts": 17, "constraints": 70, "iterations": 100}
 

@@ -8,17 +8,9 @@ import numpy as np
 
 from mjrun.physics.kinematic_samples import FIELDS, KinematicSamples
 from mjrun.probe.fields import field_probe, offered
+from tests.cases import mjcf
 
-XML = """<mujoco><option timestep="0.002"/><worldbody>
-<body name="pelvis" pos="0 0 1"><freejoint name="root"/><geom size=".1 .2" type="capsule"/>
-  <body name="thigh" pos=".3 0 0"><joint name="hip" axis="0 1 0" damping=".1"/><geom size=".05"/></body>
-  <body name="head" pos="0 0 .4"><joint name="neck" type="ball"/><geom size=".08 .05 .1" type="ellipsoid"/></body>
-  <body name="mast" pos="0 .3 0"><joint name="lift" type="slide"/><geom size=".05"/></body>
-</body>
-<body name="hand" mocap="true"><geom size=".02" contype="0" conaffinity="0"/></body>
-</worldbody>
-<actuator><motor name="drive" joint="hip"/><general name="soft" joint="lift" dyntype="filter" dynprm=".1"/></actuator>
-<keyframe><key name="bent" qpos="0 0 2 1 0 0 0 .5 1 0 0 0 .1" ctrl=".3 .4" mpos="1 2 3"/></keyframe></mujoco>"""
+XML = mjcf("tumbler")
 
 
 @dataclass(frozen=True)

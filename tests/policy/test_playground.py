@@ -17,27 +17,11 @@ from mjrun.document.task import read_task
 from mjrun.formats.table_reader import read_table
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
+from tests.cases import mjcf
 from tests.documentation import TEXT
 from tests.policy.networks import value, write
 
-MODEL = """
-<mujoco>
-  <option timestep=".004"/>
-  <worldbody>
-    <geom type="plane" size="5 5 .1"/>
-    <body name="trunk" pos="0 0 .5">
-      <freejoint name="root"/><geom type="box" size=".2 .1 .05" mass="5"/><site name="imu"/>
-      <body pos=".15 0 0"><joint name="front" axis="0 1 0" damping=".5" armature=".01"/>
-        <geom type="capsule" size=".03" fromto="0 0 0 .1 0 -.3" mass=".5"/></body>
-      <body pos="-.15 0 0"><joint name="rear" axis="0 1 0" damping=".5" armature=".01"/>
-        <geom type="capsule" size=".03" fromto="0 0 0 -.1 0 -.3" mass=".5"/></body>
-    </body>
-  </worldbody>
-  <actuator><position name="front" joint="front" kp="35"/><position name="rear" joint="rear" kp="35"/></actuator>
-  <sensor><gyro name="gyro" site="imu"/><velocimeter name="local_linvel" site="imu"/></sensor>
-  <keyframe><key name="home" qpos="0 0 .4 1 0 0 0 .3 -.2" ctrl=".3 -.2"/></keyframe>
-</mujoco>
-"""
+MODEL = mjcf("two_legs")
 (TASK,) = re.findall(r"This task follows its conventions:\n\n```yaml\n(.*?)```", TEXT, re.DOTALL)
 SIZE, PERIODS, SUBSTEPS, DT = 20, 100, 5, 0.02
 

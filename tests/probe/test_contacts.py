@@ -11,6 +11,7 @@ from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_copi
 from mjrun.probe.derived import contact_force
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.vocabularies import ModelVocabulary
+from tests.cases import mjcf
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
 PILE = """
@@ -26,19 +27,7 @@ PILE = """
 </mujoco>
 """
 KINDS = [(cone, condim) for cone in ("pyramidal", "elliptic") for condim in (1, 3, 4, 6)]
-SHEET = """
-<mujoco>
-  <worldbody>
-    <geom name="floor" type="plane" size="5 5 1"/>
-    <flexcomp name="up" type="grid" count="3 3 1" spacing=".1 .1 .1" mass="1" radius=".01" dim="2" pos="0 0 1">
-      <edge equality="true"/>
-    </flexcomp>
-    <flexcomp name="low" type="grid" count="3 3 1" spacing=".1 .1 .1" mass="1" radius=".01" dim="2" pos="2 0 .009">
-      <edge equality="true"/>
-    </flexcomp>
-  </worldbody>
-</mujoco>
-"""
+SHEET = mjcf("sheets")
 
 
 def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndarray:
@@ -289,23 +278,7 @@ def test_a_flex_that_touches_with_its_elements_has_no_body(shared_models: Path) 
 # --- the number of contacts between two objects ----------------------------------------------------
 
 # A cart with a loaded tray, on a floor, next to a wall; bodies and geoms share names.
-CART = """
-<mujoco>
-  <worldbody>
-    <geom name="floor" type="plane" size="5 5 1"/>
-    <geom name="wall" type="box" size=".1 1 1" pos="1 0 .5"/>
-    <body name="cart" pos="0 0 .195"><freejoint/>
-      <geom name="chassis" type="box" size=".5 .2 .1"/>
-      <body name="left" pos="-.4 0 -.1"><joint axis="0 1 0"/><geom name="left" size=".1"/></body>
-      <body name="right" pos=".4 0 -.1"><joint axis="0 1 0"/><geom name="tyre" size=".1"/>
-        <body name="hub" pos="0 .15 0"><geom size=".1"/></body></body>
-      <body name="tray" pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom type="box" size=".2 .2 .01"/></body>
-    </body>
-    <body name="egg" pos="0 0 .53"><freejoint/><geom name="shell" size=".03"/></body>
-  </worldbody>
-  <contact><exclude body1="cart" body2="left"/></contact>
-</mujoco>
-"""
+CART = mjcf("wheeled_cart")
 TOUCHING = ["world", "floor", "wall", "cart", "chassis", "left", "right", "tyre", "hub", "tray", "egg", "shell"]
 TOUCHING += ["geom:left", "body:left", "geom:5", "body:5"]
 

@@ -6,22 +6,9 @@ import pytest
 
 from mjrun.probe.derived import DERIVED
 from mjrun.probe.fields import MjDataProbe, Probe
+from tests.cases import mjcf
 
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <option><flag energy="enable"/></option>
-      <worldbody>
-        <geom name="floor" type="plane" size="5 5 1"/>
-        <body name="a" pos="0 0 .5" euler="10 20 30"><freejoint/>
-          <geom name="box" type="box" size=".1 .2 .05" pos=".1 0 0"/><site name="corner" pos=".2 .2 .05"/>
-          <body name="b" pos=".3 0 0"><joint axis="0 1 0"/><geom name="rod" type="capsule" size=".02 .2"/></body>
-        </body>
-        <body name="c" pos="2 0 .09"><freejoint/><geom name="ball" size=".1"/></body>
-      </worldbody>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("tumbling_pair"))
 
 
 def at(seconds: float) -> mujoco.MjData:

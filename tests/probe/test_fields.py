@@ -7,31 +7,14 @@ import numpy as np
 import pytest
 
 from mjrun.model import state
+from mjrun.model.units import actuator_force_unit, actuator_unit, rate_unit, tendon_unit
 from mjrun.probe.derived import DERIVED
 from mjrun.probe.fields import LAZY, MjDataProbe, Probe, extents, field_probe, offered, state_columns
 from mjrun.probe.select import available_columns
-from tests.cases import cases
+from tests.cases import cases, mjcf
 from tests.model.test_state import CROWDED
 
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <worldbody>
-        <body name="free"><freejoint name="root"/><geom name="ball" size=".1"/><site name="tip" pos="0 0 .1"/>
-          <body name="arm"><joint name="turn" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/>
-            <body><joint type="ball"/><geom size=".1" pos=".1 0 0"/></body>
-          </body>
-        </body>
-        <body name="cart"><joint name="rail" type="slide" axis="1 0 0"/><geom size=".1"/></body>
-      </worldbody>
-      <tendon><fixed name="rope"><joint joint="turn" coef="1"/></fixed></tendon>
-      <actuator><motor name="motor" joint="turn"/><general joint="rail" dyntype="filter" dynprm="1"/></actuator>
-      <sensor>
-        <gyro name="gyro" site="tip"/><jointpos name="angle" joint="turn"/><framequat objtype="body" objname="arm"/>
-      </sensor>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("every_joint"))
 
 
 def moved(steps: int = 50) -> mujoco.MjData:
@@ -199,36 +182,6 @@ def test_a_probe_may_be_cut_to_some_of_its_columns() -> None:
     assert row(lone, data).tolist() == [2.0]
 
 
-DRIVEN = """
-<mujoco>
-  <worldbody>
-    <body><joint name="hinge" type="hinge"/><geom size=".1"/><site name="tip" pos=".1 0 0"/></body>
-    <body pos="1 0 0"><joint name="slide" type="slide"/><geom size=".1"/><site name="end" pos=".1 0 0"/></body>
-    <body name="ball" pos="2 0 0"><joint name="ball" type="ball"/><geom size=".1"/></body>
-  </worldbody>
-  <tendon>
-    <fixed name="turning"><joint joint="hinge" coef="2"/></fixed>
-    <fixed name="sliding"><joint joint="slide" coef="2"/></fixed>
-    <fixed name="mixed"><joint joint="hinge" coef="1"/><joint joint="slide" coef="1"/></fixed>
-    <spatial name="rope"><site site="tip"/><site site="end"/></spatial>
-  </tendon>
-  <actuator>
-    <motor name="of_hinge" joint="hinge"/>
-    <motor name="of_slide" joint="slide"/>
-    <motor name="of_ball" joint="ball" gear="1 0 0"/>
-    <motor name="of_turning" tendon="turning"/>
-    <motor name="of_sliding" tendon="sliding"/>
-    <motor name="of_mixed" tendon="mixed"/>
-    <motor name="of_rope" tendon="rope"/>
-    <motor name="push" site="tip" gear="1 0 0 0 0 0"/>
-    <motor name="twist" site="tip" gear="0 0 0 1 0 0"/>
-    <motor name="both" site="tip" gear="1 0 0 1 0 0"/>
-    <adhesion name="stick" body="ball" ctrlrange="0 1"/>
-  </actuator>
-</mujoco>
-"""
-
-
 def test_vertices_and_edges_of_flexes_have_units() -> None:
     flex = '<flexcomp name="cloth" type="grid" count="2 2 1" spacing=".1 .1 .1" dim="2"/>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{flex}</worldbody></mujoco>")
@@ -241,18 +194,14 @@ def test_vertices_and_edges_of_flexes_have_units() -> None:
 
 
 def test_the_unit_of_a_tendon_or_an_actuator_is_that_of_what_it_moves() -> None:
-    model = mujoco.MjModel.from_xml_string(DRIVEN)
-    units = {column.name: column.unit for name in offered(model) for column in field_probe(model, name).columns}
-    angle, length, neither = ("rad", "rad/s", "N·m"), ("m", "m/s", "N"), ("", "", "")
-    tendons = {"turning": angle, "sliding": length, "mixed": neither, "rope": length}
-    for name, (position, velocity, _) in tendons.items():
-        assert (units[f"ten_length/{name}"], units[f"ten_velocity/{name}"]) == (position, velocity), name
-    actuators = {f"of_{name}": expected for name, expected in tendons.items()}
-    actuators |= {"of_hinge": angle, "of_slide": length, "of_ball": angle, "push": length, "twist": angle}
-    actuators |= {"both": neither, "stick": (None, None, "N")}
-    for name, expected in actuators.items():
-        found = tuple(units[f"actuator_{quantity}/{name}"] for quantity in ("length", "velocity", "force"))
-        assert all(want is None or unit == want for unit, want in zip(found, expected, strict=True)), (name, found)
+    model = mujoco.MjModel.from_xml_string(mjcf("units"))
+    units = {name: [column.unit for column in field_probe(model, name).columns] for name in offered(model)}
+    tendons = [tendon_unit(model, index) for index in range(model.ntendon)]
+    actuators = [actuator_unit(model, index) for index in range(model.nu)]
+    assert (units["ten_length"], units["ten_velocity"]) == (tendons, [rate_unit(unit) for unit in tendons])
+    assert units["actuator_length"] == actuators
+    assert units["actuator_velocity"] == [rate_unit(unit) for unit in actuators]
+    assert units["actuator_force"] == [actuator_force_unit(model, index) for index in range(model.nu)]
 
 
 def test_blocks_of_simulations_are_measured_as_each_instant_alone() -> None:

@@ -23,7 +23,7 @@ from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, available_columns
 from mjrun.probe.vocabularies import ModelVocabulary, TableVocabulary
 from mjrun.timeline import Timeline, rational
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
 RNG = np.random.default_rng(3)
 TABLE = {"t": np.linspace(0.0, 1.0, 50), "knee_deg": RNG.normal(size=50), "qpos/root/x": RNG.normal(size=50)}
@@ -73,23 +73,7 @@ def test_an_unknown_column_is_named_with_those_there_are() -> None:
         parse_row_expression("knee_dg", list(TABLE), "map")
 
 
-SCENE = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <worldbody>
-        <geom name="floor" type="plane" size="5 5 1"/>
-        <body name="box" pos="0 0 1"><freejoint name="box"/><geom name="crate" type="box" size=".1 .1 .1"/></body>
-        <body name="ball" pos="1 0 .5"><freejoint name="ball"/><geom name="ball" size=".1"/></body>
-        <body name="pole" pos="3 0 1"><joint name="hinge" axis="0 1 0"/>
-          <geom name="rod" type="capsule" size=".02 .2"/><site name="tip" pos="0 0 .2"/></body>
-        <body name="left (up)" pos="-1 0 1"><joint name="it's" axis="0 1 0"/>
-          <geom name="q[0]" size=".1" pos=".2 0 0"/></body>
-      </worldbody>
-      <actuator><motor name="motor" joint="hinge"/></actuator>
-      <sensor><gyro name="imu" site="tip"/></sensor>
-    </mujoco>
-    """
-)
+SCENE = mujoco.MjModel.from_xml_string(mjcf("odd_names"))
 NAN, INF = math.nan, math.inf
 
 

@@ -8,7 +8,7 @@ import pytest
 from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.options.trace import PROBES
 from mjrun.probe.select import aliases, available_columns, column_groups, select, selected_columns, split
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -63,19 +63,7 @@ def test_a_column_of_a_site_or_geom_may_be_asked_for_as_a_body_s() -> None:
 
 
 # Names that look like something else: parts of others, brackets, spaces.
-ODD = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <worldbody>
-        <body name="a"><freejoint name="a"/><geom name="g" size=".1"/>
-          <body name="a/x" pos="0 0 1"><joint name="a/b"/><geom name="q[0]" size=".1" pos=".1 0 0"/></body></body>
-        <body name="left (up)"><joint name="it's"/><geom size=".1" pos=".1 0 0"/><site name="b/c"/></body>
-        <geom name="c" size=".1"/><camera name="a[b]"/>
-      </worldbody>
-      <sensor><framepos name="at" objtype="body" objname="a"/><jointpos name="at/x" joint="a/b"/></sensor>
-    </mujoco>
-    """
-)
+ODD = mujoco.MjModel.from_xml_string(mjcf("select"))
 
 
 @pytest.mark.parametrize("model", [MODEL, ODD])

@@ -11,35 +11,10 @@ from mjrun.camera.targets import ObjectTrajectory, identify_objects, object_path
 from mjrun.errors import UnknownNameError
 from mjrun.rendering.added_geoms import WIDENING, Decoration, Ghost, Trail, ramp, trails
 from mjrun.rendering.visual import Visual
+from tests.cases import mjcf
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <option timestep=".01"/>
-      <visual><quality shadowsize="256"/></visual>
-      <worldbody>
-        <light pos="0 0 3"/>
-        <geom name="floor" type="plane" size="2 2 .1"/>
-        <site name="post" pos="1 1 0"/>
-        <body name="arm" pos="0 0 1" gravcomp="1">
-          <joint axis="0 1 0"/>
-          <geom name="rod" type="capsule" size=".02" fromto="0 0 0 0 0 -.5"/>
-          <site name="tip" pos="0 0 -.5" size=".03"/>
-          <body name="hand" pos="0 0 -.4" gravcomp="1">
-            <geom name="palm" type="box" size=".05 .04 .03" pos=".1 .2 0"/>
-          </body>
-        </body>
-        <body name="ball" pos="1 0 1" gravcomp="1">
-          <freejoint/>
-          <geom name="ball" size=".1" rgba="1 0 0 .8"/><site name="mark" pos="0 0 .1"/>
-        </body>
-      </worldbody>
-      <tendon><spatial range="0 3" limited="true"><site site="post"/><site site="mark"/></spatial></tendon>
-      <keyframe><key qvel="3 .5 0 0 0 0 2"/></keyframe>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("gravityless"))
 WIDTH = 0.004
 
 

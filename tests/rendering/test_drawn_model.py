@@ -16,21 +16,10 @@ from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
 from mjrun.options.rendering import ViewOptions
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, stage_parts, visual_remark
+from tests.cases import mjcf
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
-ARM = """
-<mujoco>
-  <worldbody>
-    <geom name="plinth" type="box" size=".1 .1 .05" pos="0 0 .05"/>
-    <body name="arm" pos="0 0 .3">
-      <joint name="hinge" axis="0 1 0"/>
-      <geom name="rod" type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
-      <body pos=".3 0 0"><joint axis="0 0 1"/><geom type="sphere" size=".05"/></body>
-    </body>
-  </worldbody>
-  <keyframe><key name="raised" qpos="-1 0"/></keyframe>
-</mujoco>
-"""
+ARM = mjcf("arm_on_plinth")
 CLOSE = '<body><geom name="a" size=".1"/><geom name="b" type="box" size=".1 .1 .1" contype="0" conaffinity="0"/></body>'
 APART = '<body><geom name="a" size=".1"/><geom name="b" size=".1" pos="1 0 0" contype="0" conaffinity="0"/></body>'
 

@@ -28,48 +28,13 @@ from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
-from tests.cases import cases
+from tests.cases import cases, mjcf
 
 pytestmark = pytest.mark.slow
 
 SIZE = (96, 64)
 EXACT = ("depth", "seg")
-ROOM = """
-<mujoco>
-  <visual><quality offsamples="0"/></visual>
-  <asset>
-    <mesh name="wedge" vertex="0 0 0  .3 0 0  0 .3 0  .3 .3 0  0 0 .3  0 .3 .3"/>
-    <texture name="checks" type="2d" builtin="checker" rgb1=".6 .6 .6" rgb2=".3 .3 .4" width="8" height="8"/>
-    <material name="checks" texture="checks" texrepeat="2 2"/>
-  </asset>
-  <worldbody>
-    <light pos="0 -.5 3" dir="0 .1 -1" cutoff="60"/>
-    <geom name="floor" type="plane" size="2 2 .1" material="checks"/>
-    <geom name="wall" type="box" size=".1 .1 .4" pos="-.8 .5 .4"/>
-    <site name="mark" type="box" pos="-.75 -.4 .2" size=".1 .05 .1" rgba="0 1 1 1"/>
-    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
-    <camera name="shifted" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1" resolution="96 64" sensorsize=".024 .016"
-      focal=".015 .012" principal=".002 .001"/>
-    <camera name="flat" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1" projection="orthographic" fovy="2"/>
-    <body name="box" pos="0 0 .6">
-      <joint name="hinge" axis="0 1 0" pos="0 0 .3"/>
-      <geom name="box" type="box" size=".2 .1 .1" rgba="1 0 0 1"/>
-      <geom name="unseen" size=".1" pos="0 -.4 -.1" rgba="1 1 1 0" contype="0" conaffinity="0"/>
-      <site name="top" pos="0 0 .1" size=".02"/>
-    </body>
-    <body name="cube" pos=".7 0 .1">
-      <freejoint name="cube"/>
-      <geom name="cube" type="box" size=".1 .1 .1" rgba="0 1 0 1"/>
-      <geom name="second" type="box" size=".05 .05 .05" pos=".2 0 0" group="4"/>
-      <site name="lid" pos="0 0 .1" size=".02"/>
-    </body>
-    <body name="wedge" pos="-.4 -.6 0"><joint name="lift" type="slide" axis="0 0 1"/><geom type="mesh" mesh="wedge"/>
-    </body>
-  </worldbody>
-  <tendon><spatial name="rope" width=".02"><site site="top"/><site site="lid"/></spatial></tendon>
-  <actuator><motor name="motor" joint="hinge"/></actuator>
-</mujoco>
-"""
+ROOM = mjcf("room")
 
 
 @pytest.fixture(scope="module")

@@ -5,33 +5,9 @@ import numpy as np
 import pytest
 
 from mjrun.rendering.segmentation import DRAWN, SegmentationIds, groupings
+from tests.cases import mjcf
 
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <worldbody>
-        <light pos="0 0 3"/>
-        <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
-        <geom name="floor" type="plane" size="1 1 .1"/>
-        <site name="post" pos="-.5 0 1"/>
-        <body name="arm" pos="0 0 .8">
-          <joint name="shoulder" axis="0 1 0"/>
-          <geom name="upper" type="capsule" size=".05" fromto="0 0 0 0 0 -.3"/>
-          <body name="hand" pos="0 0 -.3">
-            <joint name="wrist" axis="0 1 0"/>
-            <geom type="box" size=".1 .05 .05"/>
-            <site name="tip" pos="0 0 -.1"/>
-          </body>
-        </body>
-        <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" mass="1" pos="1 0 1">
-          <edge equality="true"/>
-        </flexcomp>
-      </worldbody>
-      <tendon><spatial name="rope"><site site="post"/><site site="tip"/></spatial></tendon>
-      <actuator><motor name="motor" joint="wrist"/></actuator>
-    </mujoco>
-    """
-)
+MODEL = mujoco.MjModel.from_xml_string(mjcf("arm_and_cloth"))
 FLAGS = ("mjVIS_JOINT", "mjVIS_ACTUATOR", "mjVIS_CAMERA", "mjVIS_LIGHT", "mjVIS_INERTIA")
 
 

@@ -8,27 +8,9 @@ from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import Mesh, Node
 from mjrun.scene_graph.materials import PADDING, MaterialCache, TextureMapping, atlas, cube_mapped
 from mjrun.scene_graph.recorder import SceneContentSettings, compute_poses, record_scene
+from tests.cases import mjcf
 
-MODEL = """
-<mujoco>
-  <asset>
-    <texture name="flat" type="2d" builtin="checker" width="4" height="4" rgb1="1 0 0" rgb2="0 1 0"/>
-    <texture name="cube" type="cube" builtin="flat" mark="cross" width="8" height="8" rgb1="1 0 0" markrgb="1 1 1"/>
-    <material name="flat" texture="flat" texrepeat="2 3"/>
-    <material name="even" texture="flat" texrepeat="2 3" texuniform="true"/>
-    <material name="cube" texture="cube"/>
-    <material name="metal" rgba=".5 .5 .5 .25" metallic=".75" roughness=".5" emission=".125"/>
-  </asset>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1" material="flat"/>
-    <geom name="stretched" type="plane" size="4 2 1" material="flat"/>
-    <geom name="even" type="plane" size="4 2 1" material="even"/>
-    <geom name="dice" type="box" size=".1 .2 .3" material="cube"/>
-    <geom name="metal" size=".1" material="metal"/>
-    <geom name="plain" size=".2"/>
-  </worldbody>
-</mujoco>
-"""
+MODEL = mjcf("materials")
 
 
 @pytest.fixture(scope="module")

@@ -10,17 +10,9 @@ import pytest
 from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import Mesh
 from mjrun.scene_graph.meshes import height_field, mesh_asset, mesh_hull, skin_asset, smooth_normals
+from tests.cases import mjcf
 
-TETRAHEDRON = """
-<mujoco>
-  <asset>
-    <mesh name="flat" vertex="0 0 0 1 0 0 0 1 0 0 0 1" smoothnormal="false"/>
-    <mesh name="smooth" vertex="0 0 0 1 0 0 0 1 0 0 0 1 .1 .1 .1" smoothnormal="true"
-      face="0 2 1 0 1 3 0 3 2 1 2 4 2 3 4 3 1 4"/>
-  </asset>
-  <worldbody><geom type="mesh" mesh="flat"/><geom type="mesh" mesh="smooth"/></worldbody>
-</mujoco>
-"""
+TETRAHEDRON = mjcf("tetrahedron")
 HILL = """
 <mujoco>
   <asset><hfield name="hill" nrow="4" ncol="5" size="1 2 .5 .1"
@@ -70,20 +62,7 @@ def test_the_surface_of_a_height_field_is_where_rays_hit_it() -> None:
     assert solid > 4 * 2 * 0.1  # its faces point outward: the base alone has this volume
 
 
-SKIN = """
-<mujoco>
-  <deformable>
-    <skin name="sheet" vertex="0 0 0  1 0 0  1 1 0  0 1 0" face="0 1 2  0 2 3">
-      <bone body="a" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 3 1" vertweight="1 1 1"/>
-      <bone body="b" bindpos="1 0 0" bindquat=".6 0 0 .8" vertid="1 2" vertweight="3 1"/>
-    </skin>
-  </deformable>
-  <worldbody>
-    <body name="a"><freejoint/><geom size=".1"/></body>
-    <body name="b" pos="1 0 0"><freejoint/><geom size=".1"/></body>
-  </worldbody>
-</mujoco>
-"""
+SKIN = mjcf("skin")
 
 
 def test_a_skin_moves_as_mujoco_draws_it() -> None:

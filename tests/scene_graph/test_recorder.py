@@ -9,20 +9,9 @@ import pytest
 from mjrun.scene_graph.graph import SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.recorder import FLAGS, SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.visualizer_geoms import MOST
+from tests.cases import mjcf
 
-ROPE = """
-<mujoco>
-  <asset><texture name="t" type="2d" builtin="checker" width="8" height="8"/><material name="t" texture="t"/></asset>
-  <worldbody>
-    <light name="sun" type="directional" dir="0 1 -2" mode="trackcom"/>
-    <camera name="follower" mode="trackcom" pos="0 -3 1"/>
-    <geom type="plane" size="0 0 1"/>
-    <site name="hook" pos="0 0 1"/>
-    <body name="ball" pos=".2 0 .6"><freejoint/><geom name="ball" size=".1"/><site name="eye" pos="0 0 .1"/></body>
-  </worldbody>
-  <tendon><spatial name="rope" range="0 .3"><site site="hook"/><site site="eye"/></spatial></tendon>
-</mujoco>
-"""
+ROPE = mjcf("rope")
 DROP = """
 <mujoco>
   <worldbody>
@@ -31,18 +20,7 @@ DROP = """
   </worldbody>
 </mujoco>
 """
-CLOTH = """
-<mujoco>
-  <worldbody>
-    <flexcomp name="cloth" type="grid" count="4 4 1" spacing=".1 .1 .1" dim="2" mass="1" radius=".01" pos="0 0 1">
-      <contact selfcollide="none"/><edge equality="true"/>
-    </flexcomp>
-    <flexcomp name="cord" type="grid" count="4 1 1" spacing=".1 .1 .1" dim="1" mass="1" radius=".02" pos="0 1 1">
-      <edge equality="true"/>
-    </flexcomp>
-  </worldbody>
-</mujoco>
-"""
+CLOTH = mjcf("cloth")
 
 
 def recorded(

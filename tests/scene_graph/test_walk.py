@@ -9,25 +9,9 @@ import pytest
 from mjrun.scene_graph.graph import Node, SceneGraph, SceneLight
 from mjrun.scene_graph.recorder import SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.walk import light_of, matrix_quaternion, toward
+from tests.cases import mjcf
 
-ARM = """
-<mujoco>
-  <worldbody>
-    <light name="sun" type="directional" dir="0 1 -2" mode="trackcom"/>
-    <camera name="follower" mode="trackcom" pos="0 -3 1"/>
-    <geom name="floor" type="plane" size="0 0 1"/>
-    <body name="arm" pos="0 0 1" euler="10 20 30"><joint type="ball"/>
-      <geom name="upper" type="capsule" size=".05" fromto="0 0 0 .3 .1 0"/>
-      <body name="wrist" pos=".3 0 0" euler="0 90 0">
-        <geom name="egg" type="ellipsoid" size=".1 .2 .3" pos="0 .1 0" euler="5 6 7"/>
-        <camera name="wrist" pos="0 0 .1"/><site name="tip" pos=".1 .2 .3"/>
-        <geom name="hidden" size=".1" group="4"/>
-      </body>
-    </body>
-    <body name="target" mocap="true" pos="1 1 1"><geom name="target" type="cylinder" size=".1 .3"/></body>
-  </worldbody>
-</mujoco>
-"""
+ARM = mjcf("posed_arm")
 
 
 def stepped(count: int) -> tuple[mujoco.MjModel, mujoco.MjData]:

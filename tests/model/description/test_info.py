@@ -19,22 +19,14 @@ from mjrun.model.sources.file import FileSource
 from mjrun.model.table_column import Column
 from mjrun.outputs.trace import columns
 from mjrun.simulation.simulation import Simulation
+from tests.cases import mjcf
 from tests.document.schema_oracle import fits
 
 SCHEMA = json.loads((Path(__file__).parent / "info_schema.json").read_text("utf-8"))
 SCENES = sorted((Path(__file__).parents[3] / "scenes").glob("*.xml"))
 
 # One of everything that a section can list.
-WHOLE = """<mujoco><option timestep=".001"/><visual><map znear=".3"/></visual>
-<worldbody><camera/><light/><site name="s"/><geom name="floor" type="plane" size="1 1 1"/>
-  <body name="a"><joint name="j"/><geom name="g" size=".1"/></body><body name="b"/>
-  <flexcomp type="grid" count="2 2 1" spacing=".1 .1 .1" radius=".01" name="f" dim="2">
-    <edge equality="true"/></flexcomp></worldbody>
-<contact><pair geom1="floor" geom2="g"/><exclude body1="a" body2="b"/></contact>
-<equality><joint joint1="j"/></equality><tendon><fixed><joint joint="j" coef="1"/></fixed></tendon>
-<extension><plugin plugin="mujoco.pid"><instance name="p"><config key="kp" value="4"/></instance></plugin></extension>
-<actuator><plugin joint="j" plugin="mujoco.pid" instance="p"/></actuator><sensor><clock/></sensor>
-<keyframe><key/></keyframe></mujoco>"""
+WHOLE = mjcf("one_of_each")
 
 
 def strict(value: Any) -> Any:

@@ -18,46 +18,11 @@ import mjrun
 from mjrun.outputs.export import Export
 from mjrun.outputs.exports import FORMATS
 from tests.browser import Tab, browser
+from tests.cases import mjcf
 
 HOSTILE = "<img src=x onerror=hurt=1>"
 # Red shapes that tumble in front of a camera, without floor; a cloth that falls, and a skin that two bodies bend.
-SHAPES = """
-<mujoco model="shapes">
-  <asset>
-    <mesh name="wedge" vertex="-.1 -.1 -.1  .1 -.1 -.1  0 .15 -.1  0 0 .2"/>
-  </asset>
-  <default><geom rgba="1 0 0 1"/></default>
-  <worldbody>
-    <camera name="front" pos="0 -2.4 0" xyaxes="1 0 0 0 0 1" fovy="40"/>
-    <body name="&lt;img src=x onerror=hurt=1&gt;" pos="-.5 0 .3">
-      <freejoint name="a"/><geom type="capsule" size=".08" fromto="-.2 0 0 .2 0 .1"/>
-      <geom type="box" size=".06 .1 .15" pos=".2 0 -.1" euler="0 30 20"/>
-    </body>
-    <body pos=".4 .2 .2"><freejoint name="b"/><geom type="ellipsoid" size=".1 .15 .25" euler="20 40 0"/></body>
-    <body pos="0 0 -.3"><freejoint/><geom type="cylinder" size=".12 .15" euler="60 0 0"/></body>
-    <body pos=".5 0 -.35"><freejoint/><geom type="mesh" mesh="wedge" euler="10 20 30"/></body>
-  </worldbody>
-  <worldbody>
-    <flexcomp name="cloth" type="grid" count="4 4 1" spacing=".1 .1 .1" pos="-.5 0 -.35" dim="2" radius=".005"
-        rgba="1 0 0 1" euler="70 0 0"><edge equality="true"/><pin id="0"/></flexcomp>
-    <body name="lower" pos="0 .3 .5">
-      <joint axis="0 1 0" stiffness=".5" springref="40"/><geom type="box" size=".02 .02 .05"/>
-      <body name="upper" pos="0 0 .2">
-        <joint axis="0 1 0" stiffness=".5" springref="40"/><geom type="box" size=".02 .02 .05"/>
-      </body>
-    </body>
-  </worldbody>
-  <deformable>
-    <skin name="plate" rgba="1 0 0 1" vertex="-.2 0 -.1  .2 0 -.1  -.2 0 .1  .2 0 .1  -.2 0 .3  .2 0 .3"
-        face="0 1 3  0 3 2  2 3 5  2 5 4  3 1 0  2 3 0  5 3 2  4 5 2">
-      <bone body="lower" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2 3" vertweight="1 1 .5 .5"/>
-      <bone body="upper" bindpos="0 0 .2" bindquat="1 0 0 0" vertid="2 3 4 5" vertweight=".5 .5 1 1"/>
-    </skin>
-  </deformable>
-  <option gravity="0 0 -.3" jacobian="dense"/>
-  <keyframe><key name="thrown" qvel="0 0 .2 1 2 3  -.2 0 .1 2 1 0  0 0 .4 1 1 0  .1 0 .3 0 2 2"/></keyframe>
-</mujoco>
-"""
+SHAPES = mjcf("shapes")
 
 
 @pytest.fixture(scope="module")

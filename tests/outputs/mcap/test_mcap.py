@@ -20,31 +20,13 @@ from mjrun.outputs.exports import FORMATS
 from mjrun.outputs.exports.mcap import topic_names
 from mjrun.outputs.trace import Trace
 from mjrun.timeline import nanoseconds
+from tests.cases import mjcf
 from tests.formats.mcap import files
 from tests.formats.mcap.files import Received
 
 FPS, STEPS_OF_A_FRAME = 25, 20
 CAMERAS = ["side", "orbit:lookat=ball,azimuth=80..120,elevation=-60,distance=2"]
-TIP = """
-<mujoco model="tip">
-  <visual><quality shadowsize="256" offsamples="0"/></visual>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>
-    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1" fovy="50"/>
-    <body name="arm" pos="0 0 .6">
-      <joint name="hinge" axis="0 1 0" damping=".1"/>
-      <geom type="box" size=".2 .1 .05" rgba="1 0 0 1"/>
-      <body pos=".3 0 0"><joint name="slide" type="slide" axis="1 0 0" range="-.1 .1"/><geom size=".04"/></body>
-    </body>
-    <body name="ball" pos=".7 0 .3"><freejoint/><geom name="ball" size=".1" rgba="0 1 0 1" friction=".3"/></body>
-    <body name="other" pos=".7 .02 .52"><freejoint/><geom size=".1 .05 .05" type="box"/></body>
-  </worldbody>
-  <actuator><motor name="motor" joint="hinge" ctrlrange="-2 2"/></actuator>
-  <keyframe><key name="spin" qpos="0 0  .7 0 .3 1 0 0 0  .7 .02 .52 1 0 0 0" qvel="2 0  .5 0 0 0 0 0  0 0 0 0 0 0"
-    ctrl="1"/></keyframe>
-</mujoco>
-"""
+TIP = mjcf("tip")
 
 
 def exported(folder: Path, model: str = TIP, **options: Any) -> Path:
