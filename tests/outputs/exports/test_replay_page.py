@@ -97,7 +97,7 @@ def connection(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClientConne
         yield opened
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def tab(connection: ClientConnection, page: Path) -> Tab:
     """Returns the page at 0.25 s, seen by the camera of the model."""
     opened = Tab(connection, SIZE)
