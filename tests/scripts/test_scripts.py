@@ -1,6 +1,19 @@
-"""The lowest versions that are tested are the bounds of pyproject.toml, and constraints.txt satisfies all of them."""
+"""Scripts of the repository."""
 
+import gzip
 import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+from mjrun.check.rule_runner import RULES
+from mjrun.outputs.exports.html import VIEWER
+from tests.conftest import Command
+
+sys.path.append(str(Path(__file__).parents[2]))
+
 import subprocess
 import sys
 import tomllib
@@ -8,6 +21,32 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from scripts import fix_gallery
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "bundle_replay.py"
+
+
+def test_the_viewer_is_made_from_its_present_source_and_has_the_licence_of_three() -> None:
+    script = runpy.run_path(str(SCRIPT))
+    notice = gzip.decompress((VIEWER / "viewer.js.gz").read_bytes()).decode().partition("*/")[0]
+    assert f"sha256 {script['source_hash']()}\n" in notice, "run scripts/bundle_replay.py"
+    assert (VIEWER / "LICENSE-three").read_text("utf-8").strip() in notice
+
+
+def test_every_rule_with_a_fix_has_a_part() -> None:
+    shown = re.findall(r"(?m)^## (MJ\d+): (.+)$", fix_gallery.PAGE.read_text("utf-8"))
+    expected = {code: rule.title for code, rule in RULES.items() if rule.fix}
+    assert dict(shown) == expected
+    assert [case.rule for case in fix_gallery.CASES] == sorted(expected)
+
+
+@pytest.mark.parametrize("rule", ["MJ303", "MJ403"])
+def test_a_part_is_what_the_command_does_now(rule: str, mjrun_here: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fix_gallery, "mjrun", lambda *arguments: mjrun_here(*arguments).stdout.decode())
+    (case,) = (case for case in fix_gallery.CASES if case.rule == rule)
+    assert fix_gallery.part(case).strip() in fix_gallery.PAGE.read_text("utf-8")
+
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
