@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, cast
 
 import mujoco
@@ -16,30 +17,29 @@ from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
 from mjrun.camera.settings import EasedNumber, Shake, ShotBlend
 from mjrun.document.camera_and_ghost_forms import DocumentCameraKind
-from mjrun.document.run import read_run
+from mjrun.document.json_schema import json_schema
+from mjrun.document.run import OUTPUTS, read_run
 from mjrun.document.run_writer import document_text, plain_value
 from mjrun.document.yaml_text import yaml_text
-from mjrun.errors import UsageError
+from mjrun.errors import DocumentError, UsageError
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
-from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import CameraKind, ReadingContext
 from mjrun.options.number_kinds import InstantKind
-from mjrun.options.option import Options, requirements_of
-from mjrun.options.video import VideoOptions
+from mjrun.options.run import RunCommandOptions
+from mjrun.options.simulation import SimulationOptions
 from mjrun.outputs.image import Image
-from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
-from mjrun.rendering.segmentation import groupings
-from mjrun.rendering.text import CORNERS
-from mjrun.rendering.visual import flags
 from mjrun.simulation.simulation import Simulation
-from mjrun.timeline import rational
-from tests.document.camera_strategies import events, maybe, names, numbers, positives, scripts, texts
+from tests.document.camera_strategies import events, names, scripts, texts
 from tests.document.documents import Anything, put, read
+from tests.document.option_strategies import in_python, in_quotes, options_in_documents
+from tests.document.schema_oracle import fits
+
+SCHEMA = json_schema("run")
 
 
 def again(jobs: Sequence[Any]) -> list[Any]:
@@ -48,193 +48,54 @@ def again(jobs: Sequence[Any]) -> list[Any]:
     return read_run("d.yaml").outputs
 
 
-# --- one form of what may be said in several ----------------------------------------------------------
+# --- all options, drawn by chance ---------------------------------------------------------------------
 
-
-def normal(value: Any, name: str = "") -> Any:
-    """`value`, a job or a part of it, in one form: exact numbers, tuples, paths, one of something as a list of one."""
-    if name in ("qpos", "qvel", "ctrl"):
-        return {key: tuple(inner) if isinstance(inner, Sequence) else (inner,) for key, inner in value.items()}
-    if isinstance(value, Simulation):
-        source = value.source
-        settings = [(override.path, override.value) for override in source.overrides]
-        bare = dataclasses.replace(value, model=source.text, set=settings, integrator=None, timestep=None)
-        return {field.name: normal(getattr(bare, field.name), field.name) for field in dataclasses.fields(bare)}
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return type(value).__name__, {key: normal(inner, key) for key, inner in fields.items() if key != "command"}
-    if name in ("duration", "fps", "speed", "rate", "time") and isinstance(value, float | str | Fraction | int):
-        return rational(value)
-    if name in ("camera", "view") and isinstance(value, str):
-        return (value,)
-    if name in ("ctrl_from", "replay") and value is not None:
-        return str(value)
-    if isinstance(value, dict):
-        return {key: normal(inner) for key, inner in value.items()}
-    return tuple(map(normal, value)) if isinstance(value, list | tuple) else value
-
-
-# --- jobs, drawn by chance ---------------------------------------------------------------------------
-
-exacts = (
-    st.fractions(min_value=Fraction(1, 10**6), max_value=10**6)
-    | positives
-    | positives.map(repr)
-    | st.sampled_from(["30000/1001", "1e2", Fraction(2**53 + 1), Fraction(1, 10)])
-)
-
-
-def several(strategy: st.SearchStrategy[Any], most: int = 3) -> st.SearchStrategy[Any]:
-    return st.lists(strategy, max_size=most) | st.lists(strategy, max_size=most).map(tuple)
-
-
-overrides = st.sampled_from(
-    ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50", "~", "-0"]
-)
-
-PUSH = {"force": [1, 2.5, 0], "at": 1, "duration": "1/3"}
-
-
-@st.composite
-def sources(draw: st.DrawFn) -> Any:
-    settings = draw(st.dictionaries(names, overrides | texts, max_size=4))
-    source = FileSource(Path("m.xml"), overrides=tuple(Override(path, value) for path, value in settings.items()))
-    return source if settings else draw(st.sampled_from([source, "m.xml", Path("m.xml")]))
-
-
-@st.composite
-def simulations(draw: st.DrawFn) -> Simulation:
-    values = st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
-    start: dict[str, Any] = {
-        "integrator": maybe(st.just("rk4")),
-        "timestep": maybe(exacts),
-        "key": maybe(names | st.integers(0, 9)),
-        **dict.fromkeys(("qpos", "qvel", "ctrl"), values),
-        "ctrl_from": maybe(texts | texts.map(Path)),
-        "push": several(st.sampled_from(["torso=0/-1e2/.5@1/3+0.25", {**PUSH, "body": "a"}, {**PUSH, "site": "b"}])),
-        "perturb": st.just(0.0) | positives,
-        "ctrl_noise": st.just(0.0) | positives,
-    }
-    if draw(st.booleans()):
-        start = {"replay": texts}
-    span = draw(st.sampled_from(["duration", "steps", ""]))
-    ends = {"duration": exacts, "steps": st.integers(1, 2**60)}
-    return Simulation(
-        draw(sources()),
-        **{name: draw(strategy) for name, strategy in start.items()},
-        **({span: draw(ends[span])} if span else {}),
-        ctrl_interpolation=draw(st.sampled_from(["hold", "linear"])),
-        ctrl_noise_time=draw(st.just(0.0) | positives),
-        seed=draw(st.integers(0, 2**70)),
-    )
-
-
-plain = texts.filter(lambda text: Path(text).suffix.lower() not in (".yaml", ".yml"))
-sizes = st.tuples(st.integers(1, 9000), st.integers(1, 9000))
-groups = st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])
-ghosts = st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", "", "offset=0/0/1,recording=r.npz"])
-drawings: dict[str, st.SearchStrategy[Any]] = {
-    "camera": st.just("free") | plain | st.lists(plain | scripts(), min_size=1, max_size=3, unique_by=str),
-    "view": st.just("rgb") | st.lists(st.sampled_from(["rgb", "depth", "seg"]), min_size=1, max_size=3, unique=True),
-    "size": sizes,
-    "show": several(st.sampled_from(flags()[:10])),
-    "hide": several(st.sampled_from(flags()[10:])),
-    "geomgroup": groups,
-    "skingroup": groups,
-    "frame_axes": st.sampled_from(["none", "body", "mjFRAME_GEOM", "World"]),
-    "label": st.sampled_from(["none", "joint", "mjLABEL_BODY"]),
-    "quality": st.sampled_from(["model", "draft", "high"]),
-    "layout": st.sampled_from(["row", "column", "grid"]),
-    "captions": st.booleans(),
-    "style": st.sampled_from([None, "color", "exact"]),
-    "depth_range": maybe(st.tuples(st.floats(0, 1), st.floats(2, 3))),
-    "seg_by": st.sampled_from([*groupings()]),
-    "trail": several(texts),
-    "trail_span": maybe(exacts),
-    "ghost": several(ghosts),
-    "text": maybe(texts),
-    "text_corner": maybe(st.sampled_from([*CORNERS])),
-    "calibration_format": st.sampled_from(["mjrun", "nerfstudio", "bop", "ros"]),
-    "renderer": st.sampled_from(["classic", "filament"]),
-}
-videos = {
-    **drawings,
-    "fps": maybe(exacts),
-    "speed": exacts,
-    "format": maybe(texts),
-    "codec": maybe(texts),
-    "crf": maybe(st.integers(-5, 99)),
-    "preset": maybe(texts),
-    "plot": several(texts),
-    "plot_side": st.sampled_from(["under", "beside"]),
-    "jobs": st.just("auto") | st.integers(1, 99),
-}
-images = {**drawings, "format": maybe(texts), "legend": st.booleans(), "separate": st.booleans()}
-probes = texts.filter(lambda text: "," not in text and text.strip())
-sampled = {"format": maybe(texts)}
-tables = {**sampled, "probe": several(probes), "assert_": several(texts), "keep_partial": st.booleans()}
-graphs = {
-    **sampled,
-    "probe": st.lists(texts, min_size=1, max_size=3),
-    "size": st.just((1280, 720)) | st.just((99, 999)),
+FILES = {
+    "videos": "a.mp4",
+    "images": "a.png",
+    "traces": "a.csv",
+    "plots": "a.png",
+    "recordings": "a.npz",
+    "keyframes": "a.xml",
+    "exports": "a.glb",
 }
 
 
-@st.composite
-def job_lists(draw: st.DrawFn) -> list[Any]:
-    """Jobs of one simulation, in the order of a document's sections."""
-    simulation, found = draw(simulations()), []
-    folders = st.sampled_from(["", "a/", "b c/d/", "é: #/"])
-
-    def file(suffix: str) -> str:
-        return f"{draw(folders)}o{len(found)}{suffix}"
-
-    def some(most: int = 2) -> range:
-        return range(draw(st.integers(0, most)))
-
-    def given_as(strategies: dict[str, st.SearchStrategy[Any]]) -> dict[str, Any]:
-        return {name: draw(strategy) for name, strategy in strategies.items() if draw(st.booleans())}
-
-    def drawing(cls: type[Options], strategies: dict[str, st.SearchStrategy[Any]], **files: Any) -> dict[str, Any]:
-        options = given_as(strategies) | files
-        if any(isinstance(options.get(name), list) and len(options[name]) > 1 for name in ("camera", "view")):
-            options.pop("style", None)  # exact numbers share no frame
-        for each in requirements_of(cls):
-            if not each.is_met({name: value or None for name, value in options.items()}):
-                options.pop(each.name, None)
-        return options
-
-    def when() -> dict[str, Any]:
-        return draw(st.sampled_from([{}, {"every": draw(st.integers(1, 9))}, {"rate": draw(exacts)}]))
-
-    for _ in some():
-        files: dict[str, Any] = {"calibration": file(".c"), "manifest": file(".m")}
-        suffix = draw(st.sampled_from([".mp4", "_%04d.png", "/"]))
-        found.append(Video(simulation, file(suffix), **drawing(VideoOptions, videos, **files)))
-    for _ in some():
-        moments = maybe(exacts | events)
-        instant: dict[str, Any] = draw(st.fixed_dictionaries({"time": moments}) | st.just({"step": 7}))
-        cloud = draw(maybe(st.just(file(".ply"))))
-        found.append(Image(simulation, file(".png"), **drawing(ImageOptions, images), **instant, pointcloud=cloud))
-    for _ in some():
-        contacts = draw(maybe(st.just(file("c.csv"))))
-        found.append(Trace(simulation, file(".csv"), **given_as(tables), **when(), contacts=contacts))
-    for _ in some():
-        found.append(Plot(simulation, file(".p"), **{"probe": ["energy"], **given_as(graphs)}, **when()))
-    for _ in some(1):
-        manifest = draw(maybe(st.just(file(".n"))))
-        found.append(Recording(simulation, file(".npz"), manifest=manifest, keep_partial=draw(st.booleans())))
-    for _ in some(1):
-        found.append(Keyframe(simulation, file(".xml"), name=draw(names), time=draw(maybe(exacts))))
-    assume(found)
-    return found
+def test_every_output_has_a_file_here() -> None:
+    assert FILES.keys() == OUTPUTS.keys()
 
 
-@pytest.mark.slow
-@given(job_lists())
-@settings(max_examples=15, deadline=None)
-def test_the_printed_document_makes_the_same_jobs(jobs: list[Any]) -> None:
-    assert [normal(job) for job in again(jobs)] == [normal(job) for job in jobs]
+@pytest.mark.parametrize("key", FILES)
+@given(data=st.data(), simulation=options_in_documents(SimulationOptions))
+@settings(max_examples=40)
+def test_a_document_fits_the_schema_and_makes_the_jobs_of_python_and_so_does_the_one_printed_for_them(
+    key: str, data: st.DataObject, simulation: dict[str, Any]
+) -> None:
+    """An option that is wrong with others is refused by documents at once, by Python perhaps later."""
+    cls, needed = OUTPUTS[key], {"probe": "energy"} if key == "plots" else {}
+    outputs = [
+        {"output": f"{number}/{FILES[key]}", **needed, **data.draw(options_in_documents(cls, f"{number}/"))}
+        for number in range(2)
+    ]
+    document = {"model": "m.xml", **simulation, key: outputs}
+    try:
+        jobs = read_run(put(in_quotes(document)), options=RunCommandOptions(output="out")).outputs
+    except DocumentError:
+        assume(False)
+    assert fits(document, SCHEMA, SCHEMA)
+    shared = Simulation("m.xml", **in_python(SimulationOptions, simulation))
+    make = resolve_name(f"mjrun.outputs.{key[:-1]}:{key[:-1].title()}")
+    assert jobs == [make(shared, **in_python(cls, options, "out/")) for options in outputs]
+    assert [dataclasses.replace(job, command="") for job in again(jobs)] == jobs
+
+
+OVERRIDES = ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50"]
+
+
+@given(st.dictionaries(names, st.sampled_from([*OVERRIDES, "~", "-0"]) | texts, max_size=4))
+def test_overrides_keep_their_text(settings: dict[str, str]) -> None:
+    (job,) = again([overridden(*(Override(path, value) for path, value in settings.items()))])
+    assert [(each.path, each.value) for each in job.simulation.source.overrides] == [*settings.items()]
 
 
 # --- what is printed ---------------------------------------------------------------------------------

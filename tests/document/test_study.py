@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mjrun.cli.console import Console
 from mjrun.cli.main import group
@@ -22,12 +21,13 @@ from mjrun.document.study import (
     write_plan,
 )
 from mjrun.errors import DocumentError, FileError, UsageError
-from mjrun.options.sweep import MOST_POINTS
+from mjrun.options.sweep import StudyOptions
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.job_plan import JobPlan, plan
 from mjrun.study.study import Study
 from tests.cases import cases
-from tests.document.camera_strategies import names, texts
+from tests.document.documents import put
+from tests.document.option_strategies import in_python, in_quotes, options_in_documents
 from tests.study.models import BALL
 
 HEAD = "model: ball.xml\nsteps: 20\n"
@@ -100,55 +100,15 @@ def test_what_is_wrong_with_the_model_at_hand_is_reported_where_it_is(text: str,
 
 # --- what is printed ----------------------------------------------------------------------------------
 
-values = st.sampled_from(
-    [
-        "1..5:5",
-        "1,2,3",
-        "0,0,1;",
-        "0,0,-9.81;0,0,1",
-        "true,false",
-        "uniform(0, 1)",
-        "1e-3",
-        "0x10",
-        "~",
-        "a b",
-        "log:1..2:3",
-    ]
-)
 
-
-@st.composite
-def studies(draw: st.DrawFn) -> Study:
-    options = {
-        "vary": st.dictionaries(names, values | texts, max_size=3),
-        "metric": st.dictionaries(
-            st.sampled_from(["low", "drift"]), st.sampled_from(["max(time)", "mean(a, b > 1)", "1"])
-        ),
-        "points": st.none() | texts,
-        "design": st.sampled_from(["grid", "zip"]),
-        "samples": st.integers(1, MOST_POINTS),
-        "sampler": st.sampled_from(["sobol", "lhs", "random"]),
-        "repeats": st.integers(1, 9),
-        "where": st.lists(texts, max_size=2),
-        "require": st.lists(texts, max_size=2),
-        "every": st.integers(1, 9),
-        "time_limit": st.none() | st.fractions(min_value="1/1000", max_value=1000),
-    }
-    simulation = Simulation("ball.xml", steps=draw(st.integers(1, 99)), seed=draw(st.integers(0, 9)))
-    chosen: dict[str, Any] = {name: draw(strategy) for name, strategy in options.items()}
-    if draw(st.booleans()):
-        chosen["vary"] |= {"a": "uniform(0, 1)", "b": "1,2", "c": "3,4"}
-    else:
-        for name in ("design", "samples", "sampler"):  # which have no effect
-            del chosen[name]
-    return Study(simulation, "out", **chosen)
-
-
-@given(studies())
-@settings(max_examples=30)
-def test_the_document_of_a_study_is_that_study(made: Study) -> None:
-    Path("d.yaml").write_text(study_text(made, "mjrun …\n"), encoding="utf-8")
-    assert read_study("d.yaml").made == made
+@given(options_in_documents(StudyOptions))
+@settings(max_examples=60)
+def test_a_document_is_the_study_of_python_and_so_is_the_one_printed_for_it(options: dict[str, Any]) -> None:
+    made = Study(Simulation("ball.xml", steps=20), "out", **in_python(StudyOptions, options))
+    document = {"model": "ball.xml", "steps": 20, "output": "out", **options}
+    document["metrics"] = document.pop("metric", {})
+    for text in (in_quotes(document), study_text(made, "mjrun …\n")):
+        assert read_study(put(text)).made == made
 
 
 @cases("words")
