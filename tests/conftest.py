@@ -114,8 +114,12 @@ _write_bytecode = SourceFileLoader.set_data
 
 
 def _write_bytecode_of_packages(self: SourceFileLoader, path: str, data: Any, **mode: int) -> None:
-    """Leaves no bytecode of modules that a test imports from a folder, among the files that it lists."""
-    if any(Path(path).is_relative_to(folder) for folder in (sys.prefix, ROOT / "mjrun")):
+    """Leaves no bytecode of modules that a test imports from a folder, among the files that it lists.
+
+    Nor is any written while a test limits the size of files: Python would take the half that fits for the whole.
+    """
+    is_limited = resource.getrlimit(resource.RLIMIT_FSIZE) != LIMITS[resource.RLIMIT_FSIZE]
+    if not is_limited and any(Path(path).is_relative_to(folder) for folder in (sys.prefix, ROOT / "mjrun")):
         _write_bytecode(self, path, data, **mode)
 
 
