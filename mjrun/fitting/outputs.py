@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import ModelError, UsageError, clean, concerning, file_errors, listing, option
+from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fitting.prediction import Chunk, Predictor
 from mjrun.fitting.result import FitResult, FittedParameter
@@ -365,8 +365,13 @@ class FittedModelFile:
         made = changes(self._main, overrides)
         text = with_changes(self._main.read_bytes(), made)
         fitted = replace(self.source, overrides=tuple(overrides)).load()
-        written = file_errors(str(self.path), "written")
-        with written, temporary_file(self.path, text, SUFFIX) as beside, suppress(ModelError):
+        # A writer makes the folder of the output, which is removed with it.
+        with (
+            written_file(self.path, text) as output,
+            output.writing(),
+            temporary_file(self.path, text, SUFFIX) as beside,
+            suppress(ModelError),
+        ):
             if physics_fingerprint(FileSource(beside).load()) == physics_fingerprint(fitted):
                 return text, made
         raise UsageError(
