@@ -8,7 +8,7 @@ import click
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
-from mjrun.cli.table_cells import ReportColumn, number
+from mjrun.cli.table_cells import ReportColumn, number, span
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.every_command import opened_file
 from mjrun.options.fit import FitOptions
@@ -131,7 +131,7 @@ def excitation_report(result: "ExcitationResult") -> str:
         ReportColumn("if it is", [number(each.start) for each in parameters], right=True),
         ReportColumn(
             f"expected {100 * result.confidence:g} % interval",
-            [f"{number(each.low)} … {number(each.high)}" for each in parameters],
+            [span((each.low, each.high)) for each in parameters],
         ),
     ]
     page.table("parameters", columns, len(parameters), SHOWN)
@@ -140,7 +140,10 @@ def excitation_report(result: "ExcitationResult") -> str:
         ReportColumn("from", [number(each.low) for each in motion], right=True),
         ReportColumn("to", [number(each.high) for each in motion], right=True),
         ReportColumn("", [each.unit for each in motion]),
-        ReportColumn("limits", [_range(each.least, each.most) for each in motion]),
+        ReportColumn(
+            "limits",
+            ["" if each.least is None or each.most is None else span((each.least, each.most)) for each in motion],
+        ),
     ]
     page.table("motion", columns, len(motion), SHOWN)
     for file in result.files:
@@ -152,10 +155,6 @@ def excitation_report(result: "ExcitationResult") -> str:
     return page.text()
 
 
-def _range(low: float | None, high: float | None) -> str:
-    return "" if low is None or high is None else f"{number(low)} … {number(high)}"
-
-
 def _parameters(result: "FitResult") -> list[ReportColumn]:
     parameters = result.parameters
     share = f"{100 * result.confidence:g} % interval"
@@ -163,7 +162,7 @@ def _parameters(result: "FitResult") -> list[ReportColumn]:
         ReportColumn("parameter", [clean(each.path) for each in parameters]),
         ReportColumn("before", [number(each.start) for each in parameters], right=True),
         ReportColumn("fitted", [number(each.value) for each in parameters], right=True),
-        ReportColumn(share, [f"{number(each.low)} … {number(each.high)}" for each in parameters]),
+        ReportColumn(share, [span((each.low, each.high)) for each in parameters]),
         ReportColumn("", [f"at its {each.bound} bound" if each.bound else "" for each in parameters]),
     ]
 
@@ -179,7 +178,7 @@ def _inertias(result: "FitResult") -> list[ReportColumn]:
         ReportColumn("", [each.unit for each in quantities]),
         ReportColumn(
             f"{100 * result.confidence:g} % interval",
-            [f"{number(each.low)} … {number(each.high)}" if each.low < each.high else "" for each in quantities],
+            [span((each.low, each.high)) if each.low < each.high else "" for each in quantities],
         ),
     ]
 
