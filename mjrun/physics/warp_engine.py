@@ -18,6 +18,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UnstableWorldError, UsageError, option, quoted
 from mjrun.model import state
 from mjrun.physics.engine import SHORT_BLOCK_STEPS, Fields, Models, RolloutBlock, block_steps, models_of
+from mjrun.physics.stepper import RK4
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 
 CHEAPER = "the omitted ones make a step cheaper than a complete one"
@@ -98,6 +99,8 @@ class WarpWorlds:
         self._sample = mujoco.MjData(self._model)  # the shapes of fields
         state.restore(self._model, self._sample, starts[0])
         with self.active():
+            if self._model.opt.integrator == RK4 and any(model.actuator_delay.any() for model in every):
+                raise NotImplementedError("its RK4 reads delayed controls once per step, not in every stage")
             self._device_model = PerWorldFields(device).put_models(self._model, every)
             self._device_model.opt.warn_overflow = 0  # it prints from the device, a line for each world and step
             self._data = device.library.put_data(

@@ -9,6 +9,7 @@ import pytest
 from mjrun.errors import UnstableWorldError, UsageError, spelled
 from mjrun.model import state
 from mjrun.physics.engine import Engine
+from mjrun.physics.stepper import RK4
 from mjrun.physics.warp_device import WarpDevice
 from mjrun.physics.warp_engine import OVERFLOWS, WarpEngine, WarpWorlds, overflow_message
 from tests.cases import cases, mjcf
@@ -218,6 +219,19 @@ def test_a_feature_that_it_does_not_support_is_named(device: WarpDevice) -> None
     model.opt.solver = mujoco.mjtSolver.mjSOL_PGS
     with pytest.raises(UsageError, match=r"cannot simulate this model: mjSOL_PGS is unsupported\.\nengine c can"):
         WarpWorlds(device, model, state.save(model, data)[None])
+
+
+def test_delayed_controls_are_refused_where_they_would_differ_from_those_of_mujoco(device: WarpDevice) -> None:
+    body = '<body><joint name="j"/><geom size=".1"/></body>'
+    motor = '<motor name="m" joint="j" delay="0.01" nsample="5"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{body}</worldbody><actuator>{motor}</actuator></mujoco>"
+    )
+    start = state.save(model, mujoco.MjData(model))[None]
+    WarpWorlds(device, model, start)
+    model.opt.integrator = RK4
+    with pytest.raises(UsageError, match=r"cannot simulate this model: its RK4 reads delayed .*\nengine c can"):
+        WarpWorlds(device, model, start)
 
 
 def test_a_field_that_it_does_not_have_is_refused(device: WarpDevice) -> None:
