@@ -3,6 +3,7 @@ the noise, and predictions with those of the original model.
 """
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 
@@ -21,7 +22,15 @@ from mjrun.errors import (
 )
 from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
-from mjrun.fitting.measurements import CONTROLS, first_noise, read_measurements, set_noise, shared, spread_of
+from mjrun.fitting.measurements import (
+    CONTROLS,
+    Measurements,
+    first_noise,
+    read_measurements,
+    set_noise,
+    shared,
+    spread_of,
+)
 from mjrun.fitting.outputs import HORIZON, FitOutputs, Solutions
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
@@ -257,19 +266,17 @@ class _Run:
         if twice := {log for log in logs if logs.count(log) > 1}:
             raise UsageError(f"{option('data')}: {clean(min(twice))} is given twice")
         linear = simulation.ctrl_interpolation == "linear"
-        self._measurements = read_measurements(logs, model, simulation.map, data.ctrl, linear=linear)
+        inputs = (logs, model, simulation.map, data.ctrl)
+        self._measurements = read_measurements(*inputs, lambda whole: self._parts(whole)[0], linear=linear)
+        self._fitted, self._held = self._parts(self._measurements)
+        if fit.holdout_data and not self._held.segments:
+            raise UsageError(
+                f"{option('holdout_data')} measures nothing that is fitted: {listing(self._measurements.signals)}"
+            )
         delayed = [*self._measurements.signals, *(f"{CONTROLS}{name}" for name in control_names(model))]
         self._parameters = free_parameters(fit.free, simulation.source, delayed)
         for each in self._parameters:
             require_effect(each, simulation.source)
-
-        self._fitted, self._held = self._measurements, replace(self._measurements, segments=[])
-        if fit.holdout_data:
-            self._fitted, self._held = self._measurements.without(fit.holdout_data)
-        elif fit.holdout:
-            self._fitted, self._held = self._measurements.split(fit.holdout)
-        if not self._fitted.segments:
-            raise UsageError(f"{option('holdout')} {fit.holdout:g} leaves nothing to fit")
         self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
         self._require_enough()
         self._noise = first_noise([each.values for each in self._fitted.segments], self._measurements.rotations)
@@ -340,6 +347,15 @@ class _Run:
                 f"try narrower bounds with {option('free')}, or more {option('starts')}; nothing was written"
             )
         return search
+
+    def _parts(self, whole: Measurements) -> tuple[Measurements, Measurements]:
+        """Separates the measurements to fit from those that are held out."""
+        if self._fit.holdout_data:
+            return whole.without(self._fit.holdout_data)
+        fitted, held = whole.split(self._fit.holdout) if self._fit.holdout else (whole, replace(whole, segments=[]))
+        if not fitted.segments:
+            raise UsageError(f"{option('holdout')} {self._fit.holdout:g} leaves nothing to fit")
+        return fitted, held
 
     def _own_noise(self, solution: Solution) -> Solution:
         return with_noise(solution, shared(solution.noise_scale, self._measurements.rotations))
@@ -482,5 +498,6 @@ class _Run:
 def _errors(solution: Solution, rotations: Sequence[Sequence[int]]) -> np.ndarray:
     """Returns the error of each signal over its spread, `(signals,)`; NaN without spread."""
     values = np.concatenate([part.values for part in solution.chunks])
-    spread = shared(spread_of(values, solution.loss), rotations)
-    return shared(solution.noise_scale, rotations) / np.where(spread > 0, spread, np.nan)
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # NaN where held-out data lack a signal
+        spread = shared(spread_of(values, solution.loss), rotations)
+        return shared(solution.noise_scale, rotations) / np.where(spread > 0, spread, np.nan)

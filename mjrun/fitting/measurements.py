@@ -1,7 +1,7 @@
 """Logs of a system: measured signals and commands over time, under the names of a model's columns, and their noise."""
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
@@ -25,6 +25,7 @@ PARTS = ("qw", "qx", "qy", "qz")
 SHORTEST = 0.5  # least norm of a quaternion that was rounded or averaged
 LEAST_NOISE = 1e-7  # noise of simulated data, as a share of the standard deviation of a signal
 ROUNDING = 1e-7  # error of simulated numbers in any unit: solvers stop at a tolerance, so that resting bodies creep
+FINEST = 1e-12  # least noise that a user may set: residuals over it are squared
 FEWEST_DIFFERENCES = 3  # differences that show a resolution
 NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of absolute values
 OUTLYING = 2.5  # standard deviations at which differences are clipped: contacts and outliers make some large
@@ -120,7 +121,7 @@ def set_noise(texts: Sequence[tuple[str, str]], signals: Sequence[str]) -> dict[
     """Returns the standard deviations that the user has given, by index of the signal.
 
     Raises:
-      UsageError: no signal has this name, or a number is not above 0.
+      UsageError: no signal has this name, or a number is below `FINEST`.
     """
     known: dict[int, float] = {}
     for pattern, text in texts:
@@ -131,8 +132,8 @@ def set_noise(texts: Sequence[tuple[str, str]], signals: Sequence[str]) -> dict[
             deviation = float(text)
         except ValueError:
             deviation = 0.0
-        if not 0 < deviation < np.inf:
-            raise BadValueError(f"{option('noise')} {clean(pattern)}", text, "a standard deviation above 0")
+        if not FINEST <= deviation < np.inf:
+            raise BadValueError(f"{option('noise')} {clean(pattern)}", text, f"a standard deviation above {FINEST:g}")
         known |= dict.fromkeys(matches, deviation)
     return known
 
@@ -150,8 +151,13 @@ def first_noise(parts: Sequence[Floats], rotations: Sequence[Sequence[int]] = ()
     limit = OUTLYING * np.where(spread > 0, spread, np.inf)
     spread = np.sqrt(np.nanmean(np.clip(differences, -limit, limit) ** 2, axis=0) / CLIPPED / 20) * (spread > 0)
     values = np.concatenate(parts)
-    least = LEAST_NOISE * shared(np.nanstd(values, axis=0), rotations) + ROUNDING
-    return np.maximum(np.maximum(shared(spread, rotations), least), shared(resolution(values) / np.sqrt(12), rotations))
+    spread = np.maximum(shared(spread, rotations), least_noise(values, rotations))
+    return np.maximum(spread, shared(resolution(values) / np.sqrt(12), rotations))
+
+
+def least_noise(values: Floats, rotations: Sequence[Sequence[int]]) -> Floats:
+    """Returns the noise of simulated values, `(signals,)`."""
+    return LEAST_NOISE * shared(np.nanstd(values, axis=0), rotations) + ROUNDING
 
 
 def resolution(values: Floats) -> Floats:
@@ -234,12 +240,19 @@ class Measurements:
             for segment in own:
                 row = int(np.searchsorted(segment.times, limit))
                 first += [segment.part(slice(0, row))] if row >= FEWEST else []
-                last += [segment.part(slice(row, None))] if len(segment.times) - row >= FEWEST else []
+                rest = segment.part(slice(row, None))
+                last += [rest] if len(rest.times) >= FEWEST and np.isfinite(rest.values).any() else []
         return replace(self, segments=first), replace(self, segments=last)
 
 
 def read_measurements(
-    paths: Sequence[str], model: mujoco.MjModel, texts: Sequence[str], constant: np.ndarray, *, linear: bool = False
+    paths: Sequence[str],
+    model: mujoco.MjModel,
+    texts: Sequence[str],
+    constant: np.ndarray,
+    fitted: Callable[[Measurements], Measurements] | None = None,
+    *,
+    linear: bool = False,
 ) -> Measurements:
     """Reads the measurements of `model` from tables.
 
@@ -249,6 +262,7 @@ def read_measurements(
     Args:
       texts: entries of the map.
       constant: controls of actuators without commands, `(nu,)`.
+      fitted: returns the part in which signals must vary; None for all.
       linear: whether commands are interpolated linearly; otherwise they hold until the next one.
 
     Raises:
@@ -267,7 +281,9 @@ def read_measurements(
             remarks.append(f"{clean(segment.source)}: {remark}")
     remarks = list(dict.fromkeys(remarks))
     available = ModelVocabulary(model).names
-    varies = [_varies([segment.values[:, i] for segment in segments]) for i in range(len(signals))]
+    whole = Measurements(signals, segments)
+    values = np.concatenate([segment.values for segment in (fitted(whole) if fitted else whole).segments])
+    varies = [bool((column[1:] != column[:-1]).any()) for column in (c[np.isfinite(c)] for c in values.T)]
     for group in rotations(signals, available):
         for i in group:
             varies[i] = any(varies[j] for j in group)
@@ -282,6 +298,7 @@ def read_measurements(
         remarks.append(f"measured from the start of the log, so left out: {listing(relative)}")
     places = [signals.index(name) for name in measured]
     parts = [replace(each, values=each.values[:, places]) for each in segments]
+    parts = [each for each in parts if np.isfinite(each.values).any()]
     return Measurements(measured, parts, remarks, rotations(measured, available))
 
 
@@ -290,12 +307,6 @@ def _relative_to_the_start(model: mujoco.MjModel, signals: Sequence[str]) -> lis
     probes = [probe for probe in select(model, signals) if isinstance(probe, RecordedFieldProbe)]
     relative = {name for probe in probes for name in probe.relative}
     return [name for name in signals if name in relative]
-
-
-def _varies(parts: Sequence[np.ndarray]) -> bool:
-    values = np.concatenate(parts)
-    values = values[np.isfinite(values)]
-    return bool(len(values)) and float(np.ptp(values)) > 0
 
 
 class _Table:
@@ -353,7 +364,8 @@ class _Table:
         parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
         long = [part for part in parts if part.stop - part.start >= FEWEST]
         if not long:
-            raise FileError(self._path, f"has no {FEWEST} consecutive rows without a gap")
+            after = " after its first command" if unknown else ""
+            raise FileError(self._path, f"has no {FEWEST} consecutive rows without a gap{after}")
         if len(parts) > 1:
             short = len(parts) - len(long)
             left_out = f"; skipped {short} with fewer than {FEWEST} rows" if short else ""

@@ -22,7 +22,7 @@ from mjrun.fitting.gauss_newton import (
     GaussNewton,
     is_rough,
 )
-from mjrun.fitting.measurements import LEAST_NOISE, LogSegment, shared
+from mjrun.fitting.measurements import LogSegment, least_noise, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.shooting_problem import (
     Advanced,
@@ -142,7 +142,7 @@ class ShootingFit:
         """
         groups = self._predictor.rotations
         values = np.concatenate([part.values for part in solution.chunks])
-        least = LEAST_NOISE * shared(np.nanstd(values, axis=0), groups)
+        least = np.minimum(least_noise(values, groups), solution.noise)
         for _ in range(WEIGHTINGS):
             noise = np.maximum(shared(solution.noise_scale, groups), least)
             if np.abs(np.log(noise / solution.noise)).max() < np.log(EXPLAINED):

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import FreeParameter, values_at
-from mjrun.fitting.measurements import NORMAL_MEDIAN, Floats
+from mjrun.fitting.measurements import LEAST_NOISE, NORMAL_MEDIAN, Floats
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRolloutInputs, Predictor
 
 # The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
@@ -107,11 +107,13 @@ class Solution:
     def noise_scale(self) -> Floats:
         """Standard deviation of the noise of each signal, `(signals,)`.
 
-        With a robust loss, medians estimate it, so that outliers do not count.
+        With a robust loss, medians estimate it, so that outliers do not count. It is never 0.
         """
         if self.loss == "linear":
-            return self.observed_noise
-        return np.nanmedian(np.abs(np.concatenate(list(self.residuals))), axis=0) * NORMAL_MEDIAN * self.noise
+            scale = self.observed_noise
+        else:
+            scale = np.nanmedian(np.abs(np.concatenate(list(self.residuals))), axis=0) * NORMAL_MEDIAN * self.noise
+        return np.maximum(scale, LEAST_NOISE * self.noise)
 
     @property
     def weights(self) -> list[Floats]:

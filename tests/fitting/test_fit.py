@@ -85,6 +85,31 @@ def test_options_of_outputs_that_are_not_made_are_refused(
         Fit(pendulum, data=log(tmp_path), free=THREE, **given).run()
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_a_signal_that_rests_or_is_missing_in_a_part_causes_no_warning(tmp_path: Path, loss: str) -> None:
+    """A velocity that rests until the held-out part, one that ends before it, and a log of nothing that is fitted."""
+    path = write_model(tmp_path, **{**TRUTH, "damping": 0.2})
+    still = '<body><joint name="{0}" type="slide" axis="1 0 0"/><geom size=".1" contype="0" conaffinity="0"/></body>'
+    path.write_text(
+        path.read_text().replace("</worldbody>", still.format("idle") + still.format("lost") + "</worldbody>")
+    )
+    times, angles = simulate(1.0)
+    is_held = times > 0.745
+    lost = np.where(is_held, np.nan, 1e-3 * np.random.default_rng(0).normal(size=len(times)))
+    columns = {"time": times, "qpos/hinge": noisy(angles), "qpos/idle": 0.01 * is_held, "qpos/lost": lost}
+    data = [str(write_log(tmp_path / "log.csv", columns))]
+    fit = Fit(Simulation(str(path)), data=data, free=THREE[:1], starts=1, holdout=0.25, loss=loss)
+    result = fit.run()
+    assert [(each.name, each.holdout_fitted is None) for each in result.signals] == [
+        ("qpos/hinge", False),
+        ("qpos/lost", True),
+    ]
+    other = [str(write_log(tmp_path / "other.csv", {"time": times, "qvel/hinge": times}))]
+    with pytest.raises(UsageError, match="holdout_data measures nothing that is fitted: qpos/hinge"):
+        replace(fit, holdout_data=other).run()
+
+
 @pytest.mark.slow
 def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Path, near: Simulation) -> None:
     class Editor(PythonApiReporter):

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.errors import MjrunError, UsageError
-from mjrun.fitting.measurements import LogSegment, Measurements, commands, read_measurements
+from mjrun.errors import BadValueError, FileError, MjrunError, UsageError
+from mjrun.fitting.measurements import LogSegment, Measurements, commands, read_measurements, set_noise
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.sources import parse_source
@@ -103,6 +103,18 @@ def test_a_rotation_that_turns_about_one_axis_is_kept_as_a_whole(tmp_path: Path)
     found = read_measurements([log], model, (), np.zeros(0))
     assert found.signals == [f"qpos/b/q{c}" for c in "wxyz"]
     assert found.rotations == [[0, 1, 2, 3]]
+
+
+def test_rows_before_the_first_command_do_not_count(tmp_path: Path) -> None:
+    commanded = np.where(np.arange(len(TIMES)) < len(TIMES) - 9, np.nan, 1.0)
+    with pytest.raises(FileError, match="no 16 consecutive rows without a gap after its first command"):
+        read(tmp_path, {"time": TIMES, "qpos/hinge": np.sin(TIMES), "ctrl/motor": commanded})
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "1e-300", "inf", "nan", "small"])
+def test_a_noise_that_cannot_be_divided_by_is_refused(text: str) -> None:
+    with pytest.raises(BadValueError, match="a standard deviation above 1e-12"):
+        set_noise([("qpos/*", text)], ["qpos/hinge"])
 
 
 def test_signals_that_never_change_are_left_out(tmp_path: Path) -> None:
