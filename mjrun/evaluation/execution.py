@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UsageError, counted, option
+from mjrun.errors import UsageError, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeGroupSpec, EpisodePlayer, EpisodeRecord, PlayedEpisodes, player_of
 from mjrun.evaluation.prepared import PolicyEpisodes, PreparedEvaluation
 from mjrun.evaluation.summaries import LENGTH, RETURN, REWARD
@@ -224,9 +224,7 @@ def play_all(
         episodes.files.create()
         episodes.warn(reporter)
         missing = episodes.missing(options.retry_failed)
-        if len(missing) < len(episodes.keys):
-            known = len(episodes.keys) - len(missing)
-            reporter.note(f"{known} of {counted(len(episodes.keys), 'episode')} are known already")
+        episodes.note_known(missing, reporter)
         if missing:
             simulated = episodes.simulate(missing, options, reporter).total()
         records |= zip(shared, episodes.taken_records(), strict=True)

@@ -121,8 +121,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             known = self._begun(layout, prepared)
             prepared.warn(reporter)
             missing = self._missing(prepared, known)
-            if len(missing) < len(prepared.keys):
-                reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} episodes are known already")
+            prepared.note_known(missing, reporter)
             simulated = 0
             if missing:
                 simulated = prepared.simulate(missing, study, reporter, publish=self._publish).total()

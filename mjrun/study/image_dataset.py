@@ -88,8 +88,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
             prepared.known.forget(self._lost(prepared))
             missing = prepared.missing(self.retry_failed)
-            if len(missing) < len(prepared.keys):
-                reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
+            prepared.note_known(missing, reporter)
             made = 0
             if missing:
                 made = prepared.simulate(missing, study, reporter, publish=self._publish).total()

@@ -146,6 +146,11 @@ class PreparedPoints(ABC):
         points = known.points[~known.is_final if retry_failed else known.is_missing]
         return array("q", points.tobytes())  # a list would take five times the memory
 
+    def note_known(self, missing: Sequence[int] | np.ndarray, reporter: Reporter, origin: str = "") -> None:
+        """Reports the number of points whose results are known already, if there are any."""
+        if known := len(self.keys) - len(missing):
+            reporter.note(f"{known} of {counted(len(self.keys), self.noun)} are known already{origin}")
+
     def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""
         return np.broadcast_to(np.int64(0), len(indices))

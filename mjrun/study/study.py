@@ -127,9 +127,8 @@ class Study(StudyOptions, ExecutionOptions):
             self.write_manifest({**facts, **prepared.identities})
             missing = prepared.missing(self.retry_failed)
             adopted = prepared.adopt()
-            if len(missing) < count:
-                origin = f", {adopted} of them from an earlier design" if adopted else ""
-                reporter.note(f"{count - len(missing)} of {count} points are known already{origin}")
+            origin = f", {adopted} of them from an earlier design" if adopted else ""
+            prepared.note_known(missing, reporter, origin)
             simulated = 0
             if missing:
                 if self.engine == WARP:
