@@ -131,9 +131,14 @@ def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str
 
 
 def edit_remarks(sources: Iterable[ModuleSource]) -> list[str]:
-    """Returns a remark on each module whose file differs by now from what this process executes, as in a notebook."""
+    """Returns a remark on each module whose file differs by now from what this process executes, as in a notebook.
+
+    Processes of a study and of an evaluation execute what was pickled for them, whatever the files hold.
+    """
     edited = list[str]()
     for source in sources:
+        if _pickled_source(source.path):
+            continue
         with contextlib.suppress(OSError):
             if Path(source.path).read_bytes() != source.content:
                 edited.append(source.path)

@@ -10,7 +10,16 @@ import pytest
 
 from mjrun import python_code
 from mjrun.errors import ControllerError, FileError, UsageError
-from mjrun.python_code import RedirectedFunction, code_hash, load_code, made, module_sources
+from mjrun.python_code import (
+    ModuleSource,
+    RedirectedFunction,
+    code_hash,
+    edit_remarks,
+    import_from,
+    load_code,
+    made,
+    module_sources,
+)
 
 
 @pytest.fixture
@@ -118,3 +127,15 @@ def test_code_is_that_of_the_file_and_not_of_bytecode_of_the_same_second(folder:
             py_compile.compile(str(path))
     assert load_code("sized_in_test.py:VALUE", "policy", "") == 2
     del sys.modules["sized_in_test"]
+
+
+def test_processes_that_execute_pickled_code_do_not_remark_on_edits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path])
+    path = tmp_path / "edited.py"
+    path.write_text("new = 1\n")
+    source = ModuleSource("edited", str(path), b"old = 1\n")
+    assert len(edit_remarks([source])) == 1
+    import_from([source])
+    assert edit_remarks([source]) == []
