@@ -1,5 +1,6 @@
 """Values of options drawn by chance, made from the declarations of all options: what documents and Python write."""
 
+from collections.abc import Collection
 from typing import Any
 
 import yaml
@@ -25,6 +26,7 @@ from mjrun.options.number_kinds import (
     GroupsKind,
     InstantKind,
     IntegerKind,
+    NumberVectorKind,
     ProcessCountKind,
     RangeKind,
     RealKind,
@@ -33,6 +35,7 @@ from mjrun.options.number_kinds import (
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind, VariedSettingsKind
+from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
 from mjrun.rendering.visual import flags
 from tests.document.camera_strategies import names, numbers, positives, texts
 
@@ -80,6 +83,11 @@ PLAIN_VALUES: list[tuple[type[AnyKind], st.SearchStrategy[Any]]] = [
     (SizeKind, st.lists(st.integers(50, 9000), min_size=2, max_size=2)),
     (RangeKind, st.tuples(st.floats(0, 1), st.floats(2, 3)).map(list)),
     (GroupsKind, st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])),
+    (NumberVectorKind, numbers | MANY),
+    (LimitsKind, st.sampled_from([[-1, 1], [[-1, -2], 3]])),
+    (VectorOrKeyframeKind, numbers | MANY | names),
+    (RandomValueKind, st.sampled_from([0.5, "uniform(0, 1)", {"normal": [0, 0.1]}])),
+    (ScheduleKind, st.sampled_from([[[0, [1, 0]], [2.5, [0, 1]]], [[0, [1]]]])),
     (ProcessCountKind, st.just("auto") | st.integers(1, 99)),
     (ExactNumberKind, EXACT),
     (InstantKind, EXACT),
@@ -89,8 +97,13 @@ PLAIN_VALUES: list[tuple[type[AnyKind], st.SearchStrategy[Any]]] = [
 ]
 
 
-def options_in_documents(cls: type[Options], prefix: str = "") -> st.SearchStrategy[dict[str, Any]]:
-    """Returns values of some options of a class that go together; the files that it writes begin with the prefix."""
+def options_in_documents(
+    cls: type[Options], prefix: str = "", without: Collection[str] = (), always: Collection[str] = ()
+) -> st.SearchStrategy[dict[str, Any]]:
+    """Returns values of some options of a class that go together, and of some always.
+
+    The names of files that it writes begin with the prefix.
+    """
 
     def together(drawn: dict[str, Any]) -> dict[str, Any]:
         made = {name: kinds[name](value) for name, value in drawn.items()}
@@ -98,11 +111,11 @@ def options_in_documents(cls: type[Options], prefix: str = "") -> st.SearchStrat
             made = {name: value for name, value in made.items() if name not in left}
         return {name: drawn[name] for name in made}
 
-    kinds = {
-        each.name: each.kind for each in options_of(cls) if FrontEnd.DOCUMENT in each.places and each.name != "output"
-    }
+    declared = [each for each in options_of(cls) if FrontEnd.DOCUMENT in each.places]
+    kinds = {each.name: each.kind for each in declared if each.name not in ("output", *without)}
     some = {name: values_of(kind, st.just(f"{prefix}{name}.o")) for name, kind in kinds.items()}
-    return st.fixed_dictionaries({}, optional=some).map(together)
+    needed = {name: some.pop(name) for name in always}
+    return st.fixed_dictionaries(needed, optional=some).map(together)
 
 
 def in_python(cls: type[Options], options: dict[str, Any], folder: str = "") -> dict[str, Any]:

@@ -1,20 +1,34 @@
 """A task document is the task that it says, exactly, or a list of what is wrong with it, line by line."""
 
 import pickle
-from fractions import Fraction
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import mjrun
 from mjrun.document import task as task_module
 from mjrun.document.json_schema import json_schema
 from mjrun.document.task import read_task
 from mjrun.errors import DocumentError, FileError, UsageError, concerning
+from mjrun.options.model import ModelOptions
+from mjrun.options.option import Options, options_of
+from mjrun.options.task import (
+    ActionOptions,
+    CommandTermOptions,
+    ObservationOptions,
+    ResetOptions,
+    RewardTermOptions,
+    TaskOptions,
+    TerminationOptions,
+)
 from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
 from tests.cases import cases
+from tests.document.option_strategies import in_python, in_quotes, options_in_documents
 from tests.document.schema_oracle import fits
 
 EXAMPLE = (task_module.__doc__ or "").split("```yaml")[1].split("```")[0]
@@ -53,85 +67,45 @@ def test_a_task_of_the_gallery_has_a_name() -> None:
 # --- what is said -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", {}),
-        ("derived: lagged", {"derived": "lagged"}),
-        (
-            "reset: {key: 0, qpos: {car/z: 0.1}, noise: {'qvel/*': {normal: [0, 0.1]}}, "
-            "vary: {opt.gravity: 'choice(1, 2)'}}",
-            {
-                "reset": Reset(
-                    key=0,
-                    qpos={"car/z": (0.1,)},
-                    noise={"qvel/*": "normal(0, 0.1)"},
-                    vary={"opt.gravity": "choice(1, 2)"},
-                )
-            },
-        ),
-        (
-            "commands: {goal: {constant: [-1, 4]}, run: {random: 'uniform(-1, 1)', size: 2, every: 1/2}}",
-            {
-                "commands": {
-                    "goal": Command(constant=(-1.0, 4.0)),
-                    "run": Command(random=["uniform(-1, 1)"], size=2, every="1/2"),
-                }
-            },
-        ),
-        (
-            "commands: {go: {schedule: [[0, [1, 0]], [2.5, [0, 1]]]}}",
-            {"commands": {"go": Command(schedule=[[0, [1, 0]], [2.5, [0, 1]]])}},
-        ),
-        (
-            "rewards: {alive: 1, near: exp(-time), slow: {value: time, weight: -0.5}}",
-            {
-                "rewards": {
-                    "alive": Reward(value="1"),
-                    "near": Reward(value="exp(-time)"),
-                    "slow": Reward(value="time", weight=-0.5),
-                }
-            },
-        ),
-        (
-            "terminations: {far: {when: xpos/car/x > 9, as: failure}}",
-            {"terminations": {"far": Termination(when="xpos/car/x > 9", as_="failure")}},
-        ),
-    ],
-)
-def test_the_task_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
-    assert read(WHOLE + text) == task(**said)
+# Each with what it requires, and what it is made of: the options in one of these texts.
+TERMS: dict[str, tuple[type[Options], Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
+    "observations": (
+        ObservationOptions, Observation, {"name": "a"}, ("probe", "joints", "action", "command", "phase", "value")
+    ),
+    "actions": (ActionOptions, Action, {}, ("joints target", "actuators")),
+    "commands": (CommandTermOptions, Command, {}, ("constant", "table", "schedule", "random")),
+    "rewards": (RewardTermOptions, Reward, {"value": "time"}, ()),
+    "terminations": (TerminationOptions, Termination, {"when": "time > 1", "as": "failure"}, ()),
+    "reset": (ResetOptions, Reset, {}, ()),
+}  # fmt: skip
+OF_THE_MODEL = [each.name for each in options_of(ModelOptions)]
 
 
-def test_every_key_of_a_term_arrives() -> None:
-    text = """observations:
-- {name: a, joints: [left, 'r*'], of: qvel, frame: car, noise: 0.5,
-   offset: [1, 2], scale: 0.1, clip: [[-1, -2], 3], delay: 2, history: 3}
-- {name: b, probe: [xpos/car, qvel], noise: {uniform: [0, 1]}}
-- {name: c, action: previous}
-- {name: d, phase: 1/3}
-- {name: e, value: qpos/car/z - 1}
-actions:
-- {joints: '*', target: position, kp: [1, 2], kd: 0.5, squash: tanh, clip: [-1, 1], scale: 2, offset: home}
-- {actuators: turn, offset: [0.5]}
-"""
-    made = read(HEAD + text)
-    assert made.observations == (
-        Observation(
-            name="a", joints=["left", "r*"], of="qvel", frame="car", noise=0.5, offset=[1, 2], scale=0.1,
-            clip=[[-1, -2], 3], delay=2, history=3,
-        ),
-        Observation(name="b", probe=["xpos/car", "qvel"], noise="uniform(0, 1)"),
-        Observation(name="c", action="previous"),
-        Observation(name="d", phase=Fraction(1, 3)),
-        Observation(name="e", value="qpos/car/z - 1"),
-    )  # fmt: skip
-    assert made.actions == (
-        Action(
-            joints="*", target="position", kp=[1, 2], kd=0.5, squash="tanh", clip=[-1, 1], scale=2, offset="home"
-        ),
-        Action(actuators="turn", offset=0.5),
-    )  # fmt: skip
+@pytest.mark.parametrize("key", TERMS)
+@given(data=st.data(), shared=options_in_documents(TaskOptions, without=OF_THE_MODEL))
+@settings(max_examples=100)
+def test_a_task_is_that_of_python_or_refused_by_both(key: str, data: st.DataObject, shared: dict[str, Any]) -> None:
+    declared, term, needed, sources = TERMS[key]
+    chosen, *others = [each.split() for each in data.draw(st.permutations(sources))] or [[]]
+    without = [name for other in others for name in other]
+    options = {**needed, **data.draw(options_in_documents(declared, without=without, always=chosen))}
+
+    def all_terms(one: Any) -> Any:
+        return [one] if key in ("observations", "actions") else one if key == "reset" else {"a": one}
+
+    text = in_quotes({**yaml.safe_load(WHOLE), **shared, key: all_terms(options)})
+    try:
+        expected = task(**in_python(TaskOptions, shared), **{key: all_terms(term(**in_python(declared, options)))})
+    except UsageError:
+        with pytest.raises(DocumentError):
+            read(text)
+        return
+    assert read(text) == expected
+
+
+def test_a_reward_may_be_its_value() -> None:
+    rewards = {"alive": Reward(value="1"), "near": Reward(value="exp(-time)")}
+    assert read(WHOLE + "rewards: {alive: 1, near: exp(-time)}") == task(rewards=rewards)
 
 
 def test_what_a_document_overrides_in_its_model_is_overridden() -> None:
