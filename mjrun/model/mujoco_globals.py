@@ -5,7 +5,7 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -119,6 +119,16 @@ def collected_warnings() -> Generator[list[str]]:
         # The bindings report an attach conflict twice: the whole text, and its first line.
         found = collector.texts
         texts.extend(t for t in found if not any(other.startswith(f"{t}\n") for other in found))
+
+
+def warn_again(texts: Iterable[str]) -> None:
+    """Passes collected warnings to the block around, or to Python where none is open."""
+    report = mujoco.get_mju_user_warning()
+    for text in texts:
+        if report:
+            report(text)
+        else:
+            warnings.warn(text, stacklevel=3)
 
 
 class _Collector:

@@ -1,6 +1,5 @@
 """Visual options: visualizer and rendering flags, groups, frames, labels and quality; and the abstract scene."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 
@@ -10,7 +9,7 @@ import numpy as np
 from mjrun.camera.pose import CameraPose, user_camera
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, option
-from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.mujoco_globals import collected_warnings, warn_again
 from mjrun.model.names import enum_members, enum_value
 from mjrun.options.rendering import QUALITIES, SceneOptions
 
@@ -159,7 +158,6 @@ def updated_scene(
     Args:
       room: geoms that must still fit afterwards.
     """
-    previous = mujoco.get_mju_user_warning()
     while True:
         pose.place(scene)
         with collected_warnings() as texts:
@@ -169,9 +167,5 @@ def updated_scene(
         larger = mujoco.MjvScene(model, max(2 * scene.maxgeom, scene.ngeom + room + 1))
         larger.flags[:] = scene.flags
         scene = larger
-    for text in texts:  # except those about an earlier, smaller scene
-        if previous:
-            previous(text)
-        else:
-            warnings.warn(text, stacklevel=2)
+    warn_again(texts)  # except of an earlier, smaller scene
     return scene

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, option
+from mjrun.model.mujoco_globals import collected_warnings, warn_again
 from mjrun.model.names import enum_members, object_names
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.materials import MaterialCache, TextureMapping
@@ -219,10 +220,12 @@ class _Recorder:
     def _update(self, data: mujoco.MjData, options: mujoco.MjvOption, categories: int) -> None:
         """Updates MuJoCo's scene, which grows until everything fits."""
         while True:
-            mujoco.mjv_updateScene(self._model, data, options, None, mujoco.MjvCamera(), categories, self._scene)
+            with collected_warnings() as texts:
+                mujoco.mjv_updateScene(self._model, data, options, None, mujoco.MjvCamera(), categories, self._scene)
             if self._scene.ngeom + self._request.room < self._scene.maxgeom:
-                return
+                break
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
+        warn_again(texts)  # except of an earlier, smaller scene
 
 
 class _FlexRecorder:

@@ -56,6 +56,7 @@ def test_the_surface_of_a_height_field_is_where_rays_hit_it() -> None:
         start = point.astype(float) + np.array([0, 0, 1])
         assert abs(mujoco.mj_ray(model, data, start, np.array([0, 0, -1.0]), None, 1, -1, hit) - 1) < 1e-6
     assert mesh.positions[:, 2].min() == np.float32(-0.1)
+    assert np.abs(mesh.positions[:, :2]).max(axis=0).tolist() == [1, 2]
     a, b, c = mesh.positions[mesh.faces].transpose(1, 0, 2)
     low = np.array([0, 0, -0.1])
     solid = float(np.sum((a - low) * np.cross(b - low, c - low)) / 6)

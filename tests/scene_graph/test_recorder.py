@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.scene_graph.graph import SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.recorder import FLAGS, SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.visualizer_geoms import MOST
@@ -110,6 +111,14 @@ def test_a_cord_is_cylinders_between_its_vertices() -> None:
     for frame, vertices in enumerate(points):
         middles = sorted(at(track, frame)[0].tolist() for track in tracks)
         assert np.allclose(middles, sorted(((vertices[1:] + vertices[:-1]) / 2).tolist()), atol=1e-6)
+
+
+def test_a_scene_grows_until_everything_is_in_it_and_nobody_is_told_to_increase_it() -> None:
+    many = '<replicate count="700" offset=".3 0 0"><body><joint/><geom size=".1"/></body></replicate>'
+    xml = f"<mujoco><worldbody>{many}</worldbody></mujoco>"
+    with collected_warnings() as texts:
+        _, graph, motion = recorded(xml, [0], ["com", "inertia", "joint"])
+    assert (len(motion.tracks), graph.remarks, texts) == (2100, [], [])
 
 
 def test_names_cannot_be_drawn_and_the_user_is_told() -> None:
