@@ -54,6 +54,7 @@ from mjrun.plotting.table_figure import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.study.executors import WARP, check_engine
+from mjrun.study.part_files import kept_results_in_errors
 from mjrun.version import __version__
 
 NAMES = re.compile(r"(worst|median|best|failure|rank\d+)(_point\d+)?_seed\d+\.mp4")
@@ -248,7 +249,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
 
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}  # the same in all runs
-        with ExitStack() as stack:
+        with kept_results_in_errors(folder, "episode"), ExitStack() as stack:
             writers: list[OutputWriter] = [*table.open(stack, folder, facts, FILES)]
             if outcome.points:
                 points, meanings = point_table(prepared.points, outcome.points, prepared.units)

@@ -49,6 +49,7 @@ from mjrun.simulation.simulation import Simulation, require_simulation, require_
 from mjrun.study.dataset_specs import FOLDER, NEARLY, EpisodeSpec, camera_keys
 from mjrun.study.episode_files import observed_columns
 from mjrun.study.executors import WARP, check_engine
+from mjrun.study.part_files import kept_results_in_errors
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.spec import MODEL, PointResult
 from mjrun.study.study import Study
@@ -125,7 +126,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             simulated = 0
             if missing:
                 simulated = prepared.simulate(missing, study, reporter, publish=self._publish).total()
-            with one_at_a_time(self._own):
+            with one_at_a_time(self._own), kept_results_in_errors(prepared.folder, prepared.noun):
                 known = self._known_episodes()  # another process may have published some
                 self._require_same(known, prepared)
                 return self._conclude(layout, prepared, known, simulated, start, reporter)

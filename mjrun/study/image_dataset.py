@@ -34,6 +34,7 @@ from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.executors import WARP, check_engine
+from mjrun.study.part_files import kept_results_in_errors
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import PointFailureGroup, point_failures, study_table
 from mjrun.study.spec import PointResult
@@ -93,7 +94,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
             if missing:
                 made = prepared.simulate(missing, study, reporter, publish=self._publish).total()
                 prepared.known.forget(self._lost(prepared))  # such as those whose files have been removed meanwhile
-            return self._conclude(study, prepared, objects, made, start)
+            with kept_results_in_errors(prepared.folder, prepared.noun):
+                return self._conclude(study, prepared, objects, made, start)
 
     @property
     def _layout(self) -> Any:

@@ -7,7 +7,8 @@ can therefore be stopped, changed and continued by any number of processes at on
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from functools import cache
 from importlib import import_module
@@ -20,7 +21,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import MjrunError
+from mjrun.errors import FileError, MjrunError, PartlyDoneError, clean
 from mjrun.experiment.design_points import ABSENT, Design
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
 from mjrun.formats.output_writer import OutputWriter
@@ -156,6 +157,23 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
         return "".join(map(snapshot.content_digest, files)) + code or text
 
     return hashed
+
+
+@contextmanager
+def kept_results_in_errors(folder: str | Path | Folder, noun: str) -> Generator[None]:
+    """Makes errors of outputs in a `with` block state that the results in the folder remain, if it has some.
+
+    Args:
+      noun: the word for a point.
+    """
+    try:
+        yield
+    except (FileError, PartlyDoneError) as error:
+        parts = folder_at(folder) / PARTS
+        with suppress(MjrunError):
+            if RangeFolders(parts, "", 0).names(SUFFIX):
+                error.add_note(f"finished {noun}s are kept in {clean(parts.path())}; repeat the command to continue")
+        raise
 
 
 class PartFiles:

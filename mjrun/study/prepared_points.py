@@ -24,7 +24,7 @@ from mjrun.study import executors
 from mjrun.study.clusters import LostJobError
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import Leases, PointLeaser
-from mjrun.study.part_files import PartFiles, PartPublisher, PartWriter
+from mjrun.study.part_files import PartFiles, PartPublisher, PartWriter, kept_results_in_errors
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
     ChunkResult,
@@ -215,6 +215,7 @@ class PreparedPoints(ABC):
         failures = FailureReporter(self.points, reporter, self.noun)
         is_waiting, unread = False, 0
         with (
+            kept_results_in_errors(self.folder, self.noun),
             Leases(self.files.ranges) as leases,
             PartWriter(self.files, executors.INTERVAL, leases.publish) as parts,
             ExitStack() as stack,

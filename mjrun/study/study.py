@@ -43,7 +43,7 @@ from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import INTERVAL, QUEUED, WARP, check_engine, process_count
 from mjrun.study.isolation import IsolatedSimulator
-from mjrun.study.part_files import part_bytes
+from mjrun.study.part_files import kept_results_in_errors, part_bytes
 from mjrun.study.point_files import KeptFiles, PointFileMaker
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import (
@@ -134,9 +134,11 @@ class Study(StudyOptions, ExecutionOptions):
                 if self.engine == WARP:
                     reporter.note(COMPILES)
                 simulated = prepared.simulate(missing, self, reporter).total()
-                prepared.files.merge_all()
             del missing  # which take memory
-            return self._conclude(prepared, keeper, simulated, reporter, start)
+            with kept_results_in_errors(prepared.folder, prepared.noun):
+                if simulated:
+                    prepared.files.merge_all()
+                return self._conclude(prepared, keeper, simulated, reporter, start)
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
         """Writes the table of all points from the existing results without simulating any.
@@ -151,7 +153,8 @@ class Study(StudyOptions, ExecutionOptions):
         if not prepared.files.exist():
             raise FileError(self.output, "contains no results of a study")
         prepared.warn(reporter)
-        return self._conclude(prepared, PointFileMaker(self, prepared), 0, reporter, start)
+        with kept_results_in_errors(prepared.folder, prepared.noun):
+            return self._conclude(prepared, PointFileMaker(self, prepared), 0, reporter, start)
 
     def preview(self) -> "StudyPreview":
         """Previews `run` and estimates its duration by simulating one point; writes nothing.

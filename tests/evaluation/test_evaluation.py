@@ -101,6 +101,18 @@ def test_an_interrupted_evaluation_continues_to_the_same_bytes(tmp_path: Path, m
     assert (result.policies, result.points) == (whole.policies, whole.points)
 
 
+def test_an_error_of_an_output_states_where_finished_episodes_are_kept(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"policy": "random", "episodes": 2}
+    (tmp_path / "out" / FILES[0]).mkdir(parents=True)
+    (tmp_path / "out" / "evaluation.json").write_text("{}")
+    with pytest.raises(FileError) as caught:
+        evaluation(tmp_path, **options).run()
+    where = f"finished episodes are kept in {tmp_path / 'out' / PARTS}; repeat the command to continue"
+    assert caught.value.__notes__ == [where]
+    (tmp_path / "out" / FILES[0]).rmdir()
+    assert evaluation(tmp_path, **options).run().simulated == 0
+
+
 def test_where_all_episodes_fail_no_table_is_written(tmp_path: Path) -> None:
     with pytest.raises(FailedEpisodesError, match="9 of 9 episodes failed; there is no table") as caught:
         evaluation(tmp_path, name="wide").run()

@@ -7,6 +7,9 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import pyarrow
+from pyarrow import parquet
+
 from tests.scoreboard.command import CommandServer, Ended, contents
 from tests.scoreboard.file_operations import Fault
 from tests.scoreboard.measure import Tally, lanes, side_by_side
@@ -22,6 +25,7 @@ from tests.scoreboard.writing_commands import (
 )
 
 ENCODER, CANNOT_WRITE, PARTLY = 6, 7, 8  # exit codes
+PARTS, MANIFESTS = "parts", ("study.json", "evaluation.json")  # of commands in steps
 ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval videos")  # commands that use an encoder
 
 
@@ -84,6 +88,7 @@ class Trial:
         for path in self.out.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         shutil.copytree(self._kept[with_older], self.out, symlinks=True, dirs_exist_ok=True)
+        self._steps_before = self._steps()
 
     def run(self, fault: Fault | None = None, environment: Mapping[str, str] | None = None, **how: object) -> Ended:
         """Runs the command; the arguments are those of `CommandServer.run`."""
@@ -123,6 +128,8 @@ class Trial:
             problems += self._differences(self._before, "old")
         if ended.code != self.code and not self._names_a_file(ended.message):
             problems.append("the message names no file")
+        if ended.code != self.code and self._steps() - self._steps_before and PARTS not in ended.message:
+            problems.append("the message does not tell of the results in parts")
         self._count(ended, case, [*problems, *self._left_over()])
 
     def judge_made(self, ended: Ended, case: str, code: int | None) -> None:
@@ -142,7 +149,7 @@ class Trial:
 
     def torn(self) -> list[str]:
         """Returns faults of files that are neither old nor new, or gone; the next run removes hidden files."""
-        now, problems = contents(self.out), self._mixture(None)
+        now, problems = self._contents(), self._mixture(None)
         for folder in self.command.whole:
             inside = {name: content for name, content in now.items() if name.startswith(f"{folder}/")}
             for reference in (self._before, self._after):
@@ -168,11 +175,24 @@ class Trial:
         self.start(with_older=with_older)
         ended = self._make(self.command.arguments)
         self.code, self.seconds, self.prints = ended.code, ended.seconds, bool(ended.stdout)
-        return contents(self.out)
+        return self._contents()
 
     def _keep(self, name: str) -> Reference:
         shutil.copytree(self.out, self.folder / name, symlinks=True)
-        return Reference(contents(self.out), contents(self.out))
+        return Reference(self._contents(), self._contents())
+
+    def _contents(self) -> dict[str, bytes]:
+        """Returns the files by name, without whole parts of results, which other processes than mjrun do not read.
+
+        Their names and their number depend on the moments at which points end.
+        """
+        steps = self._steps()
+        return {name: content for name, content in contents(self.out).items() if name not in steps}
+
+    def _steps(self) -> set[str]:
+        """Returns the names of the whole parts of results."""
+        parts = self.out.glob(f"*/{PARTS}/*.parquet")
+        return {str(path.relative_to(self.out)) for path in parts if _is_table(path)}
 
     def _count(self, ended: Ended, case: str, problems: Sequence[str]) -> None:
         last = "; ".join(ended.message.splitlines()[-3:])[-300:]
@@ -180,7 +200,7 @@ class Trial:
         self.tally.expect(not problems, f"{self.command.name}: {case}: {listed} (code {ended.code}: {last})")
 
     def _differences(self, reference: Reference, which: str) -> list[str]:
-        now = contents(self.out)
+        now = self._contents()
         missing = [f"{name} is missing" for name in reference.first if name not in now]
         return missing + [
             f"{name} is not the {which} one"
@@ -192,7 +212,7 @@ class Trial:
 
     def _mixture(self, message: str | None) -> list[str]:
         """Returns faults of files that are neither old nor new, and of new files that `message` does not name."""
-        now, problems = contents(self.out), list[str]()
+        now, problems = self._contents(), list[str]()
         problems += [
             f"{name} is missing" for name in self._before.first if name in self._after.first and name not in now
         ]
@@ -202,7 +222,7 @@ class Trial:
             if self._after.holds(name, content):
                 if message is not None and not self.command.in_steps and self._name(name) not in message:
                     problems.append(f"{name} is new, and the message does not name it")
-            elif self.command.in_steps and name.endswith("study.json") and _is_document(content):
+            elif self.command.in_steps and name.endswith(MANIFESTS) and _is_document(content):
                 pass  # it counts the finished points
             elif name in self._before.first or name in self._after.first:
                 problems.append(f"{name} is neither old nor new")
@@ -210,7 +230,7 @@ class Trial:
 
     def _left_over(self) -> list[str]:
         known = {*self._before.first, *self._after.first}
-        found = [name for name in contents(self.out) if name not in known]
+        found = [name for name in self._contents() if name not in known]
         found += [str(path.relative_to(self.out)) for path in self.out.rglob(".*") if path.is_dir()]
         return [
             f"{name} is left over" for name in found + [f"$TMPDIR/{path.name}" for path in self.temporary.iterdir()]
@@ -229,12 +249,21 @@ class Trial:
 
 def _same_study(name: str, content: bytes, other: bytes) -> bool:
     """Tells whether two documents describe the same study, whichever part was known before the last run."""
-    if not (name.endswith("study.json") and _is_document(content)):
+    if not (name.endswith(MANIFESTS) and _is_document(content)):
         return False
     studies = [json.loads(content), json.loads(other)]
     for study in studies:
         study |= {"simulated": 0, "wall": 0, "kept": {**study.get("kept", {}), "made": 0}}
     return studies[0] == studies[1]
+
+
+def _is_table(path: Path) -> bool:
+    """Tells whether a Parquet file is whole."""
+    try:
+        parquet.read_table(path)
+    except pyarrow.ArrowException:
+        return False
+    return True
 
 
 def _is_document(content: bytes) -> bool:

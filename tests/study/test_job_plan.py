@@ -151,8 +151,10 @@ def test_a_full_disk_costs_a_task_what_it_could_not_write(study: Study, monkeypa
     monkeypatch.setattr("mjrun.study.executors.INTERVAL", 0)  # a part for each chunk
     with monkeypatch.context() as patch:
         patch.setattr(pyarrow.parquet.ParquetWriter, "write_table", write_once)
-        with pytest.raises(FileError, match="cannot be written: No space left on device"):
+        with pytest.raises(FileError, match="cannot be written: No space left on device") as failed:
             task(made, 1, 2)
+    where = f"finished points are kept in {study.output}/parts; repeat the command to continue"
+    assert failed.value.__notes__ == [where]
     (part,) = Path(study.output, "parts").iterdir()  # neither a lease nor half a part
     rows = pyarrow.parquet.read_metadata(part).num_rows
     assert task(made, 1, 1).simulated == 10 - rows
