@@ -5,12 +5,14 @@ Each function makes what the command of the same purpose makes, with the same op
 
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from mjrun.errors import MjrunError
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
 from mjrun.model.table_column import Column
@@ -143,9 +145,15 @@ def _in_folder(chosen: dict[str, Any], run: Callable[[str], R]) -> R:
     folder = chosen.pop("output", None)
     if folder is not None:
         return run(folder)
-    temporary = TemporaryDirectory(prefix="mjrun-")
-    result = run(str(Path(temporary.name) / "results"))
-    weakref.finalize(result, temporary.cleanup)
+    with ExitStack() as stack:
+        place = stack.enter_context(scratch_folder()) / "results"
+        try:
+            result = run(str(place))
+        except MjrunError as error:
+            for result in error.results[:1]:
+                weakref.finalize(result, stack.pop_all().close)
+            raise
+        weakref.finalize(result, stack.pop_all().close)
     return result
 
 

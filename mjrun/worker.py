@@ -194,6 +194,10 @@ class Worker:
             raise reply.failure.error("a bug in mjrun")
         return reply.value
 
+    def kill(self) -> None:
+        """Ends the process, which `receive` reports; callable from any thread."""
+        self.process.kill()
+
     def close(self) -> None:
         """Ends the process, even if it is busy."""
         self.process.end()

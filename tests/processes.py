@@ -56,6 +56,17 @@ def worker(command: "subprocess.Popen[bytes]") -> int:
 
 
 @contextlib.contextmanager
+def largest_file(size: int) -> Generator[None]:
+    """Refuses to let files of this process grow beyond `size` bytes in the `with` block, as a full disk does."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextlib.contextmanager
 def memory_limit_restored() -> Generator[None]:
     """Lifts the limit of memory that the `with` block sets for this process, as a check of a model does."""
     limit = resource.getrlimit(resource.RLIMIT_AS)

@@ -1,9 +1,12 @@
 """Results in memory have the numbers and the pixels of the files that commands write."""
 
 import base64
+import gc
 import re
 import subprocess
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as iio
 import imageio_ffmpeg
@@ -13,9 +16,10 @@ import pytest
 
 import mjrun
 from mjrun.document.study import read_folder
-from mjrun.errors import FailedAssertionError, UnknownNameError
+from mjrun.errors import FailedAssertionError, FileError, UnknownNameError
 from mjrun.in_memory import frames
 from mjrun.python_help import OF_FILES
+from tests.processes import largest_file
 
 OPTIONS = {"qvel": {"hinge": 3}, "duration": 0.2, "probe": ["energy", "qpos,xpos"]}
 
@@ -131,6 +135,25 @@ def test_a_study_in_memory_has_the_numbers_of_its_folder_and_leaves_nothing(swin
     again = read_folder(str(tmp_path / "s")).run()
     assert (again.points, again.simulated) == (3, 0)
     assert again.table["far"].tolist() == kept.table["far"].tolist()
+
+
+def test_a_study_in_memory_that_fails_leaves_nothing_or_has_its_files_as_long_as_its_result(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    chosen: dict[str, Any] = {"vary": {"qvel/hinge": "1,2"}, "metric": {"far": "max(qpos/hinge)"}, "duration": 0.1}
+    with largest_file(2500), pytest.raises(FileError, match="cannot be written: File too large") as caught:
+        mjrun.sweep(swing, **chosen, jobs=1)
+    assert caught.value.__notes__ == ["set TMPDIR to another folder"]  # and nothing about what is kept
+    del caught
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+    with pytest.raises(FailedAssertionError) as failed:
+        mjrun.sweep(swing, **chosen, jobs=1, require=["far > 9"])
+    (result,) = failed.value.results
+    assert len(result.table["far"]) == 2
+    del failed, result
+    gc.collect()  # the error, whose traceback refers to itself
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
 def _without(options: dict[str, object], name: str) -> dict[str, object]:

@@ -16,13 +16,14 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from mjrun.errors import FileError
+from mjrun.errors import FileError, PartlyDoneError
 from mjrun.platform import system
 from mjrun.shared_status import note_folder
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # a file system without locks
 LONGEST = 200  # bytes of a name that can still be extended
+OTHER_FOLDER = "set TMPDIR to another folder"
 WEEK = 7 * 24 * 3600  # [s]
 
 
@@ -89,13 +90,13 @@ def scratch_folder() -> Iterator[Path]:
     """Creates a folder for temporary files for the duration of the `with` block.
 
     A folder that a killed process left behind is removed by the process that monitors it, or by the next process that
-    creates one.
+    creates one. An error of a file in it states how to choose another place.
 
     Raises:
       FileError: it cannot be created.
     """
     with contextlib.ExitStack() as stack:
-        try:
+        with temporary_file_errors():
             home = _temporary_home()
             remove_left_behind(home)
             note_folder(home)
@@ -103,11 +104,22 @@ def scratch_folder() -> Iterator[Path]:
             stack.callback(temporary.remove)
             inner = temporary.path / "files"  # outputs in the outer one, which is locked, could not be published
             inner.mkdir()
-        except OSError as error:
-            where = tempfile.tempdir or "no folder"
-            reason = f"cannot hold temporary files: {error.strerror or error}"
-            raise FileError(where, reason, "set TMPDIR to another folder") from None
-        yield inner
+        try:
+            yield inner
+        except (FileError, PartlyDoneError) as error:
+            if str(inner) in str(error):
+                error.__notes__ = [OTHER_FOLDER]  # no others, about files that are removed here
+            raise
+
+
+@contextlib.contextmanager
+def temporary_file_errors() -> Iterator[None]:
+    """Turns errors of the operating system in the `with` block into a FileError of the folder for temporary files."""
+    try:
+        yield
+    except OSError as error:
+        where = tempfile.tempdir or "no folder"
+        raise FileError(where, f"cannot hold temporary files: {error.strerror or error}", OTHER_FOLDER) from None
 
 
 def _temporary_home() -> Path:

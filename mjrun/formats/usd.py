@@ -7,7 +7,6 @@ import json
 import math
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils, Vt
 from mjrun.errors import FileError, clean
 from mjrun.formats.glb import linear, xyzw
 from mjrun.formats.image_encoding import ImageData, png
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
@@ -56,15 +56,15 @@ def write_usd(
       fps: frames per second.
       facts: additional information about the file, for programs that read it.
     """
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         messages = UsdUtils.CoalescingDiagnosticDelegate()  # which OpenUSD would print
-        writer = _Writer(Path(folder), graph, motion, fps, has_textures=suffix == PACKAGE)
+        writer = _Writer(folder, graph, motion, fps, has_textures=suffix == PACKAGE)
         writer.stage.GetRootLayer().customLayerData = {"mjrun": json.dumps(facts, default=str)}
-        whole = Path(folder) / f"scene{'.usdc' if suffix == PACKAGE else suffix}"
+        whole = folder / f"scene{'.usdc' if suffix == PACKAGE else suffix}"
         try:
             writer.stage.GetRootLayer().Export(str(whole))
             if suffix == PACKAGE:
-                whole = _package([whole, *sorted(Path(folder).glob("*.png"))], Path(folder) / f"scene{PACKAGE}")
+                whole = _package([whole, *sorted(folder.glob("*.png"))], folder / f"scene{PACKAGE}")
         except Tf.ErrorException as error:
             raise FileError(whole, f"cannot be written: {clean(error.args[0].commentary)}") from error
         with whole.open("rb") as source:

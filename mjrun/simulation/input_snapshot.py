@@ -16,7 +16,7 @@ from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError, file_errors
 from mjrun.formats.input_file import is_file
-from mjrun.formats.temporary_output import scratch_folder
+from mjrun.formats.temporary_output import scratch_folder, temporary_file_errors
 from mjrun.model.model_files import redirected
 from mjrun.model.xml_source import content_digest
 from mjrun.platform.mirrored_paths import mirrored, with_original_paths
@@ -160,7 +160,7 @@ class InputSnapshot:
         """Writes a copy, and returns the hash of its original; only models are read whole."""
         copy = self._copy(absolute)
         self._make_folder(folder)
-        with file_errors(copy, "written"):
+        with temporary_file_errors():
             copy.parent.mkdir(parents=True, exist_ok=True)
             with copy.open("w+b") as target:
                 shutil.copyfileobj(file, target, PIECE)
@@ -174,7 +174,7 @@ class InputSnapshot:
 
     def _make_folder(self, folder: str) -> None:
         """Creates a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""
-        with file_errors(folder, "copied"):
+        with temporary_file_errors():
             os.makedirs(self._copy(folder), exist_ok=True)  # noqa: PTH103
 
     def _original(self, path: str, digest: str) -> Path:

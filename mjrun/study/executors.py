@@ -30,7 +30,7 @@ from mjrun.study.clusters import (
     most_jobs,
     open_cluster,
 )
-from mjrun.study.isolation import run_chunk
+from mjrun.study.isolation import LocalExecutor, run_chunk
 from mjrun.study.spec import ChunkResult, PointChunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "ray", "ray://HOST:PORT", "slurm", "module:factory")
@@ -118,9 +118,7 @@ def open_executor(
     check_engine(engine)
     count = _local_processes(engine, jobs)
     if engine in ("local", WARP):
-        pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
-        stack.callback(pool.shutdown, wait=False, cancel_futures=True)
-        return pool, count * QUEUED
+        return stack.enter_context(LocalExecutor(count)), count * QUEUED
     if is_cluster(engine):
         cluster = open_cluster(engine, count, stack, note)
         return cluster, max(1, cluster.count) * QUEUED

@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from pathlib import Path
 from typing import cast
 
@@ -35,7 +36,8 @@ def run_chunk(chunk: PointChunk) -> ChunkResult:
     simulator: IsolatedSimulator | None = getattr(_processes, "simulator", None)
     if simulator is None or simulator.study != chunk.study:
         end_process()
-        simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root)
+        stop: ProcessStop | None = getattr(_processes, "stop", None)
+        simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root, stop)
     results = {result.index: result for result in simulator.run(chunk.points, chunk.time_limit)}
     worker_versions, simulator.worker_versions = simulator.worker_versions, ()
     result = ChunkResult([results[point.index] for point in chunk.points], worker_versions)
@@ -62,18 +64,65 @@ def _snapshot_here(chunk: PointChunk) -> InputSnapshot | None:
         return _copies.get(key)
 
 
+class ProcessStop:
+    """A way to end the process of another thread, which then starts no other."""
+
+    def __init__(self) -> None:
+        self._lock, self._worker = threading.Lock(), cast("Worker | None", None)
+        self.is_requested = False
+
+    def new_worker(self) -> Worker:
+        """Returns a new process.
+
+        Raises:
+          CancelledError: it was to end.
+        """
+        with self._lock:
+            if self.is_requested:
+                raise CancelledError
+            self._worker = new_worker()
+            return self._worker
+
+    def request(self) -> None:
+        """Ends the process, even if it is busy."""
+        with self._lock:
+            self.is_requested = True
+            if self._worker:
+                self._worker.kill()
+
+
+class LocalExecutor(ThreadPoolExecutor):
+    """An executor with `count` threads for `run_chunk`; an error in its `with` block ends them and their processes."""
+
+    def __init__(self, count: int) -> None:
+        self._stops = list[ProcessStop]()
+        super().__init__(count, "study", self._begin_thread)
+
+    def _begin_thread(self) -> None:
+        _processes.stop = ProcessStop()
+        self._stops.append(_processes.stop)
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        self.shutdown(wait=False, cancel_futures=True)
+        if error:  # the files that the processes read, and those that the threads write, are about to be removed
+            for stop in self._stops:
+                stop.request()
+            self.shutdown()
+
+
 class IsolatedSimulator:
     """A process that simulates points of one study, replaced when it dies. To be closed.
 
     Args:
       root: folder of the study's files on this machine.
+      stop: ends the process from another thread.
 
     Attributes:
       worker_versions: versions that points were simulated with.
     """
 
-    def __init__(self, study: ShippedStudy, root: Path | None = None) -> None:
-        self.study, self._root = study, root or study.snapshot.root
+    def __init__(self, study: ShippedStudy, root: Path | None = None, stop: ProcessStop | None = None) -> None:
+        self.study, self._root, self._stop = study, root or study.snapshot.root, stop or ProcessStop()
         self._worker: Worker | None = None
         self.worker_versions: tuple[WorkerVersions, ...] = ()
 
@@ -82,6 +131,7 @@ class IsolatedSimulator:
 
         Raises:
           UsageError: the process cannot open the study, such as without a library.
+          CancelledError: another thread has ended the process.
         """
         missing = {point.index: point for point in points}
         try:
@@ -120,13 +170,18 @@ class IsolatedSimulator:
           MjrunError: it cannot simulate the study.
         """
         if self._worker is None:
-            self._worker = new_worker()
+            self._worker = self._stop.new_worker()
             self._worker.send("open", self.study.spec, self._root)
         self._worker.send("simulate", points)
         left = len(points)
         while self._worker.pending:
             is_new = self._worker.pending[0].name == "open"
-            reply = self._worker.receive(START if is_new else time_limit * max(left, 1))
+            try:
+                reply = self._worker.receive(START if is_new else time_limit * max(left, 1))
+            except WorkerEndedError:
+                if self._stop.is_requested:
+                    raise CancelledError from None
+                raise
             if reply.failure:
                 raise reply.failure.error("the simulation process failed")
             if isinstance(reply.value, list):

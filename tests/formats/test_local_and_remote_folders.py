@@ -19,6 +19,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.table_column import Column
 from mjrun.suffixes import is_url
+from tests.processes import largest_file
 
 NUMBERS = itertools.count()
 
@@ -107,17 +108,12 @@ def test_every_folder_does_the_same(folder: Folder) -> None:
 
 
 def test_a_small_file_for_which_the_disk_has_no_room_is_not_left_empty(tmp_path: Path) -> None:
-    resource = pytest.importorskip("resource")
     folder = folder_at(tmp_path)
     folder.create_file("a.lease", b"content")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
-    try:
+    with largest_file(0):
         for name in ("a.lease", "b.lease"):
             with pytest.raises(FileError, match="cannot be written: File"):
                 folder.create_file(name, b"content")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert folder.names(".lease") == ["a.lease"]
 
 

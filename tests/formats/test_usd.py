@@ -27,6 +27,7 @@ from mjrun.scene_graph.graph import (
     Track,
 )
 from mjrun.scene_graph.recorder import SceneContentSettings, compute_poses, record_scene
+from tests.processes import largest_file
 
 RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.25, 0.75)
 BALL = meshes.sphere(8, 8)
@@ -60,14 +61,10 @@ def stage_of(
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 def test_a_file_that_cannot_be_written_is_reported(suffix: str) -> None:
-    resource = pytest.importorskip("resource")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    try:
-        with pytest.raises(FileError, match=r"scene\.usd.: cannot be written: .*File too large"):
-            write_usd(io.BytesIO(), suffix, SceneGraph(NODES), MOTION, 30, {})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    problem = r"scene\.usd.: cannot be written: .*File too large"
+    with largest_file(1000), pytest.raises(FileError, match=problem) as caught:
+        write_usd(io.BytesIO(), suffix, SceneGraph(NODES), MOTION, 30, {})
+    assert caught.value.__notes__ == ["set TMPDIR to another folder"]
 
 
 def place(stage: Any, path: str, frame: float) -> np.ndarray:

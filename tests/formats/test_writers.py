@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -29,6 +28,7 @@ from mjrun.formats.tables import FORMATS
 from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
 from tests.formats.table_files import COLUMNS, columns, names
 from tests.formats.table_files import write as write_table
+from tests.processes import largest_file
 
 DISK = 2**16  # bytes that a file may have
 LENS = CameraCalibration((4, 4), 4.0, 4.0, 2.0, 2.0, np.eye(4), 0.01, 50.0, True)
@@ -139,10 +139,8 @@ LARGE = [(name, amount) for name, case in CASES.items() for amount in case.large
 def small_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No file can grow beyond `DISK`: the operating system refuses as it does on a full disk."""
     monkeypatch.setattr(table_writer, "GROUP", 12_000)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (DISK, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with largest_file(DISK):
+        yield
 
 
 @pytest.mark.parametrize("name", SMALL)

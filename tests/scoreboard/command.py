@@ -18,6 +18,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -364,6 +365,8 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
 
         traceback.print_exc()
     finally:
+        threading._shutdown()  # type: ignore[attr-defined]  # as at the end of an interpreter: it waits for threads
+        atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -18,6 +18,7 @@ from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
+from tests.processes import largest_file
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 BODY = '<mujoco><worldbody><body name="{}"><freejoint/><geom size="{}"/></body></worldbody></mujoco>'
@@ -155,6 +156,13 @@ def test_the_folder_lasts_as_long_as_what_refers_to_it(robot: Path) -> None:
     assert pickle.loads(pickle.dumps(more)).place(robot).is_file()
     del more
     assert not root.exists()
+
+
+def test_a_copy_that_does_not_fit_is_an_error_of_the_folder_for_temporary_files(robot: Path) -> None:
+    expected = f"^{tempfile.gettempdir()}: cannot hold temporary files: File too large\nset TMPDIR to another folder$"
+    snapshot = InputSnapshot.empty()
+    with largest_file(100), pytest.raises(FileError, match=expected):
+        snapshot.with_files([robot])
 
 
 def test_a_file_outside_of_a_confinement_is_not_copied_and_keeps_its_path(

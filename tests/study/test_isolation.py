@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_server
-from mjrun.study.isolation import IsolatedSimulator, end_process, run_chunk
+from mjrun.study.isolation import IsolatedSimulator, LocalExecutor, end_process, run_chunk
 from mjrun.study.point_server import PointSimulationServer, new_worker, start_early
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import PointChunk, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
+from tests.processes import wait_until
 
 pytestmark = pytest.mark.usefixtures("point_processes")
 
@@ -80,6 +83,19 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
     assert [results[i].status for i in range(3)] == ["ok", "timeout", "ok"]
     assert results[1].exit_code == 124
     assert "did not end in time" in results[1].message
+
+
+def test_an_error_ends_threads_and_processes_that_simulate(spec: StudySpec) -> None:
+    endless = StudySpec(spec.base, ("model", "steps"), METRICS)
+    wanted = [StudyPoint(0, (str(Path(spec.base.source.text).parent / "ball.xml"), "2000000000"))]
+    executor = LocalExecutor(1)
+    future = executor.submit(run_chunk, PointChunk(shipped(endless, wanted), wanted))
+    wait_until(lambda: executor._stops and executor._stops[0]._worker)
+    executor.__exit__(FileError)
+    (stop,) = executor._stops
+    assert stop._worker
+    assert not stop._worker.process.running
+    assert isinstance(future.exception(timeout=0), CancelledError)  # not a result, which would be that of a crash
 
 
 def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> None:
