@@ -60,10 +60,10 @@ def _furnish(canvas: MatplotlibFigure, axes: Axes, drawing: DrawnFigure, panel: 
     """Draws a panel without the names of its curves."""
     theme = canvas.theme
     set_scales(canvas, axes, drawing.x, panel.y)
-    axes.set_title(panel.label)
+    axes.set_title(canvas.shown(panel.label))
     axes.set_ylabel(canvas.shown(panel.axis_label))
     if lowest:
-        axes.set_xlabel(drawing.x_label)
+        axes.set_xlabel(canvas.shown(drawing.x_label))
     else:
         axes.tick_params(labelbottom=False)
 

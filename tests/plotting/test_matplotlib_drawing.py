@@ -150,9 +150,9 @@ def test_a_value_between_two_gaps_is_a_dot() -> None:
 
 def test_any_name_is_drawn_as_it_is_without_a_warning() -> None:
     plain = ["$x_1^2$", "a_b_{c", "$", "%s {x} \\alpha", "αβγ ωx m·g", "naïve éö Ł Ж —"]
-    made = figure(panel(*plain, "😀", "a\nb\x1b[31m", "\u202eabc", label="$_$"), title="$x$ 位", size=(900, 700))
+    made = figure(panel(*plain, "😀", "a\nb\x1b[31m", "\u202eabc", label="$_$ \udcf6"), title="$x$ 位", size=(900, 700))
     assert not any(c in text for text in words(made) for c in "\n\x1b\u202e")
-    assert {*plain, "$_$", "$x$ \\u4f4d"} <= set(words(made))
+    assert {*plain, "$_$ \\udcf6", "$x$ \\u4f4d"} <= set(words(made))
 
 
 def test_letters_that_the_font_lacks_are_reported_by_their_numbers() -> None:

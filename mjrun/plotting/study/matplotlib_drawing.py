@@ -73,7 +73,7 @@ def paint_study(drawing: DrawnStudyFigure, grid: PanelGrid, canvas: MatplotlibFi
     maps = list[tuple[HeatmapPanel, Axes]]()
     for index, panel in enumerate(panels):
         axes = canvas.figure.add_subplot(spec[divmod(index, side)])
-        axes.set_title(panel.label)
+        axes.set_title(canvas.shown(panel.label))
         match panel:
             case GraphPanel():
                 _draw_graph(canvas, panel, axes)
@@ -81,7 +81,7 @@ def paint_study(drawing: DrawnStudyFigure, grid: PanelGrid, canvas: MatplotlibFi
             case HeatmapPanel():
                 draw_heat_map(canvas, panel, axes)
                 maps.append((panel, axes))
-                axes.set_ylabel("" if index % side else panel.rows.name)
+                axes.set_ylabel("" if index % side else canvas.shown(panel.rows.name))
                 label = panel.columns.name
             case SensitivityPanel():
                 _draw_rank_bars(canvas, panel, axes, named=index % side == 0)
@@ -89,7 +89,7 @@ def paint_study(drawing: DrawnStudyFigure, grid: PanelGrid, canvas: MatplotlibFi
         if isinstance(panel, GraphPanel):
             axes.set_ylabel(canvas.shown(panel.axis_label))
         if _is_lowest(drawing, index, side):
-            axes.set_xlabel(label)
+            axes.set_xlabel(canvas.shown(label))
         else:
             axes.tick_params(labelbottom=False)
     canvas.settle("" if key else drawing.title)

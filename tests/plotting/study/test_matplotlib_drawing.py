@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,6 +88,12 @@ def test_x_axes_that_are_the_same_are_labelled_once() -> None:
     curves, scatter = (words(figure(DRAWINGS[name], (900, 700))[0]) for name in ("curves", "scatter"))
     assert curves.count("mass") == 1
     assert (scatter.count("mass"), scatter.count("w")) == (1, 1)
+
+
+def test_any_name_is_drawn() -> None:
+    axis = ParameterAxis("b\udcf6", 0, 2)
+    for panel in (replace(GRAPH, x=axis, y=axis), replace(HEAT, label="a\udcf6", columns=axis, rows=axis)):
+        assert "b\\udcf6" in words(figure(DrawnStudyFigure("", [panel]))[0])
 
 
 def test_a_curve_its_bands_and_failures_are_where_they_should_be() -> None:
