@@ -15,7 +15,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from mjrun.errors import FileError, MissingExtraError, UsageError
-from mjrun.policy.loaders.onnx import OnnxModel, OnnxPolicy, TensorSpec, state_pairs
+from mjrun.policy.loaders.onnx import OnnxModel, OnnxPolicy, TensorSpec, state_pairs, weight_files
 from tests.policy.networks import LEFT_RIGHT, Shape, integrator, linear, value, write
 
 WEIGHTS = np.array([[1, 2, 3, 4], [0, 1, 0, -1]], np.float32)
@@ -297,6 +297,7 @@ def test_weights_outside_of_the_folder_are_not_read(
     path.write_bytes(model.SerializeToString())
     with pytest.raises(FileError, match="its weights are in a file outside its folder"):
         OnnxModel(path)
+    assert weight_files(path) == []  # which would be copied
 
 
 def test_weights_beside_it_are_read_and_missing_ones_are_told(tmp_path: Path) -> None:
@@ -304,6 +305,7 @@ def test_weights_beside_it_are_read_and_missing_ones_are_told(tmp_path: Path) ->
     model = onnx.load(path)
     onnx.save(model, path, save_as_external_data=True, location="a.bin", size_threshold=0)
     assert len(OnnxModel(path).inputs) == 1
+    assert weight_files(path) == [tmp_path / "a.bin"]
     (tmp_path / "a.bin").unlink()
     with pytest.raises(FileError, match="the file with its weights is missing"):
         OnnxModel(path)

@@ -53,6 +53,8 @@ T = TypeVar("T")
 def weight_files(path: Path) -> list[Path]:
     """Returns the existing files beside an ONNX file that contain its weights, as far as its bytes name them.
 
+    Files in other folders, which onnxruntime refuses, are left out: a copy would be beside that of the model.
+
     Source: `external_data` of TensorProto in onnx.proto, entries of a key `location` and a relative path.
     """
     try:
@@ -63,7 +65,9 @@ def weight_files(path: Path) -> list[Path]:
     for entry in re.finditer(rb"\x0a\x08location\x12([\x80-\xff]*[\x00-\x7f])", content):
         size = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(entry[1]))
         names[content[entry.end() : entry.end() + size].decode("utf-8", "replace")] = None
-    return [path.parent / name for name in names if name and "\0" not in name and is_file(path.parent / name)]
+    files = [path.parent / name for name in names if name and "\0" not in name and is_file(path.parent / name)]
+    folders = (path.parent.resolve(), path.resolve().parent)  # where both are links, as in caches
+    return [file for file in files if any(file.resolve().is_relative_to(folder) for folder in folders)]
 
 
 class _Node(Protocol):
