@@ -185,6 +185,10 @@ def read_controls(
     columns = table.columns
     mapped = column_map({"ctrl": names}, list(columns), list(others.values()), source)
 
+    if mapped.time is None:
+        raise UsageError(
+            f"{clean(source)} has no column 'time'\nit needs 'time' in seconds, and ctrl/ACTUATOR for each actuator"
+        )
     driven = [index for index, name in enumerate(names) if name in mapped.sources]
     twice = [key for key, held in constants.items() if key != "*" and not set(held).isdisjoint(driven)]
     if twice:
@@ -200,10 +204,6 @@ def read_controls(
             f"{clean(source)} lacks columns for actuators of the model: {wanted}\n"
             f"it has {listing(available)}; a column may also be named after the actuator or its joint, with [deg] for "
             f"degrees, and {option('ctrl')} sets the others"
-        )
-    if mapped.time is None:
-        raise UsageError(
-            f"{clean(source)} has no column 'time'\nit needs 'time' in seconds, and ctrl/ACTUATOR for each actuator"
         )
 
     def values(expression: RowExpression) -> np.ndarray:
