@@ -22,6 +22,7 @@ from typing import NoReturn, TypeVar
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, clean, option, quoted
+from mjrun.packages import require
 
 T = TypeVar("T")
 
@@ -78,13 +79,39 @@ class PickledWithCode:
 
         Args:
           code: the functions and objects in it that are written by the user.
+
+        Raises:
+          UsageError: something in it cannot be pickled.
+          MissingExtraError: it has functions or classes that cannot be imported, and cloudpickle is not installed.
         """
-        return cls(pickle.dumps(value), module_sources(code))
+        return cls(_by_reference(value) or _by_value(value), module_sources(code))
 
     def open(self) -> object:
         """Returns the value. Modules that this process has not imported yet are made from the pickled sources."""
         import_from(self.modules)
         return pickle.loads(self.payload)
+
+
+def _by_reference(value: object) -> bytes:
+    """Pickles a value; returns nothing if it has functions or classes that another process could not import."""
+    with contextlib.suppress(Exception):  # of whatever kind: AttributeError of a lambda, PicklingError
+        content = pickle.dumps(value)
+        return b"" if b"__main__" in content else content
+    return b""
+
+
+def _by_value(value: object) -> bytes:
+    """Pickles a value with its functions and classes, and with everything that these refer to."""
+    require("code that cannot be imported", "sweep", "cloudpickle")
+    import cloudpickle
+
+    try:
+        return cloudpickle.dumps(value)
+    except Exception as error:
+        raise UsageError(
+            f"other processes cannot receive what is to be simulated: {clean(str(error))}\n"
+            "objects of the code cannot be copied; a text FILE.py:NAME names code that each process loads"
+        ) from None
 
 
 def import_from(sources: Sequence[ModuleSource]) -> None:
@@ -120,10 +147,18 @@ def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -
 def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str:
     """Returns the SHA-256 of the user's modules that contain `code`; empty if there are no such modules.
 
+    Functions and objects that cannot be imported count with everything that they refer to.
+
     Args:
       known: see `module_sources`.
     """
+    code = list(code)
     digest, count = hashlib.sha256(), 0
+    for each in code:
+        if not isinstance(each, str) and not _by_reference(each):
+            with contextlib.suppress(UsageError):  # which is raised when a process needs it
+                digest.update(_by_value(each))
+                count += 1
     for source in module_sources(code, known):
         digest.update(f"{source.name}\0{len(source.content)}\0".encode() + source.content)
         count += 1

@@ -10,16 +10,15 @@ from typing import Any
 METADATA = "Metadata-Version: 2.1\nName: {}\nVersion: {}\n{}\n\nRequires-Dist: in a description\n"
 HIDING = """
 import sys
-from importlib.machinery import PathFinder
 
 HIDDEN = {}
 
-class Hiding(PathFinder):
-    @classmethod
-    def find_spec(cls, name, path=None, target=None):
-        return None if name.partition(".")[0] in HIDDEN else super().find_spec(name, path, target)
+class Hiding:
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] in HIDDEN:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
-sys.meta_path[sys.meta_path.index(PathFinder)] = Hiding
+sys.meta_path.insert(0, Hiding)
 """
 
 

@@ -74,6 +74,7 @@ LIBRARIES = {
         "formats.study_reader",
         "study.part_files",
     ),
+    "cloudpickle": ("python_code",),
     "fsspec": ("formats.local_and_remote_folders",),
     "distributed": ("study.clusters",),
     "ray": ("study.clusters",),

@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 SCENES = ROOT / "scenes"
 FRICTION = ["--vary", "geom/wood.friction[0]=0.1,0.2", "--metric", "x=last(xpos/wood/x)", "--jobs", "1"]
 SWEEP = ["sweep", str(SCENES / "friction_ramp.xml"), "--duration", "0.02", *FRICTION]
+WRAPPED = ["--controller", "wrapped.py:wrapped"]
 EVAL = ["eval", str(SCENES / "car_drive.yaml"), "--policy", "zero", "--episodes", "1", "-o", "played"]
 EPISODES = ["export", str(SCENES / "car_drive.yaml"), "--policy", "zero", "--episodes", "1", "-o", "new"]
 FREE = ["--free", "joint/hinge.damping=0..1"]
@@ -42,6 +43,7 @@ NEEDING = [
     ("pyarrow", ["plot", "study", "-o", "new.png"], "needs pyarrow", ""),
     ("pyarrow", [*SWEEP, "-o", "new"], "mjrun sweep needs pyarrow", "sweep"),
     ("pyarrow", ["sweep", "study"], "needs pyarrow", "sweep"),
+    ("cloudpickle", [*SWEEP, *WRAPPED, "-o", "new"], "code that cannot be imported needs cloudpickle", "sweep"),
     ("pyarrow", EVAL, "mjrun eval needs pyarrow", "eval"),
     ("pyarrow", [*EPISODES, "--format", "lerobot"], "--format lerobot needs pyarrow", "lerobot"),
     ("h5py", [*EPISODES, "--format", "minari"], "--format minari needs h5py", "minari"),
@@ -89,6 +91,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mjrun.Image(simulation, str(folder / "a.png"), size=(32, 32)).run()
     (folder / "plotted.yaml").write_text(PLOTTED)
     (folder / "traced.yaml").write_text(TRACED)
+    (folder / "wrapped.py").write_text("wrapped = lambda model, data: None\n")
     return folder
 
 

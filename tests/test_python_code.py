@@ -4,7 +4,11 @@ import os
 import py_compile
 import sys
 import sysconfig
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from threading import Lock
+from typing import Any
 
 import pytest
 
@@ -12,6 +16,7 @@ from mjrun import python_code
 from mjrun.errors import ControllerError, FileError, UsageError
 from mjrun.python_code import (
     ModuleSource,
+    PickledWithCode,
     RedirectedFunction,
     code_hash,
     edit_remarks,
@@ -105,6 +110,24 @@ def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
     assert code_hash([act]) != before
     assert code_hash([]) == code_hash([print]) == code_hash([Path]) == ""
     del sys.modules["control_of_a_test"], sys.modules["gains_of_a_test"]
+
+
+def _pushing(force: object) -> Callable[[], object]:
+    return lambda: force
+
+
+def test_code_that_cannot_be_imported_is_pickled_with_what_it_refers_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    pushes: Any = type("Pushes", (), {"__call__": lambda _: 5, "__module__": "__main__"})()
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.modules["__main__"], "Pushes", type(pushes), raising=False)
+        pickled = [PickledWithCode.of({"code": code}, [code]) for code in (_pushing(5), pushes, partial(pushes))]
+    for each in pickled:  # where the program is another one
+        opened = each.open()
+        assert isinstance(opened, dict)
+        assert opened["code"]() == 5
+    assert code_hash([_pushing(5)]) == code_hash([_pushing(5)]) != code_hash([_pushing(6)])
+    with pytest.raises(UsageError, match=r"^other processes cannot receive .* cannot pickle '_thread.lock' object\n"):
+        PickledWithCode.of(_pushing(Lock()), [])
 
 
 def test_the_source_of_a_module_is_that_which_was_executed(folder: Path) -> None:

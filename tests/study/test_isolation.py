@@ -87,7 +87,7 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
 
 def test_an_error_ends_threads_and_processes_that_simulate(spec: StudySpec) -> None:
     endless = StudySpec(spec.base, ("model", "steps"), METRICS)
-    wanted = [StudyPoint(0, (str(Path(spec.base.source.text).parent / "ball.xml"), "2000000000"))]
+    wanted = (StudyPoint(0, (str(Path(spec.base.source.text).parent / "ball.xml"), "2000000000")),)
     executor = LocalExecutor(1)
     future = executor.submit(run_chunk, PointChunk(shipped(endless, wanted), wanted))
     wait_until(lambda: executor._stops and executor._stops[0]._worker)
