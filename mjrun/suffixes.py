@@ -21,6 +21,8 @@ HDF5 = (".h5", ".hdf5")  # tables, and demonstrations, of which FILE:EPISODE nam
 CHECKED = (*XML, ".mjz")
 # Files that name others beside them.
 REFERRING = (*MODELS, *YAML)
+# What users write themselves, and no other output may replace.
+SOURCES = (*REFERRING, ".py")
 
 
 URL = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://.+")  # with its scheme

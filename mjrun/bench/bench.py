@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 
 from mjrun.bench import grid_timing, output_timing
-from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workload_obstacle
+from mjrun.bench.baseline import SCHEMA, check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
@@ -22,6 +22,7 @@ from mjrun.bench.step_timing import LEFT_OUT, C, WarpSettings, check_engine
 from mjrun.errors import UsageError, file_errors, option
 from mjrun.experiment.design import SHORT_PATHS, value_list
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import require_own
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override, overrides_of
@@ -134,8 +135,10 @@ class Bench(BenchOptions):
         """
         reporter, begun = reporter or PythonApiReporter(), clock()
         with collected_warnings() as warnings, ExitStack() as stack:
-            target = None if self.save is None else StagedFile(Path(self.save))
-            if target:
+            target = None
+            if self.save is not None:
+                require_own(Path(self.save), SCHEMA.rpartition("-")[0], "a baseline of mjrun bench")
+                target = StagedFile(Path(self.save))
                 stack.callback(target.cleanup)
             result = self._measured(reporter, clock)
             result = replace(result, wall=clock() - begun)

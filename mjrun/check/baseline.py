@@ -11,9 +11,10 @@ from typing import NamedTuple
 from mjrun.check.rule import Finding
 from mjrun.errors import FileError, option
 from mjrun.formats.input_file import exists, opened
-from mjrun.formats.output_writer import publish_together, written_file
+from mjrun.formats.output_writer import publish_together, require_own, written_file
 
 SCHEMA = "mjrun-baseline-1"
+KIND = "a baseline of mjrun check"
 LARGEST = 2**26  # bytes
 ID = re.compile(r"(?<= )\d+(?= of )|(?<=:)\d+(?=')")  # of an object without a name
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
@@ -61,7 +62,7 @@ class Baseline:
                 known[KnownFinding(file, rule, tuple(map(str, entry["objects"])), message)] += int(entry["count"])
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise FileError(
-                path, "is not a baseline of mjrun check", f"{option('update_baseline')} replaces it"
+                path, f"is not {KIND}", f"remove it, and {option('update_baseline')} creates one"
             ) from error
         return cls(path.parent, known)
 
@@ -93,6 +94,15 @@ class Baseline:
         """Returns the number of known findings of these rules in these files that `new` has not met."""
         names = {_relative(file, self.folder) for file in files}
         return sum(count for known, count in self.known.items() if known.file in names and known.rule in codes)
+
+
+def require_baseline(path: Path) -> None:
+    """Refuses to replace a file that is not a baseline.
+
+    Raises:
+      FileError: it is something else.
+    """
+    require_own(path, SCHEMA.rpartition("-")[0], KIND)
 
 
 def write_baseline(path: Path, findings: Iterable[Finding]) -> None:

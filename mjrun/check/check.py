@@ -154,10 +154,13 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
     def _known_findings(self) -> "Baseline | None":
         """Reads the baseline; None without one, or if it is to be written."""
-        if self.baseline is None or self.update_baseline:
+        if self.baseline is None:
             return None
-        from mjrun.check.baseline import Baseline
+        from mjrun.check.baseline import Baseline, require_baseline
 
+        if self.update_baseline:
+            require_baseline(Path(self.baseline))
+            return None
         return Baseline.read(Path(self.baseline))
 
     def run(

@@ -26,7 +26,7 @@ from mjrun.fitting.shooting_fit import SHORTEST
 from mjrun.fitting.shooting_problem import Solution
 from mjrun.fitting.starting_states import measured_positions
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
+from mjrun.formats.output_writer import OutputWriter, publish_together, require_own, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.formats.temporary_output import scratch_folder, temporary_file
@@ -62,6 +62,7 @@ Solutions = Mapping[tuple[str, str], Solution]  # by part, `fitted` or `held`, a
 WHICH = {"nominal": "predicted by the original model", "fitted": "predicted by the fitted model"}
 TEXT = "fitted model; ghost: as measured"
 SUFFIX = ".xml"
+RANGES = "# distributions of fitted parameters, for the key vary of a study"
 
 
 def comparison_columns(signals: Sequence[Column]) -> list[Column]:
@@ -306,6 +307,8 @@ def _check_names(fit: FitOptions, simulation: Simulation) -> None:
         output_format(fit.comparison)
     if fit.ranges is not None and not is_yaml(fit.ranges):
         raise UsageError(f"{option('ranges')} {clean(fit.ranges)}: ranges are written as .yaml")
+    if fit.ranges is not None:
+        require_own(Path(fit.ranges), RANGES, "ranges of an earlier fit")
     if fit.html is not None:
         check_page_name(fit.html)
         require_matplotlib()
@@ -402,7 +405,7 @@ def write_ranges(
     from scipy import special
 
     width = 2 * float(special.ndtri((1 + confidence) / 2))
-    lines = ["vary:"]
+    lines = [RANGES, "vary:"]
     for parameter, result in zip(free, fitted, strict=True):
         if (varied := parameter.override_path) is None:
             continue

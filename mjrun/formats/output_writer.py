@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar
 
-from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError, file_errors
+from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError, file_errors
 from mjrun.formats.destinations import Destination
+from mjrun.formats.input_file import is_file
 from mjrun.formats.local_and_remote_folders import destination_at
 from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
@@ -110,6 +111,21 @@ def written_file(path: Path | str, content: bytes) -> OutputWriter:
     with output.opening():
         output.write_file(content)
     return output
+
+
+def require_own(path: Path, mark: str, kind: str) -> None:
+    """Refuses to replace a file of another kind, which was named by mistake.
+
+    Args:
+      mark: text that every file of this kind contains.
+      kind: the kind in messages: "a baseline of mjrun check".
+
+    Raises:
+      FileError: the file has content, and not the mark.
+    """
+    with contextlib.suppress(OSError):  # which writing it reports
+        if is_file(path) and (content := path.read_bytes()) and mark.encode() not in content:
+            raise FileError(path, f"is not {kind}, and is not replaced", "choose another name, or remove the file")
 
 
 def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:

@@ -9,6 +9,7 @@ from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, PercentKind
 from mjrun.options.option import FrontEnd, OptionExclusion, Options, option, options
 from mjrun.options.rendering import QUALITIES, RENDERERS, VIEWS, BackendOptions
 from mjrun.options.setting_kinds import ScanValuesKind
+from mjrun.suffixes import SOURCES
 
 ENGINES = ("c", "warp")
 SUMMARY = "$GITHUB_STEP_SUMMARY"
@@ -173,7 +174,7 @@ class BaselineOptions(Options):
     section: ClassVar[str] = "Report"
 
     save: str | None = option(
-        converter=optional(PathKind(written=True)), default=None, help="Save the result as a baseline."
+        converter=optional(PathKind(written=True, unlike=SOURCES)), default=None, help="Save the result as a baseline."
     )
     compare: str | None = option(converter=optional(PathKind()), default=None, help="Compare with a saved baseline.")
     fail_above: float | None = option(
@@ -205,7 +206,7 @@ class BenchReportOptions(Options):
     )
     markdown: bool = option(converter=FlagKind(), default=False, help="Print Markdown instead.")
     summary: str | None = option(
-        converter=optional(PathKind("[FILE]", written=True)),
+        converter=optional(PathKind("[FILE]", written=True, unlike=SOURCES)),
         default=None,
         flag_value=SUMMARY,
         help="Also append the report as Markdown to a file; without a name, to the file in $GITHUB_STEP_SUMMARY.",

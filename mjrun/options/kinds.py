@@ -11,6 +11,7 @@ longer to generate than all else here.
 import re
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
+from pathlib import PurePath
 from typing import Any, Generic, TypeVar, cast
 
 from mjrun.errors import DocumentProblem, suggestion
@@ -208,15 +209,22 @@ class PathKind(Kind[str | PathLike[str], str]):
       written: True for an output; inputs are relative to the document's folder, outputs to the output folder.
       stored: whether an output may be in a store, given by its URL.
       streamed: whether an output may be standard output, written `-`.
+      unlike: suffixes of files that an output with any other suffix would replace by mistake.
     """
 
     metavar = "FILE"
 
     def __init__(
-        self, metavar: str = "", *, written: bool = False, stored: bool = False, streamed: bool = False
+        self,
+        metavar: str = "",
+        *,
+        written: bool = False,
+        stored: bool = False,
+        streamed: bool = False,
+        unlike: Sequence[str] = (),
     ) -> None:
         super().__init__(metavar)
-        self.written, self.stored, self.streamed = written, stored, streamed
+        self.written, self.stored, self.streamed, self.unlike = written, stored, streamed, unlike
 
     @property
     def form(self) -> Schema:
@@ -230,6 +238,8 @@ class PathKind(Kind[str | PathLike[str], str]):
             raise InvalidValueError("a path on this machine; only mjrun sweep writes its folder to a store")
         if self.written and not self.streamed and path == "-":
             raise InvalidValueError("the name of a file or folder; it cannot be standard output")
+        if PurePath(path).suffix.lower() in self.unlike:
+            raise InvalidValueError("a name for this file: it ends like a model, a document or code")
         return path
 
     def read(self, value: object, reader: ReadingContext) -> object:

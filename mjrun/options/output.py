@@ -7,6 +7,7 @@ from typing import ClassVar
 from mjrun.options.kinds import FlagKind, PathKind, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind
 from mjrun.options.option import FrontEnd, OptionExclusion, Options, option, options, required
+from mjrun.suffixes import SOURCES
 
 # Placeholders in help texts, which `mjrun.outputs.format_lists` replaces by the available formats.
 TABLES = "{table formats}"
@@ -35,7 +36,7 @@ class OutputOptions(Options):
     simulation: object = field(kw_only=False)
     output: str = field(kw_only=False)
     manifest: str | None = option(
-        converter=optional(PathKind(written=True)),
+        converter=optional(PathKind(written=True, unlike=SOURCES)),
         default=None,
         help="JSON file that records how the output was made: versions, command, model, options, wall times and "
         "hashes.",
@@ -57,7 +58,7 @@ class RerunOptions(Options):
         "options, the code and the versions are those of the last run that made them.",
     )
     depfile: str | None = option(
-        converter=optional(PathKind(written=True)),
+        converter=optional(PathKind(written=True, unlike=SOURCES)),
         default=None,
         help="Also write a rule for make or ninja that lists all files that the outputs depend on: the model with its "
         "includes, meshes and textures, documents, tables, policies and code.",

@@ -16,6 +16,7 @@ from mjrun.options.kinds import (
 )
 from mjrun.options.number_kinds import ExactNumberKind, GroupsKind, RangeKind, SizeKind
 from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options
+from mjrun.suffixes import MODELS
 
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
@@ -232,7 +233,7 @@ class ImageContentOptions(Options):
         help="Position of the text.",
     )
     calibration: str | None = option(
-        converter=optional(PathKind(written=True)),
+        converter=optional(PathKind(written=True, unlike=(*MODELS, ".py"))),  # and not YAML, which is that of ROS
         default=None,
         help="File for the calibration of each frame: K, world from camera, near and far [m] and time [s], in "
         "OpenCV axes.",

@@ -16,6 +16,7 @@ from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import CALL, SettingsKind, VariedSettingsKind
 from mjrun.options.trace import PROBES
 from mjrun.options.video import VIDEO_CLAUSES, PointOrEpisodeVideoOptions
+from mjrun.suffixes import SOURCES
 
 # The extras of studies, with the libraries that each installs and the feature that needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -368,7 +369,7 @@ class StudyCommandOptions(Options):
         help="Print a study document equivalent to this command and exit.",
     )
     plan: str | None = option(
-        converter=optional(PathKind(written=True)),
+        converter=optional(PathKind(written=True, unlike=SOURCES)),
         default=None,
         help="Write a plan of the missing points to this .jsonl file and exit: the study, and ranges of points.",
     )

@@ -1,6 +1,7 @@
 """Baselines: known findings stay silent, wherever they move to, and every other one is reported."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,16 @@ def test_a_file_that_is_no_baseline_is_refused_before_any_model_is_checked(text:
     write("known.json", text)
     with pytest.raises(FileError, match=r"known\.json: is not a baseline of mjrun check"):
         checked("missing.xml", baseline="known.json")
+
+
+@pytest.mark.parametrize("text", [MODEL, "{}", "", '{"schema": "mjrun-baseline-0"}'])
+def test_only_a_baseline_is_replaced(text: str) -> None:
+    write("known.json", text)
+    is_other = text in (MODEL, "{}")
+    refused = pytest.raises(FileError, match=r"is not a baseline of mjrun check, and is not replaced")
+    with refused if is_other else nullcontext():
+        check(update_baseline=True)
+    assert (Path("known.json").read_text() == text) == is_other
 
 
 def test_a_missing_baseline_is_refused() -> None:

@@ -97,6 +97,20 @@ def test_every_output_makes_its_folders(mjrun_here: Command, swing: Path, line: 
     assert all((mjrun_here.folder / path).is_file() for path in outputs)
 
 
+@cases("line, code, message")
+def test_an_output_does_not_replace_what_users_write(
+    mjrun_here: Command, swing: Path, line: str, code: int, message: str
+) -> None:
+    content = swing.read_bytes()
+    swing.rename(mjrun_here.folder / "swing.xml")
+    for name in ("other.xml", "study.yaml", "act.py", "conf.json"):
+        (mjrun_here.folder / name).write_bytes(content)
+    done = mjrun_here(*line.split())
+    assert (done.returncode, message in done.stderr.decode()) == (code, True), done.stderr
+    for path in mjrun_here.folder.iterdir():
+        assert path.read_bytes() == content
+
+
 @cases("line, code")
 def test_a_command_that_fails_leaves_no_folder(mjrun_here: Command, swing: Path, line: str, code: int) -> None:
     swing.rename(mjrun_here.folder / "swing.xml")

@@ -125,6 +125,9 @@ def test_two_outputs_are_not_one_file_and_no_log_is_overwritten(fit: Fit, tmp_pa
         replace(fit, html=str(tmp_path / "file" / "fit.html")).run()
     with pytest.raises(UsageError, match=r"ranges are written as \.yaml"):
         replace(fit, ranges=f"{tmp_path}/ranges.json").run()
+    (tmp_path / "study.yaml").write_text("model: m.xml\nvary: {}\n")
+    with pytest.raises(FileError, match=r"study\.yaml: is not ranges of an earlier fit, and is not replaced"):
+        replace(fit, ranges=f"{tmp_path}/study.yaml").run()
     with pytest.raises(UsageError, match="is given twice"):
         replace(fit, data=[log, log]).run()
     assert np.loadtxt(log, delimiter=",", skiprows=1).shape == (60, 2)

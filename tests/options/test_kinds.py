@@ -142,6 +142,11 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (ExactNumberKind("SECONDS"), "-1s", "a positive number"),
         (ExactNumberKind(zero=True), -1, "a number of at least 0"),
         (PathKind(), "", "the name of a file"),
+        (
+            PathKind(written=True, unlike=[".xml"]),
+            "a.XML",
+            "a name for this file: it ends like a model, a document or code",
+        ),
         (PathKind(written=True), "-", "the name of a file or folder; it cannot be standard output"),
         (SizeKind(), "640x480", "a width and a height in pixels, as in (640, 480)"),
         (SizeKind(), (640, 0), "a width and a height in pixels, as in (640, 480)"),

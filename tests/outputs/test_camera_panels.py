@@ -17,7 +17,6 @@ from mjrun.outputs.camera_panels import CalibrationFile, output_files, panel_fil
 from mjrun.outputs.image import Image
 from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform
-from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
@@ -307,8 +306,6 @@ def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Pat
             "transforms.json clashes with the output",
         ),
         ([Trace(simulation, f"{at}t.npz"), Recording(simulation, f"{at}t.npz")], "t.npz clashes with the output"),
-        ([Image(simulation, f"{at}a.png", calibration=str(swing))], "swing.xml clashes with the model, which is read"),
-        ([Plot(simulation, f"{at}a.png", probe=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
     ]:
         with pytest.raises(UsageError, match=f"{said}.*; each output needs a separate file"):
             perform(jobs)
