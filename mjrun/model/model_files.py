@@ -21,7 +21,8 @@ import zipfile
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import field
 from functools import cache
 from pathlib import Path, PurePath, PurePosixPath
@@ -67,6 +68,8 @@ CACHES = {"libero": "~/.cache/libero/assets"}  # folders to which packages downl
 FORMER_NAMES = {"chiliocosm": "libero"}  # folders in the paths of public files
 NESTED = ("assets", "*/assets", "*/*/assets")  # folders of assets in a package or a clone
 SHORTEST = 2  # parts of the end of a path that is looked up in packages
+# Archives that stay open by their path, and what closes them; none outside of `_archives_stay_open`.
+_open_archives = ContextVar[tuple[ExitStack, dict[Path, zipfile.ZipFile]] | None]("archives", default=None)
 
 
 def main_text(path: Path) -> tuple[bytes | None, str]:
@@ -83,10 +86,27 @@ def file_size(path: str) -> int | None:
     try:
         if archive is None:
             return Path(path).stat().st_size if Path(path).is_file() else None
-        with zipfile.ZipFile(archive) as opened:
+        with _opened(archive) as opened:
             return opened.getinfo(_member(path, archive)).file_size
     except (OSError, KeyError, ValueError, zipfile.BadZipFile):
         return None
+
+
+@contextmanager
+def _archives_stay_open() -> Iterator[None]:
+    """Opens each archive once: to read the list of its files for each of thousands of files would take minutes."""
+    with ExitStack() as stack:
+        stack.callback(_open_archives.reset, _open_archives.set((stack, {})))
+        yield
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    with ExitStack() as stack:
+        staying, archives = _open_archives.get() or (stack, dict[Path, zipfile.ZipFile]())
+        if path not in archives:
+            archives[path] = staying.enter_context(zipfile.ZipFile(path))
+        yield archives[path]
 
 
 def first_existing(places: Iterable[str]) -> str | None:
@@ -103,7 +123,7 @@ def file_content(path: str) -> bytes | None:
     try:
         if archive is None:
             return Path(path).read_bytes()
-        with zipfile.ZipFile(archive) as opened:
+        with _opened(archive) as opened:
             return opened.read(_member(path, archive))
     except (OSError, KeyError, RuntimeError, ValueError, zipfile.BadZipFile):
         return None
@@ -344,6 +364,7 @@ def _with_files_of(overrides: "Iterable[Override]", text: bytes | None) -> bytes
     return (text or b"") + attributes.encode(errors="surrogateescape")
 
 
+@_archives_stay_open()
 def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
     """Collects the file names in a text, and in the files that it includes or attaches."""
     named, waiting, visited = _NamedFiles(), deque([(Path(member or path), text)]), {str(path.absolute())}

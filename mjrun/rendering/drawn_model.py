@@ -104,7 +104,7 @@ def stage_parts(
 
 def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
     """Adapts a stage to the size of the model, and places its floor under the lowest point of the model in a state."""
-    extent = model.stat.extent
+    extent = model.stat.extent if math.isfinite(model.stat.extent) else 1.0
     material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
     floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     light = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, LIGHT)

@@ -4,6 +4,7 @@ import itertools
 import os
 import zipfile
 from pathlib import Path, PurePath, PurePosixPath, PureWindowsPath
+from typing import Any
 
 import pytest
 
@@ -174,6 +175,26 @@ def test_a_file_in_an_archive_is_what_was_packed(tmp_path: Path, suffix: str) ->
     inner = f"{packed}/meshes/arm.obj"
     assert (file_size(inner), file_content(inner)) == (28, b"meshes/arm.objmeshes/arm.obj")
     assert (file_size(f"{packed}/no.obj"), file_content(f"{packed}/no.obj")) == (None, None)
+
+
+def test_the_list_of_an_archive_is_not_read_for_each_of_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, text = tmp_path / "robot.zip", '<mujoco><include file="0.xml"/></mujoco>'
+    with zipfile.ZipFile(path, "w") as target:
+        target.writestr("model.xml", text)
+        for index in range(30):
+            target.writestr(f"{index}.xml", f'<mujocoinclude><include file="{index + 1}.xml"/></mujocoinclude>')
+    opened = list[object]()
+
+    class Counted(zipfile.ZipFile):
+        def __init__(self, *arguments: Any) -> None:
+            opened.append(arguments)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(zipfile, "ZipFile", Counted)
+    assert require_regular_files(path, text.encode(), f"{path}/model.xml") == {}
+    assert len(opened) < 5
 
 
 def test_a_file_on_disk_is_itself_and_a_folder_is_none(tmp_path: Path) -> None:

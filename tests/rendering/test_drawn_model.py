@@ -132,6 +132,14 @@ def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[st
     assert [*stage_parts(replace(ViewOptions(), **options), model)] == parts
 
 
+def test_a_model_of_infinite_extent_gets_a_stage(tmp_path: Path) -> None:
+    text = '<mujoco><statistic extent="inf"/><worldbody><geom size=".1"/></worldbody></mujoco>'
+    model, staged, _ = drawn(model_file(tmp_path, text))
+    place_stage(staged, save(model, mujoco.MjData(model)))
+    assert np.isfinite(staged.mat_texrepeat).all()
+    assert np.isfinite(staged.light_poscom0).all()
+
+
 def test_a_floor_is_below_flexes(tmp_path: Path) -> None:
     cloth = """<flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing=".1 .1 .1" pos="0 0 -2" radius=".01"
       mass="1"><edge equality="true"/></flexcomp>"""
