@@ -116,13 +116,16 @@ class RegressionSearch:
             if settled == LONG_SETTLED or rounds == MOST_ROUNDS or beyond == MOST_BEYOND:
                 break
             before = np.minimum(before, widths)
+            del drawn  # it may take hundreds of megabytes, as the next round does
 
         gains = 1 - widths**2 / np.maximum(drawn.unknowns.var(axis=0), 1e-300)
         errors = errors / np.sqrt(np.maximum(gains, LEAST_GAIN))  # draws near an estimate hold it there, like a prior
         draws = np.clip(estimate[:free] + errors[:, :free], 0, 1)
+        probability = self._probability(drawn)
+        del drawn
         unknowns[:, :free] = estimate[:free]
         _, nearest = yield from self._simulated(unknowns, self._point(estimate))
-        return nearest, RegressionEstimate(draws, self._probability(drawn))
+        return nearest, RegressionEstimate(draws, probability)
 
     def _solution(self, point: Unknowns) -> Simulating[Solution]:
         (residuals,) = yield from self._problem.residuals([point])
