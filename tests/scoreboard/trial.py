@@ -44,7 +44,12 @@ def _tried(commands: Sequence[Command], disturb: "Callable[[Trial], None]", quic
         folder = Path(os.path.realpath(name))
         make_inputs(folder / "inputs", server, draw=not quick)
         for command in commands:
-            disturb(Trial(command, folder, server, tally))
+            try:
+                trial = Trial(command, folder, server, tally)
+            except RuntimeError as error:
+                tally.expect(False, f"{command.name}, undisturbed: {error}")
+            else:
+                disturb(trial)
     return tally
 
 
@@ -58,6 +63,9 @@ class Trial:
       code: the exit code of an undisturbed run.
       seconds: its duration.
       prints: true if it writes to standard output.
+
+    Raises:
+      RuntimeError: the command writes nothing.
     """
 
     def __init__(self, command: Command, folder: Path, server: CommandServer, tally: Tally) -> None:
@@ -176,7 +184,10 @@ class Trial:
         self.start(with_older=with_older)
         ended = self._make(self.command.arguments)
         self.code, self.seconds, self.prints = ended.code, ended.seconds, bool(ended.stdout)
-        return self._contents()
+        made = self._contents()
+        if not made:
+            raise RuntimeError(str(ended))
+        return made
 
     def _keep(self, name: str) -> Reference:
         shutil.copytree(self.out, self.folder / name, symlinks=True)
