@@ -1,6 +1,8 @@
 """Values of options drawn by chance, made from the declarations of all options: what documents and Python write."""
 
 from collections.abc import Collection
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import yaml
@@ -34,11 +36,13 @@ from mjrun.options.number_kinds import (
 )
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.policy import NormalizationKind, PolicyKind
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind, VariedSettingsKind
 from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
 from mjrun.rendering.visual import flags
 from tests.document.camera_strategies import names, numbers, positives, texts
 
+SUFFIXES = {"contacts": ".csv", "golden": ".csv", "html": ".html", "pointcloud": ".ply"}
 PUSH = {"force": [1, 2.5, 0], "at": 1, "duration": "1/3"}
 MANY = st.lists(numbers, min_size=1, max_size=7)
 PLAIN = texts.filter(lambda text: not text.lower().endswith((".yaml", ".yml")) and bool(text.strip(" ,")))
@@ -113,7 +117,17 @@ def options_in_documents(
 
     declared = [each for each in options_of(cls) if FrontEnd.DOCUMENT in each.places]
     kinds = {each.name: each.kind for each in declared if each.name not in ("output", *without)}
-    some = {name: values_of(kind, st.just(f"{prefix}{name}.o")) for name, kind in kinds.items()}
+
+    def accepted(kind: AnyKind, value: object) -> bool:
+        with suppress(InvalidValueError):
+            kind(value)
+            return True
+        return False
+
+    some = {
+        name: values_of(kind, st.just(f"{prefix}{name}{SUFFIXES.get(name, '.o')}")).filter(partial(accepted, kind))
+        for name, kind in kinds.items()
+    }
     needed = {name: some.pop(name) for name in always}
     return st.fixed_dictionaries(needed, optional=some).map(together)
 
