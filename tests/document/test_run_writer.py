@@ -67,7 +67,7 @@ def test_every_output_has_a_file_here() -> None:
 
 @pytest.mark.parametrize("key", FILES)
 @given(data=st.data(), simulation=options_in_documents(SimulationOptions))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_a_document_fits_the_schema_and_makes_the_jobs_of_python_and_so_does_the_one_printed_for_them(
     key: str, data: st.DataObject, simulation: dict[str, Any]
 ) -> None:

@@ -102,7 +102,7 @@ def test_what_is_wrong_with_the_model_at_hand_is_reported_where_it_is(text: str,
 
 
 @given(options_in_documents(StudyOptions))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_document_is_the_study_of_python_and_so_is_the_one_printed_for_it(options: dict[str, Any]) -> None:
     made = Study(Simulation("ball.xml", steps=20), "out", **in_python(StudyOptions, options))
     document = {"model": "ball.xml", "steps": 20, "output": "out", **options}

@@ -83,7 +83,7 @@ OF_THE_MODEL = [each.name for each in options_of(ModelOptions)]
 
 @pytest.mark.parametrize("key", TERMS)
 @given(data=st.data(), shared=options_in_documents(TaskOptions, without=OF_THE_MODEL))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_a_task_is_that_of_python_or_refused_by_both(key: str, data: st.DataObject, shared: dict[str, Any]) -> None:
     declared, term, needed, sources = TERMS[key]
     chosen, *others = [each.split() for each in data.draw(st.permutations(sources))] or [[]]
