@@ -18,7 +18,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils, Vt
 from mjrun.errors import FileError, clean
 from mjrun.formats.glb import linear, xyzw
 from mjrun.formats.image_encoding import ImageData, png
-from mjrun.formats.temporary_output import scratch_folder
+from mjrun.formats.temporary_output import scratch_folder, temporary_file_errors
 from mjrun.scene_graph.graph import (
     CameraLens,
     Deformation,
@@ -58,7 +58,8 @@ def write_usd(
     """
     with scratch_folder() as folder:
         messages = UsdUtils.CoalescingDiagnosticDelegate()  # which OpenUSD would print
-        writer = _Writer(folder, graph, motion, fps, has_textures=suffix == PACKAGE)
+        with temporary_file_errors():
+            writer = _Writer(folder, graph, motion, fps, has_textures=suffix == PACKAGE)
         writer.stage.GetRootLayer().customLayerData = {"mjrun": json.dumps(facts, default=str)}
         whole = folder / f"scene{'.usdc' if suffix == PACKAGE else suffix}"
         try:

@@ -146,6 +146,8 @@ def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> No
     st = np.array(UsdGeom.PrimvarsAPI(package.GetPrimAtPath("/World/ball")).GetPrimvar("st").Get())
     assert np.allclose(st, np.asarray(BALL.uv) * (1, -1) + (0, 1), atol=1e-6)
 
+    with largest_file(20), pytest.raises(FileError, match="cannot hold temporary files: File too large\nset TMPDIR"):
+        write_usd(io.BytesIO(), ".usdz", graph, MOTION, 30, {})
     plain, remarks = stage_of(tmp_path, graph)
     assert len(remarks) == 1
     assert ".usdz" in remarks[0]
