@@ -148,7 +148,7 @@ def cause_of(error: BaseException) -> MjrunError | None:
 
     place = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)][-1:]
     for each in _requirements():
-        if not each.marker and importlib.util.find_spec(each.module) is None:
+        if not each.marker and not _is_installed(each.module):
             return MissingExtraError("mjrun", each.package)
         if place == [each.module]:  # it raised the error as it was imported
             return DamagedPackageError(each.package, installed_version(each.package), str(error))
