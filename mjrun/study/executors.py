@@ -236,7 +236,8 @@ def completed(
         if isinstance(executor, ClusterExecutor) and executor.is_deserted() and is_over():
             end = "it has no workers"
         arrived = list[tuple[PointChunk, ChunkResult]]()
-        for future in wait(running, 0 if end else INTERVAL, FIRST_COMPLETED).done:
+        done = wait(running, 0 if end else INTERVAL, FIRST_COMPLETED).done
+        for future in [each for each in running if each in done]:  # in the order of submission
             chunk = running.pop(future)
             try:
                 result = future.result()

@@ -132,6 +132,19 @@ def test_chunks_that_have_not_begun_are_dropped_or_given_back(
     assert given == (chunks[1:3] if case == "wanted" else [])
 
 
+class _Immediate(Executor):
+    def submit(self, call: Any, /, chunk: PointChunk, **_: Any) -> "Future[Any]":  # type: ignore[override]
+        future = Future[Any]()
+        future.set_result(chunk.failed("no reason"))
+        return future
+
+
+def test_chunks_that_are_complete_together_arrive_in_order(chunks: list[PointChunk]) -> None:
+    many = [replace(chunks[0], time_limit=float(number)) for number in range(100)]
+    arrived = [chunk for some in completed(_Immediate(), iter(many), 100, lambda _: "") for chunk, _ in some]
+    assert [chunk.time_limit for chunk in arrived] == [*range(100)]
+
+
 def division(sizes: ChunkSizes, costs: Sequence[float], ahead: int, steps: np.ndarray | None = None) -> list[int]:
     """Returns the size of each chunk, with `ahead` chunks in flight and the `costs` of points [s]."""
     counts, flying, start = list[int](), deque[tuple[int, int, float]](), 0
