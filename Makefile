@@ -50,6 +50,8 @@ test-lowest: setup ## run the tests of what libraries do, with the lowest versio
 loaders: setup ## read datasets with Ultralytics and the BOP toolkit, which need PyTorch
 	.venv/bin/python -m pip install --quiet 'pip>=25.1'
 	.venv/bin/python -m pip install --quiet --group loaders
+	@# Without its dependencies, among which is numpy below 2, though what the tests use works with numpy 2.
+	.venv/bin/python -m pip install --quiet --no-deps git+https://github.com/thodan/bop_toolkit
 	.venv/bin/pytest tests/formats/datasets/test_loaders.py $(ARGS)
 
 lint: setup-python ## check the code's style and layout
