@@ -21,7 +21,7 @@ from importlib import import_module
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, Listener, Pipe
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, Literal, NamedTuple, NoReturn, cast
 
 from mjrun.child_process import ENVIRONMENT, ChildProcess, ExitStatus, Stream, limit_this_process, python_call
 from mjrun.dataclass import dataclass
@@ -32,6 +32,9 @@ ACCEPT_INTERVAL = 0.05  # [s] between two looks at whether a process that is to 
 STRANGER = (AuthenticationError, EOFError, OSError)  # what a connection of another process raises
 GRACE = 1.0  # [s] from when the parent hangs up until a busy worker ends
 DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
+MESSAGE_LIMIT = 2**24  # bytes of a message in JSON
+
+Encoding = Literal["pickle", "json"]
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,16 @@ class Reply(NamedTuple):
     is_last: bool = True
 
 
+class ItemServer:
+    """A server whose methods can send items of their reply at any time.
+
+    Attributes:
+      send_item: sends an item to the parent.
+    """
+
+    send_item: Callable[[object], None]
+
+
 class Worker:
     """A worker process, as its parent sees it. To be closed.
 
@@ -119,6 +132,8 @@ class Worker:
       descriptors: descriptors to pass to the process, which get new numbers.
       stderr: where its standard error goes, and its standard output with it.
       is_fork: whether it is a copy of this process, which starts at once; see `child_process.may_fork`.
+      encoding: that of messages: `json` for a process that is not to be trusted, since unpickling runs code.
+      path: the search path for modules; by default, that of this process.
 
     Attributes:
       connection: the connection to the process.
@@ -138,20 +153,24 @@ class Worker:
         descriptors: Sequence[int] = (),
         stderr: Stream = "capture",
         is_fork: bool = False,
+        encoding: Encoding = "pickle",
+        path: Sequence[str] | None = None,
     ) -> None:
         self.pending = deque[Request]()
+        self._encoding: Encoding = encoding
         if not system.PASSES_DESCRIPTORS:
-            self.process, self.connection = _called_back(server, environment, descriptors, stderr)
+            command = python_call("mjrun.worker:serve_by_address", server, encoding, path=path)
+            self.process, self.connection = _called_back(command, environment, descriptors, stderr)
             return
         self.connection, theirs = Pipe()
         with contextlib.ExitStack() as stack, theirs:
             stack.callback(self.connection.close)
             self.process = ChildProcess(
-                python_call("mjrun.worker:serve", server),
+                python_call("mjrun.worker:serve", server, encoding, path=path),
                 environment=environment,
                 descriptors=[theirs.fileno(), *descriptors],
                 stderr=stderr,
-                run_in_fork=partial(serve, server) if is_fork else None,
+                run_in_fork=partial(serve, server, encoding) if is_fork else None,
             )
             stack.pop_all()
 
@@ -159,7 +178,7 @@ class Worker:
         """Requests a method of the server, which `receive` returns the replies of."""
         self.pending.append(Request(name, arguments))
         with contextlib.suppress(OSError):  # it has ended; `receive` says how
-            self.connection.send((name, arguments))
+            _send(self.connection, self._encoding, (name, arguments))
 
     def receive(self, seconds: float = math.inf) -> Reply:
         """Returns the next reply to the oldest of the pending requests.
@@ -172,12 +191,12 @@ class Worker:
         """
         try:
             if self.connection.poll(None if seconds == math.inf else seconds):
-                reply = Reply(self.pending[0], *self.connection.recv())
+                reply = Reply(self.pending[0], *_receive(self.connection, self._encoding))
                 if reply.is_last:
                     self.pending.popleft()
                 return reply
             self.process.kill("time")
-        except (EOFError, OSError):
+        except (EOFError, OSError, TypeError):  # the last from a reply of another form
             pass
         raise WorkerEndedError(self.process.wait(DEATH_GRACE), self.process.last_words)
 
@@ -204,14 +223,31 @@ class Worker:
         self.connection.close()
 
 
+def _send(connection: Connection, encoding: Encoding, message: object) -> None:
+    if encoding == "json":
+        connection.send_bytes(json.dumps(message).encode())
+    else:
+        connection.send(message)
+
+
+def _receive(connection: Connection, encoding: Encoding) -> Sequence[Any]:
+    """Returns the next message; anything but JSON ends an untrusted connection like a hang-up."""
+    if encoding == "pickle":
+        return connection.recv()
+    try:
+        return json.loads(connection.recv_bytes(MESSAGE_LIMIT))
+    except (ValueError, RecursionError):
+        raise EOFError from None
+
+
 def _called_back(
-    server: str, environment: Mapping[str, str], descriptors: Sequence[int], stderr: Stream
+    command: Sequence[str], environment: Mapping[str, str], descriptors: Sequence[int], stderr: Stream
 ) -> tuple[ChildProcess, Connection]:
     """Starts a worker that connects to this process: to an address, with a key, that its standard input tells it."""
     key = os.urandom(32)
     with contextlib.ExitStack() as stack, Listener(authkey=key) as listener:
         process = ChildProcess(
-            python_call("mjrun.worker:serve_by_address", server),
+            command,
             environment=environment,
             descriptors=descriptors,
             fed=True,
@@ -245,20 +281,20 @@ def _accepted(listener: Listener, key: bytes, process: ChildProcess) -> Connecti
         has_accepted.set()
 
 
-def serve(server: str, connection: str, *descriptors: str) -> NoReturn:
+def serve(server: str, encoding: Encoding, connection: str, *descriptors: str) -> NoReturn:
     """Runs a worker: answers what the other end of the descriptor `connection` requests, until it hangs up."""
     parent = Connection(int(connection))
-    _serve(server, parent, parent.fileno(), [*map(int, descriptors)])
+    _serve(server, encoding, parent, parent.fileno(), [*map(int, descriptors)])
 
 
-def serve_by_address(server: str) -> NoReturn:
+def serve_by_address(server: str, encoding: Encoding) -> NoReturn:
     """Runs a worker that connects to the address on its standard input, which stays open while its parent lives."""
     address, key = json.loads(sys.stdin.readline())
     address = address if isinstance(address, str) else (address[0], address[1])  # JSON has no tuples
-    _serve(server, Client(address, authkey=bytes.fromhex(key)), sys.stdin.fileno(), ())
+    _serve(server, encoding, Client(address, authkey=bytes.fromhex(key)), sys.stdin.fileno(), ())
 
 
-def _serve(server: str, parent: Connection, lifeline: int, descriptors: Sequence[int]) -> NoReturn:
+def _serve(server: str, encoding: Encoding, parent: Connection, lifeline: int, descriptors: Sequence[int]) -> NoReturn:
     """Answers requests of the parent until it hangs up, which closes the other end of `lifeline` too."""
     with contextlib.suppress(OSError):  # without a stderr, what drivers and plugins print on stdout is lost
         os.dup2(2, 1)
@@ -267,11 +303,14 @@ def _serve(server: str, parent: Connection, lifeline: int, descriptors: Sequence
     gc.disable()  # modules are no garbage
     module, _, name = server.partition(":")
     methods = getattr(import_module(module), name)(*descriptors)
+    send = partial(_send, parent, encoding)
+    if isinstance(methods, ItemServer):
+        methods.send_item = lambda item: send((item, None, (), False))
     gc.freeze()
     gc.enable()
     with contextlib.suppress(EOFError, ConnectionError), parent:
         while True:
-            _answer(parent, methods, *parent.recv())
+            _answer(send, methods, *_receive(parent, encoding))
     with contextlib.suppress(OSError):
         sys.stdout.flush()
     os._exit(0)  # nothing is left to do, and shutting down an interpreter takes time
@@ -284,7 +323,7 @@ def _end_with_parent(lifeline: int) -> None:
     os._exit(1)
 
 
-def _answer(parent: Connection, methods: object, name: str, arguments: tuple[Any, ...]) -> None:
+def _answer(send: Callable[[object], None], methods: object, name: str, arguments: Sequence[Any]) -> None:
     value, failure, texts = None, None, list[str]()
     try:
         with _collected_warnings() as texts:
@@ -292,11 +331,11 @@ def _answer(parent: Connection, methods: object, name: str, arguments: tuple[Any
             value = method(*arguments)
             if isinstance(value, Iterator):
                 for item in cast("Iterator[object]", value):
-                    parent.send((item, None, (), False))
+                    send((item, None, (), False))
                 value = None
     except Exception as error:
         value, failure = None, PicklableException.of(error)
-    parent.send((value, failure, texts, True))
+    send((value, failure, texts, True))
 
 
 def _collected_warnings() -> contextlib.AbstractContextManager[list[str]]:

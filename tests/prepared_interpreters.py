@@ -31,10 +31,10 @@ from typing import Any, cast
 from mjrun.child_process import python_call
 
 # What each kind of process imports before it does anything: commands, and workers by their function or server.
-COMMAND, CHECK = "mjrun", "mjrun.check.worker:serve"
+COMMAND = "mjrun"
 MODULES = {
     COMMAND: ("mjrun.cli.main", "mjrun.outputs.trace", "mjrun.outputs.video", "mjrun.rendering.compositor", "mujoco"),
-    CHECK: ("mjrun.check.worker",),
+    "mjrun.check.worker:CheckServer": ("mjrun.check.worker",),
     "mjrun.rendering.filament_worker:FilamentServer": ("mjrun.rendering.filament_worker",),
     "mjrun.rendering.compositor_pool:CompositorServer": ("mjrun.rendering.compositor_pool", "mujoco"),
     "mjrun.study.point_files:PointFileServer": ("mjrun.study.point_files", "mujoco"),
@@ -177,8 +177,6 @@ def _modules(command: Sequence[str]) -> tuple[str, ...]:
         return MODULES[COMMAND]
     if [*command[:3]] != [EXECUTABLE, "-P", "-c"] or not command[4].isdecimal():
         return ()
-    if command[3] == python_call(CHECK)[3]:
-        return MODULES[CHECK]
     server = command[5 + int(command[4]) :]
     return MODULES.get(server[0], ()) if command[3] == python_call("mjrun.worker:serve")[3] else ()
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import DrawError, InvalidActionError, MjrunError, NoRendererError, UnknownNameError, UnstableError
-from mjrun.worker import PicklableException, Request, Worker, WorkerEndedError
-from tests.prepared_interpreters import CHECK, COMMAND, MODULES
+from mjrun.worker import ItemServer, PicklableException, Request, Worker, WorkerEndedError
+from tests.prepared_interpreters import COMMAND, MODULES
 from tests.processes import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[1]
@@ -71,6 +71,25 @@ class Server:
         print("printed", flush=True)  # noqa: T201
         print("out of luck", file=sys.stderr, flush=True)  # noqa: T201
         os.abort()
+
+
+class HostileServer(ItemServer):
+    """A server whose process a model has taken over."""
+
+    def send(self, item: object) -> str:
+        self.send_item(item)
+        return "sent"
+
+    def write(self, message: str) -> None:
+        os.write(int(sys.argv[-1]), bytes.fromhex(message))
+        os._exit(3)
+
+
+class Touch:
+    """Creates a file when it is unpickled."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (Path("run"),)
 
 
 @pytest.fixture(params=["new", "prepared"])
@@ -136,8 +155,23 @@ def test_warnings_of_mujoco_come_with_the_reply(worker: Worker) -> None:
     assert "Nan, Inf or huge value in QPOS" in text
 
 
+@pytest.mark.parametrize(
+    "message",
+    [pickle.dumps((Touch(), None, (), True)), b"not JSON", b"5", b"[1, 2, 3, 4, 5]", b"[" * 10**5, b""],
+)
+def test_what_an_untrusted_worker_sends_is_json_and_runs_nothing(message: bytes) -> None:
+    content = len(message).to_bytes(4, "big") + message if message else bytes([127, 255, 255, 255])
+    with closing(Worker("tests.test_worker:HostileServer", encoding="json")) as worker:
+        worker.send("send", {"a": [1]})
+        assert [worker.receive()[1:] for _ in range(2)] == [({"a": [1]}, None, [], False), ("sent", None, [], True)]
+        worker.send("write", content.hex())
+        with pytest.raises(WorkerEndedError, match=r"^ended with code 3$"):
+            worker.receive()
+    assert not Path("run").exists()
+
+
 @pytest.mark.usefixtures("new_interpreters")
-@pytest.mark.parametrize("server", sorted({*MODULES} - {COMMAND, CHECK}))
+@pytest.mark.parametrize("server", sorted({*MODULES} - {COMMAND}))
 def test_servers_that_other_tests_ask_in_prepared_interpreters_answer_in_new_ones(server: str) -> None:
     descriptors = os.pipe() if server.endswith("CompositorServer") else ()
     with closing(Worker(server, descriptors=descriptors)) as worker:

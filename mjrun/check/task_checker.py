@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import field, replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TextIO, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -163,8 +163,8 @@ def place_of(problem: DocumentProblem, path: Path) -> Place:
 class TaskChecker(Checker):
     """A checker of one task."""
 
-    def __init__(self, task: CheckRequest, channel: TextIO) -> None:
-        super().__init__(task, channel)
+    def __init__(self, task: CheckRequest, send: Callable[[dict[str, Any]], object]) -> None:
+        super().__init__(task, send)
         self._written: list[Finding] = []  # a finding of both random actions and a policy is written once
 
     def check(self) -> None:

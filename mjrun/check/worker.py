@@ -1,24 +1,15 @@
-"""A process that checks models or tasks, and may hang, explode or crash: `worker_pool` starts and ends it.
-
-It reads each task as a line of JSON, and writes JSON to standard output, one object per line: `pid`, the process that
-checks the next models; `stage` before each stage, so that the reader knows the stage in which the process ended, with
-`is_slow` if it is a fix that computes for minutes; `finding`; `loaded`; `done`; `exit` at the end of a task, 0 or the
-exit code of that process.
-"""
+"""A process that checks models or tasks, and may hang, explode or crash: `worker_pool` starts and ends it."""
 
 import gc
-import json
 import math
 import os
 import sys
 import traceback
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
-from itertools import chain
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any
 
 import mujoco
 
@@ -36,99 +27,80 @@ from mjrun.model.compilation import checked_arrays
 from mjrun.model.mujoco_globals import collected_warnings, keep_assets, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
 from mjrun.platform import system
+from mjrun.worker import ItemServer
 
 ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly ever filled
 KEPT_MEMORY = 0.25  # part of the maximum memory per model that a process may hold when it begins the next one
 GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
-def serve() -> NoReturn:
-    """Checks the model or task of each `CheckRequest` on standard input, until one crashes or the input ends.
+class CheckServer(ItemServer):
+    """A server that checks models or tasks, until one crashes or affects what follows.
 
-    Where the system can fork, forks of this process check them: starting one takes milliseconds.
+    Where the system can fork, forks of the process check them: starting one takes milliseconds. The process ends as its
+    fork did, unless that succeeded.
     """
-    output = os.dup(1)
-    os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
-    tasks = os.fdopen(os.dup(0), "rb")
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    checked_arrays()  # cached for all models
-    keep_assets()
-    gc.freeze()
-    if not system.CAN_FORK_LATE:
-        _check_all(tasks, output)
-        os._exit(0)
-    for task in tasks:
-        code = _forked(chain([task], tasks), output)
-        _write(output, exit=code)
-        if code:
-            break
-    os._exit(0)  # shutting down an interpreter takes time
 
+    def __init__(self) -> None:
+        checked_arrays()  # cached for all models
+        keep_assets()
+        self._is_checking = not system.CAN_FORK_LATE
 
-def _forked(tasks: Iterable[bytes], output: int) -> int:
-    """Checks models in a fork of this process, and returns the exit code of the fork."""
-    pid = os.fork()
-    if pid:
-        _write(output, pid=pid)
-        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    code = 1
-    try:
-        sys.dont_write_bytecode = True
-        _check_all(tasks, output)
-        code = 0
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        with suppress(OSError):
+    def check(self, request: Mapping[str, Any]) -> None:
+        """Checks the model or task of the fields of a `CheckRequest`.
+
+        The items of the reply are objects: `pid`, the process that checks the next models; `stage` before each stage,
+        so that the reader knows the stage in which the process ended, with `is_slow` if it is a fix that computes for
+        minutes; `finding`; `loaded`; `suppressed`; `changes`; `done` at the end.
+        """
+        try:
+            if not self._is_checking:
+                if fork := os.fork():
+                    _end_as(os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]))
+                    return
+                self._is_checking = sys.dont_write_bytecode = True
+                self.send_item({"pid": os.getpid()})
+            sys.stderr.write(TASK_MARK)
             sys.stderr.flush()
-        os._exit(code)
+            task = CheckRequest(**request)
+            check(task, self.send_item)
+            gc.collect()
+            # Tasks run the user's code, and fixes change files whose meshes MuJoCo keeps; the next model is compiled in
+            # memory that is mapped already.
+            if task.reader or task.root or not 0 < resident_memory(os.getpid()) < KEPT_MEMORY * task.memory * MIB:
+                os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+            sys.stderr.flush()
+            os._exit(1)
 
 
-def _check_all(tasks: Iterable[bytes], output: int) -> None:
-    """Checks models until the input ends, or this process may affect what follows; `exit` is then left out.
-
-    The next model is compiled in memory that is mapped already, and MuJoCo keeps the meshes that models share.
-    """
-    for line in tasks:
-        sys.stderr.write(TASK_MARK)
-        sys.stderr.flush()
-        task = CheckRequest(**json.loads(line))
-        check(task, output)
-        if task.reader or task.root:  # which run the user's code, or change the content of files
-            return
-        gc.collect()
-        if not 0 < resident_memory(os.getpid()) < KEPT_MEMORY * task.memory * MIB:
-            return
-        _write(output, exit=0)
+def _end_as(code: int) -> None:
+    """Ends this process as a fork that ended with `code`, unless that is 0."""
+    if code < 0:
+        os.kill(os.getpid(), -code)
+    if code:
+        os._exit(code & 255)
 
 
-def _write(output: int, **message: int) -> None:
-    os.write(output, f"{json.dumps(message)}\n".encode())
-
-
-def check(task: CheckRequest, output: int) -> None:
+def check(task: CheckRequest, send: Callable[[dict[str, Any]], object]) -> None:
     """Checks a model or a task."""
-    channel = os.fdopen(output, "w", encoding="utf-8", errors="surrogateescape", closefd=False)
     with system.end_after(int(task.timeout + FIX_TIME * task.unsafe) + GRACE):
         # These limit addresses; the parent watches the memory in use, and reports it.
         limit_this_process(memory=task.memory * MIB, file_size=0, core=0)
-        _checker(task, channel).run()
+        if task.reader:
+            from mjrun.check.task_checker import TaskChecker  # which imports the modules of tasks and policies
 
-
-def _checker(task: CheckRequest, channel: TextIO) -> "Checker":
-    """Returns the check of a model or a task; only a task needs the modules of tasks and policies."""
-    if not task.reader:
-        return ModelChecker(task, channel)
-    from mjrun.check.task_checker import TaskChecker
-
-    return TaskChecker(task, channel)
+            TaskChecker(task, send).run()
+        else:
+            ModelChecker(task, send).run()
 
 
 class Checker(ABC):
-    """A checker of one model or task, which writes its findings to `channel`."""
+    """A checker of one model or task, which sends each message by `send`."""
 
-    def __init__(self, task: CheckRequest, channel: TextIO) -> None:
-        self.task, self.channel = task, channel
+    def __init__(self, task: CheckRequest, send: Callable[[dict[str, Any]], object]) -> None:
+        self.task, self._send = task, send
         self.path = Path(task.path)
 
     def run(self) -> None:
@@ -154,15 +126,14 @@ class Checker(ABC):
 
     def write(self, **message: Any) -> None:
         """Writes one message: `stage`, `finding`, `loaded`, `suppressed` or `done`."""
-        self.channel.write(json.dumps(message) + "\n")
-        self.channel.flush()
+        self._send(message)
 
 
 class ModelChecker(Checker):
     """A checker of one model."""
 
-    def __init__(self, task: CheckRequest, channel: TextIO) -> None:
-        super().__init__(task, channel)
+    def __init__(self, task: CheckRequest, send: Callable[[dict[str, Any]], object]) -> None:
+        super().__init__(task, send)
         self.mujoco_failed = False
         self.comments = IgnoreComments(())
 

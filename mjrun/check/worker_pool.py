@@ -4,30 +4,21 @@ Each process loads its modules once and checks any number of models. Where the s
 another one continues after a model that crashes one or fills its memory; elsewhere, the process then ends.
 """
 
-import json
+import math
 import os
 import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, field
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any
 
-from mjrun.child_process import (
-    ENVIRONMENT,
-    POLL_INTERVAL,
-    STDOUT_LIMIT,
-    ChildProcess,
-    ExitStatus,
-    python_call,
-    resident_memory,
-)
+from mjrun.child_process import ENVIRONMENT, POLL_INTERVAL, ExitStatus, resident_memory
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, option
+from mjrun.worker import Worker, WorkerEndedError
 
 MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
@@ -83,7 +74,7 @@ class CheckProcessOutput:
     """The output of a process, and its end.
 
     Attributes:
-      messages: the objects that `mjrun.check.worker` wrote.
+      messages: the items that `mjrun.check.worker.CheckServer` sent.
       exit: the exit status of the process.
       stderr: the output of libraries.
     """
@@ -183,7 +174,7 @@ class CheckProcessPool:
 
 
 class CheckProcess:
-    """A process that runs `mjrun.check.worker:serve`.
+    """A process with a `mjrun.check.worker.CheckServer`, and a watchdog that kills it if a model exceeds its limits.
 
     Attributes:
       is_reusable: it can check another model.
@@ -195,83 +186,54 @@ class CheckProcess:
         self.created, self.ready = time.monotonic(), 0.0
         # A folder of models may contain files that are named like modules.
         path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
-        command = python_call("mjrun.check.worker:serve", path=[*path, PACKAGE])
-        reading, writing = os.pipe()
-        try:
-            self._process = ChildProcess(
-                command, environment=ENVIRONMENT | MALLOC, fed=True, stdout=writing, stderr="capture"
-            )
-        except BaseException:
-            os.close(reading)
-            raise
-        finally:
-            os.close(writing)
-        self._lines = SimpleQueue[bytes]()
-        threading.Thread(target=self._read, args=(reading,), daemon=True).start()
+        environment = ENVIRONMENT | MALLOC
+        server = "mjrun.check.worker:CheckServer"
+        # A hostile model may control the process.
+        self._worker = Worker(server, environment=environment, encoding="json", path=[*path, PACKAGE])
         self.is_reusable = True
-        self._checking = self._process.pid
+        self._checking, self._deadline = self._worker.process.pid, math.inf
 
     def run(self, task: CheckRequest, note: Callable[[str], object] = lambda text: None) -> CheckProcessOutput:
         """Checks one model, and ends the process if that exceeds a limit; `note` is that of `CheckProcessPool`."""
         self.is_reusable = False
-        start = time.monotonic()
-        deadline, measured = start + task.timeout, start
+        deadline = time.monotonic() + task.timeout
+        self._deadline = deadline
         messages: list[dict[str, Any]] = []
-        with suppress(OSError):  # it has ended; its status is the reason
-            self._process.feed(memoryview(f"{json.dumps(asdict(task))}\n".encode()))
-        while (message := self._next_message()) is not None:
-            self._checking = message.get("pid", self._checking)
-            if message and not self.ready:
-                self.ready = time.monotonic()
-            if "exit" in message:
-                return self._finished(messages, int(message["exit"]))
-            messages.append(message)
-            if message.get("is_slow"):
-                deadline = start + task.timeout + FIX_TIME
-                note(f"{clean(task.model)}: {message['stage']}")
-            now = time.monotonic()
-            if now > deadline:
-                self._process.kill("time")
-            elif now - measured > POLL_INTERVAL:  # once for many messages: a model makes dozens within milliseconds
-                measured = now
-                if resident_memory(self._checking) > task.memory * MIB:
-                    self._process.kill("memory")
-        return CheckProcessOutput(messages, self._process.wait(), self._stderr())
+        has_ended = threading.Event()
+        threading.Thread(target=self._watch, args=(task.memory * MIB, has_ended), daemon=True).start()
+        try:
+            self._worker.send("check", asdict(task))
+            while not (reply := self._worker.receive()).is_last:
+                message = reply.value
+                self.ready = self.ready or time.monotonic()
+                self._checking = message.get("pid", self._checking)
+                messages.append(message)
+                if message.get("is_slow"):
+                    self._deadline = deadline + FIX_TIME
+                    note(f"{clean(task.model)}: {message['stage']}")
+        except WorkerEndedError as error:
+            stderr = self._worker.process.stderr.decode(errors="replace").rpartition(TASK_MARK)[2]
+            return CheckProcessOutput(messages, error.ending, stderr)
+        finally:
+            has_ended.set()
+        self.is_reusable = True
+        return CheckProcessOutput(messages, ExitStatus(0), "")
 
     def kill(self) -> None:
         """Kills the process, from any thread; `run` returns."""
-        self._process.kill()
+        self._worker.kill()
 
     def end(self) -> None:
         """Ends the process, which ends by itself when it is idle."""
-        self._process.end_feeding()
-        self._process.wait(END_GRACE)
-        self._process.end()
+        self._worker.connection.close()
+        self._worker.process.wait(END_GRACE)
+        self._worker.close()
 
-    def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> CheckProcessOutput:
-        """Returns the output of a task whose process has ended with `code`; the server ends too unless that is 0."""
-        self.is_reusable = code == 0
-        if code:
-            self._process.wait()
-        return CheckProcessOutput(messages, ExitStatus(code), self._stderr() if code else "")
-
-    def _stderr(self) -> str:
-        """Returns the output of libraries in the last task."""
-        return self._process.stderr.decode(errors="replace").rpartition(TASK_MARK)[2]
-
-    def _next_message(self) -> dict[str, Any] | None:
-        """Returns the next message, an empty one after a while, or None at the end."""
-        try:
-            line = self._lines.get(timeout=POLL_INTERVAL)
-        except Empty:
-            return {}
-        try:
-            return json.loads(line) if line else None
-        except ValueError:  # the last line of a process that was killed
-            return {}
-
-    def _read(self, descriptor: int) -> None:
-        with open(descriptor, "rb") as lines:
-            while line := lines.readline(STDOUT_LIMIT):
-                self._lines.put(line)
-        self._lines.put(b"")
+    def _watch(self, memory: int, has_ended: threading.Event) -> None:
+        """Kills the process when its time is over or it holds more than `memory` [bytes], until a check has ended."""
+        while not has_ended.wait(max(0.0, min(self._deadline - time.monotonic(), POLL_INTERVAL))):
+            if time.monotonic() > self._deadline:
+                return self._worker.process.kill("time")
+            if resident_memory(self._checking) > memory:
+                return self._worker.process.kill("memory")
+        return None

@@ -1,7 +1,5 @@
 """Task documents, and what checking them finds."""
 
-import json
-from io import StringIO
 from pathlib import Path
 
 from mjrun.check.rule import Finding
@@ -29,10 +27,9 @@ def checked(text: str = "", *, head: str = HEAD, policy: str = "", steps: int = 
     """What checking a document finds, in this process."""
     Path("slider.xml").write_text(SLIDER)
     Path("t.yaml").write_text(head + text)
-    channel = StringIO()
+    messages: list[dict] = []
     task = CheckRequest("t.yaml", sorted(RULES), steps, 60, 99999, READER, policy)
     with memory_limit_restored():
-        TaskChecker(task, channel).run()
-    messages = [json.loads(line) for line in channel.getvalue().splitlines()]
+        TaskChecker(task, messages.append).run()
     assert messages[-1] == {"done": True}
     return [Finding(**message["finding"]) for message in messages if "finding" in message]

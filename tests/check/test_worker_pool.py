@@ -2,16 +2,18 @@
 
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from mjrun.check import worker_pool
-from mjrun.check.worker_pool import CheckProcess, CheckProcessPool, CheckQueue, CheckRequest
+from mjrun.check.worker_pool import FIX_TIME, CheckProcess, CheckProcessPool, CheckQueue, CheckRequest
 from mjrun.platform import system
+from mjrun.worker import Reply, Request
 from tests.check.models import PASSIVE, checked, write
 from tests.processes import PATIENCE
 
@@ -109,13 +111,24 @@ def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
 
 
 def test_a_slow_fix_is_reported_and_has_more_time_than_a_check() -> None:
-    process, killed, notes = CheckProcess(), list[str](), list[str]()
-    process._process.kill = killed.append  # type: ignore[method-assign, assignment]
-    for is_slow, ends in ((True, []), (False, ["time"])):
-        messages = iter([{"stage": "decomposing mesh 'm'", "is_slow": is_slow}, {"exit": 0}])
-        process._next_message = messages.__next__  # type: ignore[method-assign]
-        assert process.run(CheckRequest("a.xml", (), 0, -1, 1024, model="a.xml"), notes.append).exit.code == 0
-        assert killed == ends
+    process, notes = CheckProcess(), list[str]()
+    request = Request("check", ())
+    for is_slow, seconds in ((True, PATIENCE + FIX_TIME), (False, PATIENCE)):
+        item = Reply(request, {"stage": "decomposing mesh 'm'", "is_slow": is_slow}, is_last=False)
+        process._worker.receive = iter([item, Reply(request, None)]).__next__  # type: ignore[method-assign]
+        earliest = time.monotonic() + seconds
+        task = CheckRequest("a.xml", (), 0, PATIENCE, 1024, model="a.xml")
+        assert process.run(task, notes.append).exit.code == 0
+        assert earliest <= process._deadline <= time.monotonic() + seconds
     assert notes == ["a.xml: decomposing mesh 'm'"]
-    del process._process.kill
+    process.end()
+
+
+@pytest.mark.parametrize(("seconds", "memory", "cause"), [(-1, 2**40, "time"), (PATIENCE, 0, "memory")])
+def test_a_process_that_is_silent_is_killed_if_it_exceeds_a_limit(seconds: float, memory: int, cause: str) -> None:
+    process = CheckProcess()
+    process._deadline = time.monotonic() + seconds
+    looks = iter([False, True])
+    process._watch(memory, cast("Any", SimpleNamespace(wait=lambda seconds: next(looks))))
+    assert process._worker.process.wait().cause == cause
     process.end()

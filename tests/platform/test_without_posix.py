@@ -97,7 +97,7 @@ def test_a_worker_that_ends_before_it_connects_is_reported(bootstrap: Path, tmp_
     code = (
         "from mjrun import worker\n"
         "worker.serve_by_address = None\n"
-        "worker.python_call = lambda *_: [__import__('sys').executable, '-S', '-c', 'raise SystemExit(3)']\n"
+        "worker.python_call = lambda *_, **__: [__import__('sys').executable, '-S', '-c', 'raise SystemExit(3)']\n"
         "one = worker.Worker('mjrun.study.point_server:PointSimulationServer')\n"
         "try:\n    one.ask('anything')\n"
         "except worker.WorkerEndedError as error:\n    print(error)\n"
