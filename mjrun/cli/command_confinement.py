@@ -13,14 +13,14 @@ import click
 
 from mjrun import shared_status
 from mjrun.child_process import limit_this_process
-from mjrun.cli.click_command import CommandDeclaration, DeclaredOption, ModelArgument, SectionedCommand
+from mjrun.cli.click_command import CommandDeclaration, DeclaredCommand, DeclaredOption, ModelArgument
 from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.self_confinement import confine, with_temporary
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY
-from mjrun.options.every_command import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
+from mjrun.options.every_command import DEFAULT_LIMITS, FILE, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, OneOrMoreKind, PathKind
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
@@ -28,7 +28,6 @@ from mjrun.shared_status import ConfinementPromise
 from mjrun.suffixes import REFERRING, is_hdf5, split_episode
 
 MIB = 2**20
-DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
 LEAST = {MEMORY: 256}  # the thread that loads models takes half of it
 SCENE = "scene"  # the collection in mjrun; the packages of others run code
 
@@ -55,7 +54,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
     if not system.CAN_FORK:
         reason = "cannot confine anything on this system; run mjrun on Linux, or in a container"
         raise UsageError(f"{option('untrusted')} {reason}")
-    if not shared_status.is_watched():
+    if not shared_status.is_monitored():
         raise UsageError(f"{option('untrusted')} works only for mjrun as a command, which runs in a separate process")
     command = _declaration(context)
     limits = _limits(options, command)
@@ -93,10 +92,10 @@ def description(limits: Confinement) -> str:
 
 
 def _limits(options: ConfinementOptions, command: CommandDeclaration) -> dict[str, float]:
-    limits = {**DEFAULTS, **({TIME: math.inf} if command.is_endless else {})}
+    limits = {**DEFAULT_LIMITS, **({TIME: math.inf} if command.is_endless else {})}
     for name, values in options.limit.items():
-        if name not in LIMITS:
-            raise UnknownNameError("limit", name, LIMITS)
+        if name not in DEFAULT_LIMITS:
+            raise UnknownNameError("limit", name, [*DEFAULT_LIMITS])
         if len(values) != 1 or values[0] <= 0 or values[0] < LEAST.get(name, 0):
             expected = f"at least {LEAST[name]}" if name in LEAST else "a number above 0"
             raise BadValueError(f"{option('limit')} {name}", ",".join(f"{v:g}" for v in values), expected)
@@ -105,7 +104,7 @@ def _limits(options: ConfinementOptions, command: CommandDeclaration) -> dict[st
 
 
 def _declaration(context: click.Context) -> CommandDeclaration:
-    assert isinstance(context.command, SectionedCommand)
+    assert isinstance(context.command, DeclaredCommand)
     return context.command.declaration
 
 

@@ -23,7 +23,6 @@ from mjrun.suffixes import HTML
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-VIDEOS = (".mp4", ".webm", ".mkv", ".mov", ".gif", ".apng", ".webp")
 IMAGES = (".png", ".jpg", ".jpeg", ".tiff", ".svg", ".pdf")
 PATHS = ("path", "paths", "html", "files")  # keys of reports
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -357,8 +356,10 @@ def _files_in(document: object) -> Iterator[str]:
 
 def _opened(paths: Sequence[str]) -> str:
     """Opens the most telling of `paths`: a page, else a video, an image or any other; returns a warning, or nothing."""
+    from mjrun.formats import codecs
+
     existing = [path for path in paths if Path(path).exists()]
-    ranked = [path for suffixes in (HTML, VIDEOS, IMAGES) for path in existing if path.lower().endswith(suffixes)]
+    ranked = [path for suffixes in (HTML, codecs.FILES, IMAGES) for path in existing if path.lower().endswith(suffixes)]
     chosen = next(iter([*ranked, *existing]), None)
     if chosen is None:
         return f"{option('open')}: no file was made"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
+from mjrun.options.video import FPS, GIF_FPS
 
 # Untagged colour shifts hue: players guess. This is the transform for BT.709 and the tags that say so.
 BT709 = (
@@ -92,12 +93,14 @@ class Container:
 
     Attributes:
       muxer: name in ffmpeg.
+      demuxers: names in ffmpeg of what reads a file of it; empty if it is not one file, or has no header.
       codecs: codecs that it can hold, the default first.
       file, pipe: further arguments for writing to a file, or to a pipe; None if it cannot be piped.
       merges: whether it merges equal frames, so that only its duration can be checked.
     """
 
     muxer: str
+    demuxers: str
     codecs: Sequence[str]
     file: Sequence[str] = ()
     pipe: Sequence[str] | None = ()
@@ -112,25 +115,29 @@ FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moo
 ANNEX_B = ("-aud", "1", "-x264-params", "repeat-headers=1", "-fps_mode", "passthrough", "-f", "h264")
 
 CONTAINERS = {
-    "mp4": Container("mp4", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
-    "mov": Container("mov", ("h264", "h265", "prores", "h264rgb"), FAST_START, FRAGMENTED),
+    "mp4": Container("mp4", "mov", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
+    "mov": Container("mov", "mov", ("h264", "h265", "prores", "h264rgb"), FAST_START, FRAGMENTED),
     "mkv": Container(
-        "matroska", ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16"), REPEATABLE, REPEATABLE
+        "matroska",
+        "matroska",
+        ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16"),
+        REPEATABLE,
+        REPEATABLE,
     ),
-    "webm": Container("webm", ("vp9", "av1"), REPEATABLE, REPEATABLE),
-    "gif": Container("gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
-    "apng": Container("apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
-    "webp": Container("webp", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),
-    "png": Container("image2", ("png", "png-gray16"), ("-start_number", "0"), None),
-    "rgb": Container("rawvideo", ("raw",)),
+    "webm": Container("webm", "matroska", ("vp9", "av1"), REPEATABLE, REPEATABLE),
+    "gif": Container("gif", "gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
+    "apng": Container("apng", "apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
+    # An animation without movement is an image.
+    "webp": Container("webp", "webp_anim,webp_pipe", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),
+    "png": Container("image2", "", ("png", "png-gray16"), ("-start_number", "0"), None),
+    "rgb": Container("rawvideo", "", ("raw",)),
 }
+FILES = tuple(f".{name}" for name, known in CONTAINERS.items() if known.demuxers)  # suffixes of videos in one file
 # Lossless codecs, which keep the colours of a segmentation; and codecs for numbers of 16 bits.
 LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
 EXACT = ("ffv1-gray16", "png-gray16")
 CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
 CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
-FPS = Fraction(30)
-GIF_FPS = Fraction(25)
 WEBP_FPS = 100  # readers ignore shorter delays
 SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 

@@ -7,7 +7,8 @@ from mjrun.options.kinds import FlagKind, PathKind, optional
 from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options, options_of
 from mjrun.options.setting_kinds import NamedNumbersKind
 
-TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
+TIME, MEMORY, FILE = "time", "memory", "file"
+DEFAULT_LIMITS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}  # of untrusted runs [s, MiB, MiB]
 
 
 @options
@@ -86,7 +87,7 @@ class ConfinementOptions(Options):
     limit: Mapping[str, tuple[float, ...]] = option(
         converter=NamedNumbersKind("NAME=N"),
         default=dict[str, tuple[float, ...]](),
-        usual="time=3600, memory=8192, file=16384",
+        usual=", ".join(f"{name}={limit:g}" for name, limit in DEFAULT_LIMITS.items()),
         help="Limit of an untrusted run: time, the wall time [s]; memory, that of each process [MiB]; or file, the "
         "size of each written file [MiB]. Requires --untrusted.",
     )

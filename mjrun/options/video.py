@@ -10,6 +10,7 @@ from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
 
 PLOT_SIDES = ("under", "beside")
+FPS, GIF_FPS = Fraction(30), Fraction(25)  # without the option
 
 
 @options
@@ -34,7 +35,7 @@ class VideoOptions(ViewOptions, OutputOptions):
     fps: Fraction | None = option(
         converter=optional(ExactNumberKind("FPS")),
         default=None,
-        usual="30; 25 in a GIF",
+        usual=f"{FPS}; {GIF_FPS} in a GIF",
         help="Frames per second of the video [Hz], such as 60 or 30000/1001.",
     )
     speed: Fraction = option(
@@ -103,7 +104,7 @@ class PointOrEpisodeVideoOptions(Options):
         converter=SizeKind(), default=(640, 360), help="Width and height of the videos [pixels]."
     )
     quality: str = option(converter=ChoiceKind(QUALITIES), default="model", help="Rendering quality of the videos.")
-    fps: Fraction = option(converter=ExactNumberKind("FPS"), default=30, help="Frames per second of the videos [Hz].")
+    fps: Fraction = option(converter=ExactNumberKind("FPS"), default=FPS, help="Frames per second of the videos [Hz].")
     speed: Fraction = option(
         converter=ExactNumberKind("FACTOR"), default=1, help="Simulated seconds per second of video."
     )

@@ -34,10 +34,10 @@ def _tables() -> Iterable[str]:
 
 
 def _videos() -> Iterable[str]:
-    """Returns the containers, except separate image files and raw pixels, which help describes separately."""
+    """Returns the containers of videos in one file; help describes the others separately."""
     from mjrun.formats import codecs
 
-    return [name for name, known in codecs.CONTAINERS.items() if known.muxer not in ("image2", "rawvideo")]
+    return [name for name, known in codecs.CONTAINERS.items() if known.demuxers]
 
 
 def _codecs() -> Iterable[str]:

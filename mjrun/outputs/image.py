@@ -12,11 +12,12 @@ import numpy as np
 from mjrun.camera.script import ConditionEvent
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, clean, option
+from mjrun.formats import codecs
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.camera_images import CameraImages
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
@@ -39,7 +40,6 @@ from mjrun.timeline import Timeline, nearest
 
 POINTCLOUD_VIEWS = ("rgb", "depth")  # the views that a point cloud is made from
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".webp")  # of formats that hold colours only
-VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 
 
 @options
@@ -222,7 +222,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             software=backend.software,
         )
 
-    def _pictures(self, compositor: SceneCompositor, state: np.ndarray) -> list[RenderedView]:
+    def _pictures(self, compositor: SceneCompositor, state: np.ndarray) -> list[CameraImages]:
         """Renders the view of each camera."""
         views = self._request.view
         try:
@@ -233,7 +233,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
         finally:
             compositor.close()
 
-    def _write(self, index: int, compositor: SceneCompositor, pictures: Sequence[RenderedView]) -> None:
+    def _write(self, index: int, compositor: SceneCompositor, pictures: Sequence[CameraImages]) -> None:
         """Writes the file with this index."""
         file, writer = self._request.formatted_files[index], self._writers[index]
         picture = pictures[file.panels[0].camera]
@@ -249,15 +249,14 @@ class OpenImage(output.OpenOutput[ImageResult]):
 
 def _image_file(request: Image, file: VideoOrImageFile) -> FormattedImageFile:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
-    if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
+    suffix = Path(file.path).suffix.lower()
+    if suffix in codecs.FILES and suffix not in COLOUR_SUFFIXES:  # a WebP may be an image
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
     if len(file.panels) > 1 and request.style == "exact":
         exact_style = f"{option('style')} exact"
         raise UsageError(f"{exact_style}: numbers cannot share an image; {option('separate')} writes a file for each")
     alone = len(file.panels) == 1 and file.panels[0].view != "rgb"
-    exact = alone and (
-        request.style == "exact" or (request.style is None and Path(file.path).suffix.lower() not in COLOUR_SUFFIXES)
-    )
+    exact = alone and (request.style == "exact" or (request.style is None and suffix not in COLOUR_SUFFIXES))
     view = file.panels[0].view if exact else "rgb"
     hint = f"{option('style')} color renders colours instead" if exact else ""
     return FormattedImageFile(
