@@ -28,9 +28,9 @@ def main() -> None:
 
     open_standard_streams()
     if system.CAN_FORK:
-        from mjrun.cli.crash_monitor import continue_in_watched_child
+        from mjrun.cli.crash_monitor import continue_in_monitored_child
 
-        continue_in_watched_child()
+        continue_in_monitored_child()
     gc.disable()  # until the command begins: modules are not garbage
     atexit.register(_leave)  # the first to be registered is the last to be called
     from mjrun.cli.main import run

@@ -25,7 +25,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError
 from mjrun.interruption import uninterrupted
 from mjrun.platform import system
-from mjrun.shared_status import note_child, note_end_of_child, write_on
+from mjrun.shared_status import note_child, note_end_of_child, record_status_in
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line gives the reason
@@ -315,7 +315,7 @@ def _continue_in_fork(
 ) -> NoReturn:
     """Calls a function in a process that was just forked, with nothing of its parent but modules."""
     try:
-        write_on(None)
+        record_status_in(None)
         for number in system.SIGNALS:
             signal.signal(number, signal.SIG_DFL)
         for descriptor in [int(path.name) for path in Path("/proc/self/fd").iterdir()]:

@@ -18,10 +18,10 @@ from typing import Any, Literal, cast, get_args
 
 from mjrun.platform import system
 
-SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
+SIZE = 2**19  # bytes of either copy of the status; the system provides only those that are used
 MARKS = 8  # bytes before them
 CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED, MADE = range(6)  # which copy is valid, and properties of the process
-MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a notice that is read
+MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a status that is read
 PATIENCE = 60.0  # [s] to wait for that
 
 Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
@@ -113,11 +113,11 @@ class ProcessActivityMemory:
         self.memory = mmap.mmap(-1, MARKS + 2 * SIZE)
         self.reader = os.getpid()
 
-    def write(self, notice: ProcessStatus) -> None:
+    def write(self, status: ProcessStatus) -> None:
         """Replaces the status; if the process dies meanwhile, either the old or the new status remains."""
         import json
 
-        text = json.dumps(notice.document()).encode()
+        text = json.dumps(status.document()).encode()
         if len(text) >= SIZE:
             return
         other = 1 - self.memory[CURRENT]
@@ -136,58 +136,58 @@ class ProcessActivityMemory:
         return ProcessStatus()
 
 
-_board: ProcessActivityMemory | None = None
-_notice, _lock = ProcessStatus(), threading.Lock()
+_memory: ProcessActivityMemory | None = None
+_status, _lock = ProcessStatus(), threading.Lock()
 
 
-def write_on(board: ProcessActivityMemory | None) -> None:
-    """Makes this process write its status to `board` from now on."""
-    global _board, _notice
-    _board, _notice = board, ProcessStatus()
+def record_status_in(memory: ProcessActivityMemory | None) -> None:
+    """Makes this process write its status to `memory` from now on."""
+    global _memory, _status
+    _memory, _status = memory, ProcessStatus()
 
 
 @contextmanager
 def doing(activity: Activity, model: Path | str = "") -> Generator[None]:
     """Records an action on a model, by default the last one, for the `with` block."""
-    before = _notice.activity
-    with _noting() as notice:
-        notice.activity, notice.model = activity, str(model) or notice.model
+    before = _status.activity
+    with _changed_status() as status:
+        status.activity, status.model = activity, str(model) or status.model
     try:
         yield
     finally:
-        with _noting() as notice:
-            notice.activity = before
+        with _changed_status() as status:
+            status.activity = before
 
 
 def note_folder(folder: Path) -> None:
     """Records that outputs are written in `folder` under temporary names."""
     path = os.path.abspath(folder)  # noqa: PTH100 – links are not followed
-    if path not in _notice.folders:
-        with _noting() as notice:
-            notice.folders.append(path)
+    if path not in _status.folders:
+        with _changed_status() as status:
+            status.folders.append(path)
 
 
 def note_made_folder(folder: Path) -> None:
     """Records that `folder` was created for outputs, to be removed if it stays empty."""
     path = str(folder)
-    if path not in _notice.made:
-        with _noting() as notice:
-            notice.made.append(path)
-        if _board:
-            _board.has_made_folders = True
+    if path not in _status.made:
+        with _changed_status() as status:
+            status.made.append(path)
+        if _memory:
+            _memory.has_made_folders = True
 
 
 def note_child(pid: int) -> None:
     """Records that a process was started."""
-    with _noting() as notice:
-        notice.children.append(pid)
+    with _changed_status() as status:
+        status.children.append(pid)
 
 
 def note_end_of_child(pid: int) -> None:
     """Records that a process has ended."""
-    with _noting() as notice:
-        if pid in notice.children:
-            notice.children.remove(pid)
+    with _changed_status() as status:
+        if pid in status.children:
+            status.children.remove(pid)
 
 
 def make_promise(promise: ConfinementPromise) -> None:
@@ -196,46 +196,46 @@ def make_promise(promise: ConfinementPromise) -> None:
     Raises:
       OSError: the reader does not respond.
     """
-    assert _board
-    with _noting() as notice:
-        notice.promise = promise
+    assert _memory
+    with _changed_status() as status:
+        status.promise = promise
     deadline = time.monotonic() + PATIENCE
-    if os.getppid() == _board.reader:
-        system.send_promise(_board.reader)
-    while not _board.believed:
-        if os.getppid() != _board.reader or time.monotonic() > deadline:
+    if os.getppid() == _memory.reader:
+        system.send_promise(_memory.reader)
+    while not _memory.believed:
+        if os.getppid() != _memory.reader or time.monotonic() > deadline:
             raise OSError("the monitoring process does not respond")
         time.sleep(0.0005)
 
 
-def is_watched() -> bool:
+def is_monitored() -> bool:
     """Returns whether another process reads the status of this one after its death."""
-    return _board is not None
+    return _memory is not None
 
 
 def note_heard() -> None:
     """Records that this process has received a signal to end."""
-    if _board:
-        _board.heard = True
+    if _memory:
+        _memory.heard = True
 
 
 def note_answered() -> None:
     """Records that this process prints its JSON document."""
-    if _board:
-        _board.answered = True
+    if _memory:
+        _memory.answered = True
 
 
 @contextmanager
 def completing() -> Generator[None]:
     """Records that the `with` block must be completed even if the process is to end; blocks may be nested."""
-    if _board is None:
+    if _memory is None:
         yield
         return
-    before, _board.completing = _board.completing, True
+    before, _memory.completing = _memory.completing, True
     try:
         yield
     finally:
-        _board.completing = before
+        _memory.completing = before
 
 
 def _parsed(values: dict[str, Any]) -> ProcessStatus:
@@ -253,8 +253,8 @@ def _parsed(values: dict[str, Any]) -> ProcessStatus:
 
 
 @contextmanager
-def _noting() -> Generator[ProcessStatus]:
+def _changed_status() -> Generator[ProcessStatus]:
     with _lock:
-        yield _notice
-        if _board:
-            _board.write(_notice)
+        yield _status
+        if _memory:
+            _memory.write(_status)

@@ -17,10 +17,10 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
+from mjrun.model.camera_images import CameraImages
 from mjrun.model.compilation import lengthen_buffers, load_confined
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
-from mjrun.model.rendered_view import RenderedView
 from mjrun.model.source import ModelSource
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import panel_files
@@ -91,7 +91,7 @@ class TimedClassicRenderer(ClassicRenderer):
         with self.watch.part(UPDATE):
             super().set_state(state, index)
 
-    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> CameraImages:
         with self.watch.part(READ):
             return super().render(pose, views)
 
@@ -105,7 +105,7 @@ class TimedClassicRenderer(ClassicRenderer):
             mujoco.mjr_finish()
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
 
-    def _exact(self, seen: RenderedView, pose: CameraPose, views: Sequence[str]) -> RenderedView:
+    def _exact(self, seen: CameraImages, pose: CameraPose, views: Sequence[str]) -> CameraImages:
         if self._buffer is None:
             self._buffer = _TimedBuffer(self.size, self.watch)
         return super()._exact(seen, pose, views)
@@ -151,7 +151,7 @@ class TimedFilamentRenderer(FilamentRenderer):
         with self.watch.part(UPDATE):
             super().set_state(state, index)
 
-    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> CameraImages:
         with self.watch.part(DRAW):
             return super().render(pose, views)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.camera_images import CameraCalibration
 
 EMPTY_FRUSTUM = (
     "its field of view or near plane is 0 or not a number\n"

@@ -1,6 +1,6 @@
 """Commands made from declared options: click parameters, help by section, and typed values.
 
-click calls `SectionedCommand.invoke`, which calls the function that `command` has decorated.
+click calls `DeclaredCommand.invoke`, which calls the function that `command` has decorated.
 """
 
 import faulthandler
@@ -155,7 +155,7 @@ class CommandDeclaration:
     is_endless: bool = False
 
 
-class SectionedCommand(click.Command):
+class DeclaredCommand(click.Command):
     """A command whose help shows its options by section."""
 
     context_class = HelpContext
@@ -319,9 +319,9 @@ def command(
     name: str = "",
     arguments: Sequence[click.Argument] = (),
     without: Sequence[str] = (),
-    cls: type[SectionedCommand] = SectionedCommand,
+    cls: type[DeclaredCommand] = DeclaredCommand,
     **facts: Any,
-) -> Callable[[Body], SectionedCommand]:
+) -> Callable[[Body], DeclaredCommand]:
     """Turns a function of a console and a command line into a command with the options of `classes`.
 
     Args:
@@ -331,7 +331,7 @@ def command(
       facts: further attributes of its `CommandDeclaration`.
     """
 
-    def decorate(body: Body) -> SectionedCommand:
+    def decorate(body: Body) -> DeclaredCommand:
         declared = {each.name: each for cls in (*classes, ConsoleOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]

@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.platform.posix import PROMISE, SIGNALS
-from mjrun.shared_status import ConfinementPromise, ProcessActivityMemory, ProcessStatus, write_on
+from mjrun.shared_status import ConfinementPromise, ProcessActivityMemory, ProcessStatus, record_status_in
 
 if TYPE_CHECKING:
     from mjrun.errors import FailureReport
 
-HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent; `SIGNALS` are forwarded
+HANDLED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent; `SIGNALS` are forwarded
 GRACE = 0.5  # [s] for the child to respond to a signal before it is killed
 LIMIT = 0.9  # [s] for it to end afterwards, unless it is completing an output
 STARVED = 10.0  # [s] added to both, at most, while the child waits for a core of a busy machine
@@ -64,14 +64,14 @@ ADVICE = {
 SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clears the line, as a progress bar does at its end
 
 
-def continue_in_watched_child() -> None:
+def continue_in_monitored_child() -> None:
     """Continues in a child process; the parent waits for its end, reports a crash, and exits with the same code.
 
     Signals of `SIGNALS` are blocked in the child until `system.release_signals` is called, unless they are ignored.
     """
     passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    board, (theirs, ours) = ProcessActivityMemory(), os.pipe()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, *HEEDED])
+    memory, (theirs, ours) = ProcessActivityMemory(), os.pipe()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, *HANDLED])
     try:
         child = os.fork()
     except OSError:  # no more processes are allowed
@@ -79,12 +79,12 @@ def continue_in_watched_child() -> None:
         return
     if child:
         os.close(theirs)
-        os._exit(_Watcher(child, board, passed_on).exit_code())
+        os._exit(_Monitor(child, memory, passed_on).exit_code())
 
     os.close(ours)
     _end_with_parent(theirs)
     signal.pthread_sigmask(signal.SIG_SETMASK, [*before, *passed_on])
-    write_on(board)
+    record_status_in(memory)
 
 
 def _end_with_parent(pipe: int) -> None:
@@ -95,11 +95,11 @@ def _end_with_parent(pipe: int) -> None:
         fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
 
 
-class _Watcher:
-    """A watcher that waits for a child process."""
+class _Monitor:
+    """A monitor that waits for a child process, passes signals on to it, and clears away what it leaves."""
 
-    def __init__(self, child: int, board: ProcessActivityMemory, passed_on: list[signal.Signals]) -> None:
-        self._child, self._board, self._passed_on = child, board, passed_on
+    def __init__(self, child: int, memory: ProcessActivityMemory, passed_on: list[signal.Signals]) -> None:
+        self._child, self._memory, self._passed_on = child, memory, passed_on
         self._promise: ConfinementPromise | None = None
         self._temporary: os.stat_result | None = None  # the folder of the promise
         self._made = list[str]()  # folders of outputs that were made before it
@@ -113,31 +113,31 @@ class _Watcher:
         """Returns the exit code of the child once it has ended; reports an abnormal end."""
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if it is ignored, no signal arrives
         while True:
-            ended, status = os.waitpid(self._child, os.WNOHANG)
+            ended, wait_status = os.waitpid(self._child, os.WNOHANG)
             if ended:
                 break
-            self._heed(signal.sigwait([*self._passed_on, *HEEDED]))
+            self._handle_signal(signal.sigwait([*self._passed_on, *HANDLED]))
 
-        code = os.waitstatus_to_exitcode(status)
+        code = os.waitstatus_to_exitcode(wait_status)
         if self._promise:
             kill_descendants()
-        elif code >= 0 and self._ending is None and not self._board.has_made_folders:
+        elif code >= 0 and self._ending is None and not self._memory.has_made_folders:
             return code  # without the import of json, which reads the status
-        notice = self._notice()
-        if code < 0 or (self._ending is not None and _has_left_something(notice)):
-            _clear_away(notice)
+        status = self._read_status()
+        if code < 0 or (self._ending is not None and _has_left_something(status)):
+            _clear_away(status)
         if self._promise:
             self._remove_temporary(self._promise)
-        for folder in sorted(notice.made, reverse=True):  # the innermost first
+        for folder in sorted(status.made, reverse=True):  # the innermost first
             with suppress(OSError):  # outputs were published in it
                 Path(folder).rmdir()
         if code >= 0:
             return code
-        failure = self._explain(code, notice)
-        _report(failure, is_answered=self._board.answered)
+        failure = self._explain(code, status)
+        _report(failure, is_answered=self._memory.answered)
         return failure.exit_code
 
-    def _heed(self, number: int) -> None:
+    def _handle_signal(self, number: int) -> None:
         if number in self._passed_on:
             if self._ending is None:
                 self._ending = signal.Signals(number)
@@ -147,7 +147,7 @@ class _Watcher:
                     self._patience = time.monotonic() + COMPLETION
             os.kill(self._child, number)
         elif number == PROMISE:
-            self._believe()
+            self._record_promise()
         elif number != signal.SIGALRM:
             return
         elif self._ending is None:
@@ -155,8 +155,8 @@ class _Watcher:
             os.kill(self._child, signal.SIGKILL)
         elif self._is_starved:
             signal.setitimer(signal.ITIMER_REAL, GRACE)
-        elif not self._board.heard or (self._is_late and not self._is_completing):
-            for pid in self._notice().children:
+        elif not self._memory.heard or (self._is_late and not self._is_completing):
+            for pid in self._read_status().children:
                 _kill(pid)
             os.kill(self._child, signal.SIGKILL)
         else:
@@ -165,7 +165,7 @@ class _Watcher:
 
     @property
     def _is_completing(self) -> bool:
-        return self._board.completing and time.monotonic() < self._patience
+        return self._memory.completing and time.monotonic() < self._patience
 
     @property
     def _is_starved(self) -> bool:
@@ -174,28 +174,28 @@ class _Watcher:
         is_early = time.monotonic() < since + STARVED
         return is_early and _is_runnable(self._child) and _computed(self._child) < computed + SHARE
 
-    def _believe(self) -> None:
+    def _record_promise(self) -> None:
         """Records the promise of the child, once."""
-        notice = self._board.read()
-        promise = notice.promise
+        status = self._memory.read()
+        promise = status.promise
         if self._promise or promise is None:
             return
-        self._promise, self._temporary, self._made = promise, os.lstat(promise.temporary), notice.made
+        self._promise, self._temporary, self._made = promise, os.lstat(promise.temporary), status.made
         adopt_descendants()
         if promise.seconds < math.inf and self._ending is None:
             signal.setitimer(signal.ITIMER_REAL, promise.seconds)
-        self._board.believed = True
+        self._memory.believed = True
 
-    def _notice(self) -> ProcessStatus:
+    def _read_status(self) -> ProcessStatus:
         """Returns the status in shared memory, as far as trusted."""
-        notice = self._board.read()
+        status = self._memory.read()
         if self._promise:
             written = {Path(folder) for folder in self._promise.written}
-            notice.folders = [str(place) for place in _inside(written, notice.folders)]
-            made = [str(place) for place in _inside(written, notice.made) if place not in written]
-            notice.made = [*self._made, *made]
-            notice.children = []
-        return notice
+            status.folders = [str(place) for place in _inside(written, status.folders)]
+            made = [str(place) for place in _inside(written, status.made) if place not in written]
+            status.made = [*self._made, *made]
+            status.children = []
+        return status
 
     def _remove_temporary(self, promise: ConfinementPromise) -> None:
         """Removes the temporary folder, if it is still the one that was created."""
@@ -205,7 +205,7 @@ class _Watcher:
             if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
                 shutil.rmtree(promise.temporary, ignore_errors=True)
 
-    def _explain(self, code: int, notice: ProcessStatus) -> "FailureReport":
+    def _explain(self, code: int, status: ProcessStatus) -> "FailureReport":
         """Explains why a child with this exit code was killed."""
         from mjrun.errors import FailureReport
 
@@ -213,7 +213,7 @@ class _Watcher:
             return FailureReport("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
         if self._ending is not None:
             return FailureReport("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
-        return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
+        return _explain_death(signal.SIGALRM if self._has_expired else -code, status, limited=self._promise is not None)
 
 
 def _status_fields(pid: int) -> list[str]:
@@ -241,7 +241,7 @@ def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:
     return {place for place in places if any(place.is_relative_to(folder) for folder in folders)}
 
 
-def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "FailureReport":
+def _explain_death(killer: int, status: ProcessStatus, *, limited: bool) -> "FailureReport":
     """Explains why a process was killed, other than by a requested end.
 
     Args:
@@ -251,42 +251,42 @@ def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "FailureR
     from mjrun.errors import FailureReport, OutOfMemoryError, clean, flag, option, spelled
 
     name = ExitStatus(-killer).signal
-    during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
+    during = f" while {status.activity} {clean(status.model)}" if status.activity else ""
     if killer == signal.SIGKILL:
         reason = f"the process was killed{during}, which the system does when memory runs out"
         return FailureReport.of(OutOfMemoryError(reason))
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
         message = f"ended{during}: {reason} its limit allows ({name})\n{option('limit')} {limit}=… allows more"
-        return FailureReport("LimitExceeded", spelled(message, flag), EXIT_CODES.get(notice.activity, EXCEEDED))
+        return FailureReport("LimitExceeded", spelled(message, flag), EXIT_CODES.get(status.activity, EXCEEDED))
     if killer not in CRASHES:
         return FailureReport("TerminatedError", f"ended by {name}{during}", 128 + killer)
 
-    who = "MuJoCo" if notice.activity else "mjrun, or a library that it uses,"
-    advice = ADVICE[notice.activity].format(model=clean(shlex.quote(notice.model)))
+    who = "MuJoCo" if status.activity else "mjrun, or a library that it uses,"
+    advice = ADVICE[status.activity].format(model=clean(shlex.quote(status.model)))
     message = f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}"
-    return FailureReport("Crash", message, EXIT_CODES.get(notice.activity, BUG))
+    return FailureReport("Crash", message, EXIT_CODES.get(status.activity, BUG))
 
 
-def _has_left_something(notice: ProcessStatus) -> bool:
+def _has_left_something(status: ProcessStatus) -> bool:
     """Returns whether a process that ended by itself could not clean up completely."""
     from mjrun.formats.temporary_output import NAME
 
     with suppress(OSError):
-        return bool(notice.children) or any(
-            NAME.fullmatch(path.name) for folder in notice.folders for path in Path(folder).iterdir()
+        return bool(status.children) or any(
+            NAME.fullmatch(path.name) for folder in status.folders for path in Path(folder).iterdir()
         )
     return False
 
 
-def _clear_away(notice: ProcessStatus) -> None:
+def _clear_away(status: ProcessStatus) -> None:
     """Kills the children of a dead process, and removes its unfinished outputs."""
     from mjrun.formats.destinations import remove_left_behind
     from mjrun.formats.temporary_output import NAME
 
-    for pid in notice.children:
+    for pid in status.children:
         _kill(pid)
-    for folder in map(Path, notice.folders):
+    for folder in map(Path, status.folders):
         deadline = time.monotonic() + LINGER
         with suppress(OSError):
             remove_left_behind(folder)

@@ -35,7 +35,7 @@ from mjrun.suffixes import MODELS, is_yaml
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.cli.click_command import SectionedCommand
+    from mjrun.cli.click_command import DeclaredCommand
 
 NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
 BUG = 70  # the exit code
@@ -80,7 +80,7 @@ def command_summary(name: str) -> str:
         return file.readline().strip().strip('"')
 
 
-def load_command(name: str) -> "SectionedCommand":
+def load_command(name: str) -> "DeclaredCommand":
     """Imports and returns a command."""
     return getattr(import_module(f"mjrun.cli.commands.{name}"), name)
 
@@ -166,7 +166,7 @@ def _invoke(console: Console, arguments: Sequence[str]) -> int:
     system.release_signals()
     # Not `group.main`, which would turn Ctrl-C and a closed pipe into exit code 1.
     with group.make_context("mjrun", list(arguments), obj=console) as ctx:
-        group.invoke(ctx)  # imports the command, and calls SectionedCommand.invoke, which calls its function
+        group.invoke(ctx)  # imports the command, and calls DeclaredCommand.invoke, which calls its function
     return console.code
 
 

@@ -78,7 +78,10 @@ def import_mujoco() -> None:
 
 
 def try_backend_early(command_line: ParsedCommandLine) -> None:
-    """Tries the first OpenGL backend while this process imports MuJoCo, if a copy of it can do so."""
+    """Tries the first OpenGL backend while this process imports MuJoCo, if a copy of it can do so.
+
+    The first `BackendDetector` takes the trial over, by the environment, which `import_mujoco` restores for that.
+    """
     from mjrun.child_process import may_fork
     from mjrun.rendering.backend import start_early
 

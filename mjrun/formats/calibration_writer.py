@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, listing, option
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.output_writer import OutputWriter
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.camera_images import CameraCalibration
 
 CENTER = 0.5  # centre of the first pixel
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # x right, y up, z backward

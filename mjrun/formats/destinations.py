@@ -183,7 +183,7 @@ def exchange(one: Path, other: Path) -> bool:
 class Destination:
     """A place where an output is written, and from which it moves to its final place.
 
-    It is a StagedFile, a StagedFrameFolder or StagedFrames of images, or StandardOutput.
+    It is a StagedFile, a StagedFrameFolder or StagedFramePattern of images, or StandardOutput.
 
     Attributes:
       path: path to write to.
@@ -332,7 +332,7 @@ class StagedFrameFolder(_Staged):
         return (self._temporary.path / OLD).exists() and not self._target.exists()
 
 
-class StagedFrames(_Staged):
+class StagedFramePattern(_Staged):
     """Frames named by a pattern such as `frame_%04d.png`. Other files with matching names are left alone.
 
     If a process was killed while it renamed its frames, the rest are renamed first.

@@ -12,7 +12,7 @@ from mjrun.formats.image_encoding import ImageData, check_segment_count, clipped
 from mjrun.formats.image_format import FORMATS
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.segmentation_labels import CocoDocument, LabelsWriter
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 
 # Pixels of each view: their shape after height and width, and their type.
 PIXELS = {"rgb": ((3,), np.uint8), "depth": ((), np.float32), "seg": ((), np.int32)}

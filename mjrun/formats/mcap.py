@@ -29,8 +29,8 @@ from mcap.writer import Writer  # pyright: ignore[reportMissingImports]
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.formats.calibration_writer import centered_matrix
+from mjrun.model.camera_images import CameraCalibration
 from mjrun.model.names import distinct
-from mjrun.model.rendered_view import CameraCalibration
 from mjrun.model.table_column import Column
 from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
 from mjrun.version import __version__

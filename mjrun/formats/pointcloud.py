@@ -8,7 +8,7 @@ import numpy as np
 from mjrun.errors import UsageError, clean
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.output_writer import OutputWriter
-from mjrun.model.rendered_view import RenderedView, SegmentedObject
+from mjrun.model.camera_images import CameraImages, SegmentedObject
 
 SUFFIX = ".ply"
 TYPES = {"<f4": "float", "u1": "uchar", "<i4": "int"}
@@ -43,7 +43,7 @@ class PointCloudWriter(OutputWriter):
             self._file = self.open_file()
             self._file.write(self._header())
 
-    def write(self, view: RenderedView) -> None:
+    def write(self, view: CameraImages) -> None:
         """Adds the points of an image with depth and colours, and with ids if points are labelled.
 
         Raises:
@@ -61,7 +61,7 @@ class PointCloudWriter(OutputWriter):
             self._file.close()
         super().finish()
 
-    def _points(self, view: RenderedView) -> np.ndarray:
+    def _points(self, view: CameraImages) -> np.ndarray:
         """Returns the points as a structured array `(n,)`, row by row."""
         depth, rgb, ids = view.depth, view.rgb, view.ids
         labelled = LABEL[0] in self._fields

@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.output_writer import OutputWriter
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 
 INFO = {"description": "segmentation by mjrun", "contributor": "mjrun"}
 

@@ -19,7 +19,7 @@ from mjrun.formats.destinations import (
     Destination,
     StagedFile,
     StagedFrameFolder,
-    StagedFrames,
+    StagedFramePattern,
     StandardOutput,
     no_space,
 )
@@ -278,4 +278,4 @@ def _destination(output: str | None, encoding: VideoEncoding) -> Destination:
         raise UsageError(
             f"{clean(output)}: PNG frames need a number in their name, as in frame_%04d.png, or a folder, as in frames/"
         )
-    return StagedFrames(Path(output))
+    return StagedFramePattern(Path(output))

@@ -33,7 +33,7 @@ MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")
 STOPPING = ("dry_run", "print_document", "plan", "task", "collect", "status", "gc")  # each replaces the run
-SAMPLERS = {
+SAMPLER_DESCRIPTIONS = {
     "sobol": "a scrambled Sobol sequence, which keeps its points when samples are added",
     "halton": "a scrambled Halton sequence, which keeps its points, too, for any number of samples",
     "lhs": "a Latin hypercube",
@@ -169,9 +169,9 @@ class VariationOptions(Options):
         "groups of points.",
     )
     sampler: str = option(
-        converter=ChoiceKind(tuple(SAMPLERS)),
+        converter=ChoiceKind(tuple(SAMPLER_DESCRIPTIONS)),
         default="sobol",
-        help="Sampling method: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
+        help="Sampling method: " + "; ".join(f"{name}, {how}" for name, how in SAMPLER_DESCRIPTIONS.items()) + ".",
     )
     correlate: tuple[tuple[str, str], ...] = option(
         converter=SettingsKind("NAME,NAME=R", "mass,friction=0.7"),

@@ -45,10 +45,10 @@ class VideoOrImageFile:
         Args:
           legend: whether coloured segmentations list what is in view.
         """
-        style = FrameComposition(
+        composition = FrameComposition(
             options.layout, options.captions, legend, TextAndLivePlots() if self.exact else overlay
         )
-        return FrameStream(self.panels, options.size, style, self.exact)
+        return FrameStream(self.panels, options.size, composition, self.exact)
 
 
 def camera_names(options: ViewOptions) -> list[str]:

@@ -28,7 +28,7 @@ from mjrun.outputs.exports import FORMATS, ExportFormat, export_format
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import (
     RecordedScene,
-    RenderedOutputRequest,
+    SceneOutputRequest,
     ScenePlan,
     check_scene,
     open_states,
@@ -57,7 +57,7 @@ BLOCK = 64  # frames whose contacts are converted at once
 
 
 @options
-class Export(ExportOptions, RenderedOutputRequest["ExportResult"]):
+class Export(ExportOptions, SceneOutputRequest["ExportResult"]):
     """An export of a simulation: its options are keywords."""
 
     def __post_init__(self) -> None:

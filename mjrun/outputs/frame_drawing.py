@@ -21,7 +21,7 @@ from mjrun.outputs.frame_schedule import FrameSchedule
 from mjrun.outputs.output import OutputResult, PassContext, R_co, RenderingResources
 from mjrun.outputs.recorded_scene import (
     RecordedScene,
-    RenderedOutputRequest,
+    SceneOutputRequest,
     ScenePlan,
     SceneStates,
     check_once,
@@ -223,7 +223,7 @@ def empty_overlay(
 
 
 @options
-class VideoOrImageRequest(ViewOptions, RenderedOutputRequest[R_co]):
+class VideoOrImageRequest(ViewOptions, SceneOutputRequest[R_co]):
     """A requested video or image."""
 
     def __post_init__(self) -> None:
@@ -313,7 +313,7 @@ class OpenFrames:
     states: SceneStates
     values: list[FrameValues]
     backend: WorkingBackend
-    processes: "DrawingProcesses"
+    processes: "DrawingJobs"
 
     @property
     def facts(self) -> dict[str, object]:
@@ -358,12 +358,12 @@ def open_frames(
     """
     context = plan.scene.context
     states = open_states(plan.scene, stack)
-    processes = DrawingProcesses(plan.request, jobs, backends, context.reporter)
+    processes = DrawingJobs(plan.request, jobs, backends, context.reporter)
     if schedule and lacks_gpu():
-        processes.start(len(schedule.steps), software=True)  # while the backend is being detected
+        processes.start_if_worthwhile(len(schedule.steps), software=True)  # while the backend is being detected
     backend = backends.backend(plan.request)
     if schedule:
-        processes.start(len(schedule.steps), software=backend.software)
+        processes.start_if_worthwhile(len(schedule.steps), software=backend.software)
     for text in _drawing_warnings(plan, files, backend):
         context.reporter.warn(text)
     return OpenFrames(plan, schedule, files, states, [], backend, processes)
@@ -449,7 +449,7 @@ def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: WorkingB
     return omissions(model, visual_of(options))
 
 
-class DrawingProcesses:
+class DrawingJobs:
     """The processes that draw the frames of one output.
 
     If the number of frames alone justifies several, they start before anything is ready to render. Otherwise this
@@ -474,7 +474,7 @@ class DrawingProcesses:
         self.others: CompositorProcesses | None = None
         self.count = 1
 
-    def start(self, frames: int, *, software: bool, cost: float | None = None) -> None:
+    def start_if_worthwhile(self, frames: int, *, software: bool, cost: float | None = None) -> None:
         """Starts as many processes as pay off for this number of frames, unless some are already running.
 
         Args:
@@ -525,7 +525,7 @@ class FrameDrawer:
         self._drawn_by_others: Iterator[np.ndarray] = iter(())
         self._is_reported = not frames.backend.software  # the cost of a frame
         _choose_depth_colours(compositor, scene.states)
-        self._processes.start(len(scene.states), software=frames.backend.software)
+        self._processes.start_if_worthwhile(len(scene.states), software=frames.backend.software)
 
     def draw(self) -> Sequence[np.ndarray]:
         """Draws the next frame, and returns its pixels in each file, which are valid until the next one is drawn.
@@ -554,7 +554,7 @@ class FrameDrawer:
             self._compositor.compose(self._states[self._drawn], self._drawn, self._frame)
         if self._drawn + 1 == TRIED and self._backend.software:
             costs = self._compositor.costs()
-            self._processes.start(len(self._states) - TRIED, software=True, cost=costs.frame)
+            self._processes.start_if_worthwhile(len(self._states) - TRIED, software=True, cost=costs.frame)
             self._report(costs, alone=True)
         return self._frame
 

@@ -14,9 +14,9 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import SegmentMask, regions
+from mjrun.model.camera_images import CameraCalibration, CameraImages
 from mjrun.model.flex_and_skin_bodies import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
-from mjrun.model.rendered_view import CameraCalibration, RenderedView
 from mjrun.model.stage import FLOOR, GROUND
 from mjrun.options.image_dataset import LabelledImageOptions
 from mjrun.options.rendering import ViewOptions
@@ -309,7 +309,7 @@ class LabelledImageRenderer:
         return self._renderer
 
     def _views(
-        self, renderer: ClassicRenderer, pose: CameraPose, scene: "_Objects", seen: RenderedView, ids: np.ndarray
+        self, renderer: ClassicRenderer, pose: CameraPose, scene: "_Objects", seen: CameraImages, ids: np.ndarray
     ) -> list[ObjectAnnotation]:
         found = {region.id: region for region in regions(ids)}
         masks = self._masks(renderer, pose, scene, seen.calibration)
@@ -474,7 +474,7 @@ def _overlap(place: np.ndarray, other: np.ndarray) -> bool:
     return bool((place[:2] < other[2:]).all() and (other[:2] < place[2:]).all())
 
 
-def _mask(seen: RenderedView) -> np.ndarray:
+def _mask(seen: CameraImages) -> np.ndarray:
     assert seen.ids is not None
     mask: np.ndarray = seen.ids >= 0
     return mask
@@ -505,7 +505,7 @@ def _widened(frustum: Frustum, scale: float) -> Frustum:
     return replace(frustum, bottom=middle - scale * half, top=middle + scale * half, width=frustum.width * scale)
 
 
-def _keypoints(points: np.ndarray, seen: RenderedView, own: np.ndarray) -> np.ndarray:
+def _keypoints(points: np.ndarray, seen: CameraImages, own: np.ndarray) -> np.ndarray:
     """Projects keypoints; one is visible where its object is, or where nothing is nearer."""
     assert seen.depth is not None
     camera = seen.calibration

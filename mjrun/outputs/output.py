@@ -10,7 +10,7 @@ The pass in `perform` calls, in this order:
   for videos and images are these options themselves), and then `plan` with the compiled model;
 - of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
 - in the simulation, the `taps` of each output, or `simulate` of a single one that reads blocks of steps; outputs that
-  wait for events first `schedule` their taps;
+  wait for events first `choose_taps`;
 - of each output, `finish`, which draws what the taps recorded, ends the encoders, and returns the finished output.
 """
 

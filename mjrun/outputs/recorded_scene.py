@@ -36,7 +36,7 @@ from mjrun.timeline import Timeline
 
 
 @options
-class RenderedOutputRequest(SceneOptions, OutputRequest[R_co]):
+class SceneOutputRequest(SceneOptions, OutputRequest[R_co]):
     """A requested output that shows the scene at the instants of frames."""
 
     @property
@@ -108,7 +108,7 @@ class ScenePlan:
 
 
 def plan_scene(
-    request: RenderedOutputRequest[OutputResult],
+    request: SceneOutputRequest[OutputResult],
     context: PassContext,
     cameras: Sequence[object],
     *,

@@ -125,11 +125,11 @@ class _Examination:
         return not reaches_all and _Run(self, function, owner, code.co_varnames[index]).follows()
 
 
-class _Data:
+class _DataOnStack:
     """`data` on the stack of a function."""
 
 
-class _View(_Data):
+class _View(_DataOnStack):
     """A method of `data` on the stack, or the object that it returns: `data.body`, `data.body("hand")`."""
 
     def __init__(self, prefix: str) -> None:
@@ -139,15 +139,15 @@ class _View(_Data):
 class _Run:
     """The instructions of a function, followed one by one while `data` is on the stack.
 
-    The stack has a `_Data` for `data`, a `_Path` to what can be looked up, and None for any other value. Values below
-    the first are not known.
+    The stack has a `_DataOnStack` for `data`, a `_Path` to what can be looked up, and None for any other value. Values
+    below the first are not known.
     """
 
     def __init__(self, examination: _Examination, function: FunctionType, owner: object, variable: str) -> None:
         self._examination, self._variable = examination, variable
         self._code, self._globals, self._owner = function.__code__, function.__globals__, owner
         self._constant = {variable} if owner is None else {variable, function.__code__.co_varnames[0]}
-        self._stack: list[_Data | _Path | None] = []
+        self._stack: list[_DataOnStack | _Path | None] = []
 
     def follows(self) -> bool:
         """Returns whether all uses of `data` are known."""
@@ -162,7 +162,7 @@ class _Run:
         effect = dis.stack_effect(instruction.opcode, instruction.arg, jump=False)
         variables = _local_variables(instruction)
         if name == "STORE_FAST_LOAD_FAST":
-            is_known = not isinstance(self._pop(), _Data)
+            is_known = not isinstance(self._pop(), _DataOnStack)
             stack.append(self._local(variables[1]))
             return is_known and variables[0] not in self._constant
         if name.startswith("LOAD_FAST"):
@@ -178,13 +178,13 @@ class _Run:
             return True
         if name == "STORE_ATTR":
             self._attribute(self._pop(), argument)
-            return not isinstance(self._pop(), _Data)
+            return not isinstance(self._pop(), _DataOnStack)
         if name == "CALL":
             return self._call(argument)
         if name in OPERANDS:
             operands = [self._pop() for _ in range(OPERANDS[name])]
             stack.append(None)
-            return not any(isinstance(operand, _Data) for operand in operands)
+            return not any(isinstance(operand, _DataOnStack) for operand in operands)
         if effect == 1 and name.startswith(("LOAD_", "PUSH_NULL")):
             stack.append(None)
             return True
@@ -192,24 +192,24 @@ class _Run:
 
     def _forget(self) -> bool:
         """Forgets what is on the stack; returns whether `data` was not there."""
-        is_known = not any(isinstance(value, _Data) for value in self._stack)
+        is_known = not any(isinstance(value, _DataOnStack) for value in self._stack)
         self._stack.clear()
         return is_known
 
-    def _pop(self) -> _Data | _Path | None:
+    def _pop(self) -> _DataOnStack | _Path | None:
         return self._stack.pop() if self._stack else None
 
     def _call(self, count: int) -> bool:
         """Follows a call with `count` arguments."""
         arguments = [self._pop() for _ in range(count)][::-1]
         callee = [value for value in (self._pop(), self._pop()) if value is not None]
-        indices = [index for index, value in enumerate(arguments) if isinstance(value, _Data)]
+        indices = [index for index, value in enumerate(arguments) if isinstance(value, _DataOnStack)]
         if callee and isinstance(callee[0], _View) and not indices:
             self._stack.append(callee[0])
             return True
         self._stack.append(None)
         if not indices:
-            return not any(isinstance(value, _Data) for value in callee)
+            return not any(isinstance(value, _DataOnStack) for value in callee)
         if len(callee) != 1 or not isinstance(path := callee[0], _Path):
             return False
         if any(isinstance(arguments[index], _View) for index in indices):
@@ -220,19 +220,19 @@ class _Run:
         self._examination.called.append((path, function))
         return all(self._examination.proves(function, index) for index in indices)
 
-    def _local(self, variable: str) -> _Data | _Path | None:
+    def _local(self, variable: str) -> _DataOnStack | _Path | None:
         if variable == self._variable:
-            return _Data()
+            return _DataOnStack()
         is_owner = self._owner is not None and variable == self._code.co_varnames[0]
         return _Path(self._owner) if is_owner else None
 
-    def _attribute(self, value: _Data | _Path | None, name: str) -> _Data | _Path | None:
+    def _attribute(self, value: _DataOnStack | _Path | None, name: str) -> _DataOnStack | _Path | None:
         """Returns the attribute of a value; notes it if the value is `data` or an object in it."""
         if isinstance(value, _View):
             whole = value.prefix + name
             self._examination.fields.add(whole if hasattr(mujoco.MjData, whole) else name)
             return None
-        if isinstance(value, _Data):
+        if isinstance(value, _DataOnStack):
             if name in VIEWS:
                 return _View(VIEWS[name])
             self._examination.fields.add(name)

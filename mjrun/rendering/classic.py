@@ -11,8 +11,8 @@ import numpy as np
 
 from mjrun.camera.pose import CameraPose, lens, metric_depth
 from mjrun.errors import DrawError, UsageError, option
+from mjrun.model.camera_images import CameraImages
 from mjrun.model.names import enum_members
-from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import OpenGLContext, WorkingBackend, require_own_opengl
@@ -98,10 +98,10 @@ class ClassicRenderer:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
         self._index = index
 
-    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> CameraImages:
         """Renders the views from `pose`: `rgb`, `depth` or `seg`. The array of colours is reused by the next call."""
         self._update_scene(pose)
-        seen = RenderedView(lens(pose, self.size))
+        seen = CameraImages(lens(pose, self.size))
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, pose, views)
         if "rgb" in views:
@@ -157,7 +157,7 @@ class ClassicRenderer:
         room = sum(decoration.geoms for decoration in self._decors)
         self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
 
-    def _exact(self, seen: RenderedView, pose: CameraPose, views: Sequence[str]) -> RenderedView:
+    def _exact(self, seen: CameraImages, pose: CameraPose, views: Sequence[str]) -> CameraImages:
         """Renders depth and ids in one pass without shading."""
         if self._buffer is None:
             self._buffer = SingleSampleFramebuffer(self.size)

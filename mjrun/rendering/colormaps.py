@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 from mjrun.rendering import text
 
 UNSEEN = (34, 35, 38)  # the background

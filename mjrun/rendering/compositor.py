@@ -14,7 +14,7 @@ from mjrun.camera.pose import CameraPose
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.camera_images import CameraImages
 from mjrun.model.state import widened
 from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.added_geoms import Decoration
@@ -96,14 +96,14 @@ class FrameStream:
 
     panels: Sequence[CameraPanel]
     size: tuple[int, int]
-    style: FrameComposition
+    composition: FrameComposition
     exact: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The shape of a frame."""
-        width, height = layout_size(len(self.panels), self.size, self.style.layout)
-        across, down = self.style.overlay.room
+        width, height = layout_size(len(self.panels), self.size, self.composition.layout)
+        across, down = self.composition.overlay.room
         return (height, width) if self.exact else (height + down, width + across, 3)
 
     @property
@@ -222,7 +222,7 @@ class SceneCompositor:
             start = end
         return parts
 
-    def render(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
+    def render(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[CameraImages]:
         """Renders the view of each camera in a state: the views that its panels show, or `views`."""
         assert self._open_renderer
         self._open_renderer.set_state(widened(self.model, state), index)
@@ -234,16 +234,16 @@ class SceneCompositor:
             by_camera.append(seen if seen.rgb is None else replace(seen, rgb=np.array(seen.rgb)))
         return by_camera
 
-    def frame(self, stream: FrameStream, views: Sequence[RenderedView], index: int) -> np.ndarray:
+    def frame(self, stream: FrameStream, views: Sequence[CameraImages], index: int) -> np.ndarray:
         """Composes the frame of `stream` from the view of each camera."""
         if stream.exact:
             (panel,) = stream.panels
             return _numbers(panel, views[panel.camera])
 
-        style, overlay = stream.style, stream.style.overlay
-        panels = [self._colored(panel, views[panel.camera], style.legend) for panel in stream.panels]
-        captions = [self.caption(panel) for panel in stream.panels] if style.captions else None
-        frame = compose_panels(panels, style.layout, captions) if len(panels) > 1 or captions else panels[0]
+        composition, overlay = stream.composition, stream.composition.overlay
+        panels = [self._colored(panel, views[panel.camera], composition.legend) for panel in stream.panels]
+        captions = [self.caption(panel) for panel in stream.panels] if composition.captions else None
+        frame = compose_panels(panels, composition.layout, captions) if len(panels) > 1 or captions else panels[0]
 
         for decoration in self.decorations:
             decoration.draw(frame, index)
@@ -259,7 +259,7 @@ class SceneCompositor:
         several = len({other.view for stream in self.streams for other in stream.panels}) > 1
         return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if several else self.names[panel.camera]
 
-    def _colored(self, panel: CameraPanel, seen: RenderedView, with_legend: bool) -> np.ndarray:
+    def _colored(self, panel: CameraPanel, seen: CameraImages, with_legend: bool) -> np.ndarray:
         if panel.view == "rgb":
             assert seen.rgb is not None
             return seen.rgb
@@ -279,7 +279,7 @@ class SceneCompositor:
         return image
 
 
-def _numbers(panel: CameraPanel, seen: RenderedView) -> np.ndarray:
+def _numbers(panel: CameraPanel, seen: CameraImages) -> np.ndarray:
     if panel.view == "depth":
         assert seen.depth is not None
         return depth_millimetres(seen.depth)

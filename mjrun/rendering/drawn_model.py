@@ -43,7 +43,7 @@ def drawn_model(
     *,
     is_measured: bool = False,
 ) -> tuple[mujoco.MjModel, str, bool]:
-    """Returns the model to draw, a remark about a stage that the user has not requested, and whether it has a camera.
+    """Returns the model to draw, a remark about an unrequested stage, and whether the default camera frames it closely.
 
     Args:
       source: the source of the model, whose numbers may differ.
@@ -55,14 +55,14 @@ def drawn_model(
       BrokenModelError: the source has changed.
     """
     parts, remark = stage_parts(options, model, cameras, is_measured=is_measured), ""
-    staged, has_camera = model, "camera" in parts
+    staged, is_framed = model, "camera" in parts
     if added := [part for part in parts if part != "camera"]:
         try:
             staged = _with_stage(source, model, added)
         except CompiledOverrideError:
             if "auto" not in options.stage:
                 raise
-            has_camera = False
+            is_framed = False
         else:
             remark = stage_remark(parts) if "auto" in options.stage else ""
     hidden = source.hidden_groups
@@ -71,7 +71,7 @@ def drawn_model(
         staged.site_group[np.isin(staged.site_group, hidden["site"])] = HIDDEN_GROUP
     if options.geomgroup is None:
         staged = _with_geoms(staged, options.geoms, hidden.get("geom", ()) if options.geoms is None else ())
-    return staged, remark, has_camera
+    return staged, remark, is_framed
 
 
 def stage_parts(

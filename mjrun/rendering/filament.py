@@ -14,8 +14,8 @@ import numpy as np
 
 from mjrun.camera.pose import CameraPose
 from mjrun.errors import DrawError, UsageError, option
+from mjrun.model.camera_images import CameraImages
 from mjrun.model.names import enum_members
-from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import check_size
@@ -102,7 +102,7 @@ class FilamentRenderer:
             self._ask("open", *self._task)
         self._ask("set_state", state, index)
 
-    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str] = ("rgb",)) -> CameraImages:
         """Renders the views from `pose`: `rgb`, `depth` or `seg`.
 
         Depth and ids end at the far plane, as in MuJoCo; colours do not.

@@ -14,8 +14,8 @@ import numpy as np
 
 from mjrun.camera.pose import CameraPose, Frustum, lens, pose_of
 from mjrun.errors import DrawError, UsageError, option
+from mjrun.model.camera_images import CameraImages
 from mjrun.model.names import COUNTS, KINDS, enum_members
-from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
@@ -300,11 +300,11 @@ class FilamentServer:
         self._index = index
         self._filament_scene.update(self._data)
 
-    def render(self, pose: CameraPose, views: Sequence[str]) -> RenderedView:
+    def render(self, pose: CameraPose, views: Sequence[str]) -> CameraImages:
         """Renders the views from `pose`, without the legend, which the other process has."""
         self._pose = pose
         self._update_scene()
-        seen = RenderedView(lens(pose, self._size))
+        seen = CameraImages(lens(pose, self._size))
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, views)
         if "rgb" in views:
@@ -325,7 +325,7 @@ class FilamentServer:
         room = sum(decoration.geoms for decoration in self._decors)
         self._scene = updated_scene(self._model, self._data, self._options, self._pose, self._scene, room)
 
-    def _exact(self, seen: RenderedView, views: Sequence[str]) -> RenderedView:
+    def _exact(self, seen: CameraImages, views: Sequence[str]) -> CameraImages:
         """Renders depth and ids. Ids have no far plane, so depth decides what lies beyond it."""
         depth = planar_depth(self._filament_scene.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
         if "depth" in views:

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError
+from mjrun.model.camera_images import SegmentedObject
 from mjrun.model.flex_and_skin_bodies import flex_owners, skin_owners
 from mjrun.model.names import KINDS, names
-from mjrun.model.rendered_view import SegmentedObject
 
 NOTHING = -1
 BODY_OF = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid", "camera": "cam_bodyid"}

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.camera.pose import Frustum, lens, metric_depth, pose_of
 from mjrun.errors import ModelError
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.camera_images import CameraCalibration
 from mjrun.rendering.backend import WorkingBackend
 
 FRAME = 'pos=".3 -3 1.2" xyaxes="1 .1 0 -.05 .3 1"'

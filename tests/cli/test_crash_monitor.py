@@ -22,7 +22,7 @@ import os, signal, sys, time
 from mjrun import shared_status
 from mjrun.shared_status import ConfinementPromise, ProcessStatus
 from mjrun.shared_status import completing, doing, make_promise, note_child, note_heard
-from mjrun.cli.crash_monitor import continue_in_watched_child
+from mjrun.cli.crash_monitor import continue_in_monitored_child
 from mjrun.platform import system
 def die(number):
     os.kill(os.getpid(), number)
@@ -30,7 +30,7 @@ def work():
 """
 TAIL = """
 signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-continue_in_watched_child()
+continue_in_monitored_child()
 sys.exit(work())
 """
 
@@ -175,7 +175,7 @@ def test_nothing_that_a_confined_child_writes_decides_what_is_removed_killed_or_
         (place / unfinished).write_text("")
     with subprocess.Popen(["sleep", "1000"], start_new_session=True) as victim:
         work = f"""
-OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, shared_status._board
+OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, shared_status._memory
 make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 board.write(ProcessStatus(folders=[{str(tmp_path / "out")!r}]))
 {LIES[lie]}
@@ -403,7 +403,7 @@ def test_a_child_is_starved_while_it_waits_for_a_core_and_has_hardly_computed() 
         subprocess.Popen([sys.executable, "-c", code]) for code in ("while True: pass", "import time; time.sleep(7200)")
     )
     try:
-        monitor = crash_monitor._Watcher(busy.pid, ProcessActivityMemory(), [])
+        monitor = crash_monitor._Monitor(busy.pid, ProcessActivityMemory(), [])
         now = time.monotonic()
         wait_until(lambda: crash_monitor._computed(busy.pid) > 1)
         monitor._ended_at = now + PATIENCE, crash_monitor._computed(busy.pid) + PATIENCE

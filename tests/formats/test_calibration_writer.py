@@ -10,7 +10,7 @@ import yaml
 
 from mjrun.errors import UsageError
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.camera_images import CameraCalibration
 
 RANDOM = np.random.default_rng(7)
 POINTS = RANDOM.uniform(-1, 1, (20, 3))

@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats import destinations
-from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFrames, StandardOutput
+from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFramePattern, StandardOutput
 from tests.formats.file_faults import MOST, fault, killed_at
 from tests.formats.outputs import both_ways, fill, names, no_exchange
 
@@ -26,7 +26,7 @@ def publish(target: Destination, count: int, text: str) -> None:
         target.cleanup()
 
 
-@pytest.mark.parametrize("target", [StagedFile, StagedFrameFolder, StagedFrames])
+@pytest.mark.parametrize("target", [StagedFile, StagedFrameFolder, StagedFramePattern])
 @pytest.mark.parametrize("name", ["x" * 256, "é" * 128, "x" * 5000, f"{'x' * 256}/a"])
 def test_a_name_that_is_too_long_is_an_unwritable_output(
     tmp_path: Path, target: Callable[[Path], Destination], name: str
@@ -38,7 +38,7 @@ def test_a_name_that_is_too_long_is_an_unwritable_output(
 
 @pytest.mark.parametrize(
     ("make", "name"),
-    [(StagedFile, "film.mp4"), (StagedFrameFolder, "frames"), (StagedFrames, "frame_%03d.png")],
+    [(StagedFile, "film.mp4"), (StagedFrameFolder, "frames"), (StagedFramePattern, "frame_%03d.png")],
 )
 def test_what_is_discarded_leaves_no_trace(tmp_path: Path, make: Callable[[Path], Destination], name: str) -> None:
     staged = make(tmp_path / name)
@@ -117,7 +117,7 @@ OLD, NEW = [f"old {i}" for i in range(3)], [f"new {i}" for i in range(2)]
 OUTPUTS = [  # how it is made, its name, where its frames are, and what is there at the end
     pytest.param(StagedFile, "film", ".", ["old"], ["new"], id="file"),
     pytest.param(StagedFrameFolder, "frames", "frames", OLD, NEW, id="folder"),
-    pytest.param(StagedFrames, "f_%02d.png", ".", OLD, [*NEW, OLD[2]], id="pattern"),
+    pytest.param(StagedFramePattern, "f_%02d.png", ".", OLD, [*NEW, OLD[2]], id="pattern"),
 ]
 
 
@@ -163,7 +163,7 @@ def test_a_name_may_be_as_long_as_the_system_allows(tmp_path: Path, name: str) -
 
 def test_what_killed_runs_have_left_is_removed_by_the_next_output_to_their_folder(tmp_path: Path) -> None:
     live = StagedFile(tmp_path / "film")
-    for make, name in ((StagedFile, "film"), (StagedFrameFolder, "frames"), (StagedFrames, "%d.png")):
+    for make, name in ((StagedFile, "film"), (StagedFrameFolder, "frames"), (StagedFramePattern, "%d.png")):
         left = make(tmp_path / name)
         fill(left, 3, "half")
         left._temporary.release()
@@ -215,7 +215,7 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
     assert not message
 
 
-@pytest.mark.parametrize("make", [StagedFrameFolder, StagedFrames])
+@pytest.mark.parametrize("make", [StagedFrameFolder, StagedFramePattern])
 def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[Path], Destination]) -> None:
     target = tmp_path / ("frames" if make is StagedFrameFolder else "f_%d.png")
     staged = make(target)
@@ -248,7 +248,7 @@ def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
     for name in others:
         (tmp_path / name).write_text("precious")
     for count in (12, 2):
-        staged = StagedFrames(tmp_path / pattern)
+        staged = StagedFramePattern(tmp_path / pattern)
         fill(staged, count, f"of {count}")
         made = staged.publish()
         staged.cleanup()

@@ -17,7 +17,7 @@ from PIL import Image, JpegImagePlugin
 from mjrun.errors import BadValueError, FileError, UsageError
 from mjrun.formats.image_format import FORMATS, image_format
 from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 from tests.formats.outputs import names
 
 LEGEND = [

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
 from mjrun.formats import destinations
-from mjrun.formats.destinations import StagedFile, StagedFrameFolder, StagedFrames
+from mjrun.formats.destinations import StagedFile, StagedFrameFolder, StagedFramePattern
 from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
 from tests.formats.file_faults import MOST, fault
 from tests.formats.outputs import both_ways, fill, names
@@ -18,7 +18,7 @@ TOGETHER = [
     (StagedFile, "a"),
     (StagedFile, "b"),
     (StagedFrameFolder, "frames"),
-    (StagedFrames, "f_%d.png"),
+    (StagedFramePattern, "f_%d.png"),
     (StagedFile, "c"),
 ]
 

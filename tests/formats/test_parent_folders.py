@@ -11,13 +11,13 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats import parent_folders
-from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFrames
+from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFramePattern
 from mjrun.formats.temporary_output import TemporaryOutput
 from tests.formats.outputs import fill, names
 from tests.processes import PATIENCE
 
 KINDS = pytest.mark.parametrize(
-    ("make", "name"), [(StagedFile, "film"), (StagedFrameFolder, "frames"), (StagedFrames, "f_%02d.png")]
+    ("make", "name"), [(StagedFile, "film"), (StagedFrameFolder, "frames"), (StagedFramePattern, "f_%02d.png")]
 )
 needs_permissions = pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 MANY = 40  # openings of each of several processes

@@ -10,7 +10,7 @@ import pytest
 from mjrun.camera.pose import lens, pose_of
 from mjrun.errors import UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
+from mjrun.model.camera_images import CameraCalibration, CameraImages, SegmentedObject
 from tests.cases import mjcf
 
 KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
@@ -38,7 +38,7 @@ SCENE = mjcf("table_and_cameras")
 LEGEND = [SegmentedObject("geom", 0, "table", "world"), SegmentedObject("geom", 1, "cube", "world")]
 
 
-def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[RenderedView]:
+def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[CameraImages]:
     """The scene as MuJoCo's own renderer sees it."""
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
@@ -53,11 +53,11 @@ def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[RenderedVi
             renderer.enable_depth_rendering()
             depth = np.where(ids < 0, np.inf, renderer.render()).astype(np.float32)
             renderer.disable_depth_rendering()
-            found.append(RenderedView(lens(pose_of(renderer.scene), size), rgb, depth, ids, LEGEND))
+            found.append(CameraImages(lens(pose_of(renderer.scene), size), rgb, depth, ids, LEGEND))
     return found
 
 
-def cloud(folder: Path, *seen: RenderedView, legend: list[SegmentedObject] | None = None) -> np.ndarray:
+def cloud(folder: Path, *seen: CameraImages, legend: list[SegmentedObject] | None = None) -> np.ndarray:
     with PointCloudWriter(str(folder / "cloud.ply"), legend) as writer:
         for picture in seen:
             writer.write(picture)
@@ -95,11 +95,11 @@ def test_points_have_the_colours_of_their_pixels(tmp_path: Path) -> None:
     assert back == pytest.approx(np.stack([columns + 0.5, rows + 0.5], axis=1), abs=1e-2)
 
 
-def a_picture(width: int, height: int) -> RenderedView:
+def a_picture(width: int, height: int) -> CameraImages:
     """A wall one metre away that fills the view."""
     through = CameraCalibration((width, height), 100, 100, width / 2, height / 2, np.eye(4), 0.01, 10)
     shape = (height, width)
-    return RenderedView(through, np.zeros((*shape, 3), np.uint8), np.ones(shape, np.float32), np.zeros(shape, np.int32))
+    return CameraImages(through, np.zeros((*shape, 3), np.uint8), np.ones(shape, np.float32), np.zeros(shape, np.int32))
 
 
 def test_what_labels_mean_stands_in_the_header_in_plain_ascii(tmp_path: Path) -> None:

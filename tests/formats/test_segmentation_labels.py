@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mjrun.formats.segmentation_labels import CocoDocument, LabelsWriter, ascii_json, labels_document, regions
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 
 LEGEND = [
     SegmentedObject("geom", 4, "box", "torso"),

@@ -25,7 +25,7 @@ from mjrun.formats.recording import RecordingWriter
 from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
-from mjrun.model.rendered_view import CameraCalibration, RenderedView, SegmentedObject
+from mjrun.model.camera_images import CameraCalibration, CameraImages, SegmentedObject
 from tests.formats.table_files import COLUMNS, columns, names
 from tests.formats.table_files import write as write_table
 from tests.processes import largest_file
@@ -92,7 +92,7 @@ def recording(size: int, *counts: int) -> Case:
 def write_points(writer: PointCloudWriter, side: int) -> None:
     depth, rgb = np.ones((side, side), np.float32), np.zeros((side, side, 3), np.uint8)
     lens = CameraCalibration((side, side), 4.0, 4.0, 2.0, 2.0, np.eye(4), 0.01, 50.0, True)
-    writer.write(RenderedView(lens, rgb, depth))
+    writer.write(CameraImages(lens, rgb, depth))
 
 
 def write_calibrations(writer: CalibrationWriter, count: int) -> None:
@@ -208,7 +208,7 @@ import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 from mjrun.model.table_column import Column
 
 form, size = sys.argv[1], int(sys.argv[2])

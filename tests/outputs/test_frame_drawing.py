@@ -92,8 +92,8 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
             heights.append(data.qpos[3])
             mujoco.mj_step(model, data, nstep=10)
         (stream,) = frame_compositor(frames, scene).streams
-    assert stream.style.overlay.texts == [f"{height:.17g} {k}" for k, height in enumerate(heights)]
-    assert stream.style.overlay.plots == [live_plot_size((SIZE[0] * 2 + 2, SIZE[1]))]
+    assert stream.composition.overlay.texts == [f"{height:.17g} {k}" for k, height in enumerate(heights)]
+    assert stream.composition.overlay.plots == [live_plot_size((SIZE[0] * 2 + 2, SIZE[1]))]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from mjrun.camera.pose import CameraPose
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.camera_images import CameraImages
 from mjrun.rendering import classic
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, check_size
@@ -161,7 +161,7 @@ def test_a_size_beyond_the_renderer_s_is_refused(backend: WorkingBackend) -> Non
 
 def seen(
     path: Path, backend: WorkingBackend, by: str = "object", camera: str = "side", **visual: object
-) -> RenderedView:
+) -> CameraImages:
     """Depth and ids of the model where it begins."""
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
@@ -170,7 +170,7 @@ def seen(
         return renderer.render(pose(camera, model, data), ["depth", "seg"])
 
 
-def rays(path: Path, picture: RenderedView) -> tuple[np.ndarray, np.ndarray]:
+def rays(path: Path, picture: CameraImages) -> tuple[np.ndarray, np.ndarray]:
     """What `mj_ray` hits from the camera through the centre of every pixel: geom ids and planar depths [m]."""
     model, data = at(path, 0)
     width, height = SIZE

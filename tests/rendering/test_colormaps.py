@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.model.rendered_view import SegmentedObject
+from mjrun.model.camera_images import SegmentedObject
 from mjrun.rendering.colormaps import (
     UNSEEN,
     colormap_table,

@@ -19,7 +19,7 @@ from mjrun.camera.pose import CameraPose
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.camera_images import CameraImages
 from mjrun.model.state import save
 from mjrun.rendering import filament
 from mjrun.rendering.added_geoms import Ghost
@@ -86,7 +86,7 @@ class Draw:
 
     def __call__(
         self, model: mujoco.MjModel, views: tuple[str, ...] = ("rgb",), camera: str = "side", steps: int = 5, **visual
-    ) -> RenderedView:
+    ) -> CameraImages:
         key = (model, repr(visual))
         if key not in self._open:
             self._open[key] = self._opened(key, Visual(**visual))
@@ -118,24 +118,24 @@ def classic(backend: WorkingBackend) -> Iterator[Draw]:
         yield drawing
 
 
-def colors(picture: RenderedView) -> np.ndarray:
+def colors(picture: CameraImages) -> np.ndarray:
     assert picture.rgb is not None
     return picture.rgb.astype(int)
 
 
-def exact(picture: RenderedView) -> tuple[np.ndarray, np.ndarray]:
+def exact(picture: CameraImages) -> tuple[np.ndarray, np.ndarray]:
     assert picture.depth is not None
     assert picture.ids is not None
     return picture.depth, picture.ids
 
 
-def seen_as(picture: RenderedView, name: str) -> np.ndarray:
+def seen_as(picture: CameraImages, name: str) -> np.ndarray:
     """Where the thing called `name` is in a picture's ids."""
     assert picture.ids is not None
     return picture.ids == [thing.name for thing in picture.legend].index(name)
 
 
-def rays(model: mujoco.MjModel, data: mujoco.MjData, picture: RenderedView) -> Iterator[tuple[int, int, float, int]]:
+def rays(model: mujoco.MjModel, data: mujoco.MjData, picture: CameraImages) -> Iterator[tuple[int, int, float, int]]:
     """Column, row, planar depth [m] and geom of some pixels, by mj_ray; sites and tendons do not stop it."""
     lens, met = picture.calibration, np.zeros(1, np.int32)
     corner, ahead = lens.pose[:3, 3], lens.pose[:3, 2]

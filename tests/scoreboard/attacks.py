@@ -423,7 +423,7 @@ def attacked(arguments: list[str]) -> int:
                 at = Target(**json.loads(os.environ[TARGETS])["kill a process"])
                 names = {
                     "at": at,
-                    "board": shared_status._board,
+                    "board": shared_status._memory,
                     "ProcessStatus": shared_status.ProcessStatus,
                     "ConfinementPromise": shared_status.ConfinementPromise,
                 }
@@ -454,5 +454,5 @@ def attacked(arguments: list[str]) -> int:
         begin = f"; from tests.scoreboard.attacks import attack; attack({watcher})"
         child_process.BOOT = child_process.BOOT.replace("; from", f"{begin}; from", 1)
         child_process._continue_in_fork = in_fork
-    crash_monitor.continue_in_watched_child()
+    crash_monitor.continue_in_monitored_child()
     return run(arguments)

@@ -356,7 +356,7 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         # A run that is killed, or fails, at a chosen moment has no process that watches it.
         alone = request["fault"] or request["kill_after"] is not None or request["call"] != MJRUN
         if not alone:
-            crash_monitor.continue_in_watched_child()
+            crash_monitor.continue_in_monitored_child()
         code = call(arguments)
     except SystemExit as ending:
         code = ending.code if isinstance(ending.code, int) else 1

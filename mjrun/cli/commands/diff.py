@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mjrun.cli.click_command import MODEL, ON_FILES, ModelArgument, ParsedCommandLine, SectionedCommand, command
+from mjrun.cli.click_command import MODEL, ON_FILES, DeclaredCommand, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import FailureReport, GoldenDifferenceError
@@ -20,7 +20,7 @@ UNWRITTEN = ("output", "format", "contacts", "keep_partial", "manifest")  # of a
 PAIR = [ModelArgument("a", metavar="A"), ModelArgument("b", metavar="B")]
 
 
-class _DiffCommand(SectionedCommand):
+class _DiffCommand(DeclaredCommand):
     """The command `diff`; with --golden a different command, with the options of a trace."""
 
     def make_context(

@@ -25,8 +25,8 @@ from mjrun.formats.ffmpeg import H264Encoder
 from mjrun.formats.glb import write_glb
 from mjrun.formats.image_encoding import ImageData, jpeg, png
 from mjrun.formats.mcap import McapWriter, NumericMessages, TableMessages, groups
+from mjrun.model.camera_images import CameraCalibration
 from mjrun.model.names import BALL, FREE, PLACES, distinct, names, object_names
-from mjrun.model.rendered_view import CameraCalibration
 from mjrun.options.export import H264
 from mjrun.outputs.export import Export, SceneToExport
 from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_rows

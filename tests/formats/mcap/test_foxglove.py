@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mjrun.formats import mcap
 from mjrun.formats.mcap import Schema
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.camera_images import CameraCalibration
 from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
 from tests.formats.mcap.files import decoded
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.camera_images import CameraCalibration
 
 TURN = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])  # forward along the world's x
 POSE = np.block([[TURN, np.array([[1.0], [2], [3]])], [np.zeros((1, 3)), np.ones((1, 1))]])

@@ -73,7 +73,7 @@ class CameraCalibration:
 
 
 @dataclass(frozen=True)
-class RenderedView:
+class CameraImages:
     """The images of one instant seen by one camera; None for those that were not requested.
 
     Attributes:
