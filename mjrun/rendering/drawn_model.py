@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import BrokenModelError, CompiledOverrideError, file_errors, option
+from mjrun.errors import BrokenModelError, CompiledOverrideError, UsageError, file_errors, option
 from mjrun.model.fields import arrays, is_layout
 from mjrun.model.override import Override
 from mjrun.model.source import ModelSource
@@ -53,6 +53,7 @@ def drawn_model(
     Raises:
       CompiledOverrideError: a stage is requested for a compiled model.
       BrokenModelError: the source has changed.
+      UsageError: as `stage_parts`.
     """
     parts, remark = stage_parts(options, model, cameras, is_measured=is_measured), ""
     staged, is_framed = model, "camera" in parts
@@ -85,7 +86,13 @@ def stage_parts(
 
     `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure what exists,
     and beneath what would fall through it, and the camera where another one is requested.
+
+    Raises:
+      UsageError: the extent of the model is not finite, from which MuJoCo computes what cameras see.
     """
+    if not math.isfinite(model.stat.extent):
+        example = f"set a finite length, as in {option('set')} stat.extent=1"
+        raise UsageError(f"stat.extent is {model.stat.extent}, so that no camera sees anything\n{example}")
     if "none" in options.stage:
         return ()
     if "auto" not in options.stage:
@@ -104,15 +111,14 @@ def stage_parts(
 
 def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
     """Adapts a stage to the size of the model, and places its floor under the lowest point of the model in a state."""
-    extent = model.stat.extent if math.isfinite(model.stat.extent) else 1.0
     material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
     floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     light = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, LIGHT)
     if material >= 0:
-        model.mat_texrepeat[material] = 1 / (2 * _tile(extent))
+        model.mat_texrepeat[material] = 1 / (2 * _tile(model.stat.extent))
     if light >= 0:
         model.light_dir0[light] = SLANT / np.linalg.norm(SLANT)
-        model.light_poscom0[light] = -AWAY * extent * model.light_dir0[light]
+        model.light_poscom0[light] = -AWAY * model.stat.extent * model.light_dir0[light]
         model.vis.map.shadowclip = AWAY
     if floor >= 0:
         data = mujoco.MjData(model)

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError, FileError
+from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError, FileError, UsageError
 from mjrun.model.fields import arrays
 from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
@@ -132,12 +132,11 @@ def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[st
     assert [*stage_parts(replace(ViewOptions(), **options), model)] == parts
 
 
-def test_a_model_of_infinite_extent_gets_a_stage(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stage", ["auto", "none"])
+def test_a_model_of_infinite_extent_is_refused(tmp_path: Path, stage: str) -> None:
     text = '<mujoco><statistic extent="inf"/><worldbody><geom size=".1"/></worldbody></mujoco>'
-    model, staged, _ = drawn(model_file(tmp_path, text))
-    place_stage(staged, save(model, mujoco.MjData(model)))
-    assert np.isfinite(staged.mat_texrepeat).all()
-    assert np.isfinite(staged.light_poscom0).all()
+    with pytest.raises(UsageError, match=r"stat\.extent is inf"):
+        drawn(model_file(tmp_path, text), stage=(stage,))
 
 
 def test_a_floor_is_below_flexes(tmp_path: Path) -> None:
