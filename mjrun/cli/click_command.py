@@ -189,9 +189,15 @@ class DeclaredCommand(click.Command):
 
         if extra and not ctx.resilient_parsing:
             is_output = "output" in ctx.params and not ctx.params["output"] and Path(extra[0]).suffix
-            hint = suggestion(extra[0], (), f"-o {extra[0]}" if is_output else "")
+            hint = suggestion(extra[0], (), f"-o {extra[0]}" if is_output else self._as_further_value(args, extra[0]))
             raise click.UsageError(f"Unexpected argument {quoted(extra[0])}{hint}.", ctx)
         return extra
+
+    def _as_further_value(self, args: Sequence[str], extra: str) -> str:
+        """Returns a word that follows the value of a repeatable option with that option, otherwise an empty text."""
+        repeatable = {name for param in self.params if getattr(param, "multiple", False) for name in param.opts}
+        before = [name for name, _, word in zip(args, args[1:], args[2:], strict=False) if word == extra]
+        return f"{before[0]} {extra}" if before and before[0] in repeatable else ""
 
     def _with_values(self, args: Sequence[str]) -> Iterator[str]:
         """Yields the arguments; an option whose value is optional gets one if something else follows it."""

@@ -287,7 +287,8 @@ def is_study(path: str) -> bool:
 def refuse_assignments(model: str, assignments: Sequence[str]) -> None:
     """Raises UsageError for KEY=VALUE after a model that is not a document."""
     if assignments:
-        raise UsageError(f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it")
+        fault = f"{clean(model)} is not a document, so KEY=VALUE cannot change it"
+        raise UsageError(f"{clean(assignments[0])}: {fault if '=' in assignments[0] else 'unexpected argument'}")
 
 
 @contextmanager

@@ -154,13 +154,16 @@ def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: st
     [
         (["cake.txt"], "Unexpected argument 'cake.txt' (did you mean '-o cake.txt'?)."),
         (["cake"], "Unexpected argument 'cake'."),
+        (["--topping", "jam", "nuts"], "Unexpected argument 'nuts' (did you mean '--topping nuts'?)."),
+        (["-o", "jam", "nuts"], "Unexpected argument 'nuts'."),
         (["-o", "pie.txt", "cake.txt"], "Unexpected argument 'cake.txt'."),
     ],
 )
-def test_a_second_argument_may_be_meant_as_the_output(arguments: list[str], message: str) -> None:
+def test_a_further_argument_may_be_meant_as_the_output_or_as_a_value(arguments: list[str], message: str) -> None:
     @options
     class Written(Base):
         output: str | None = option(converter=optional(TextKind()), default=None, short="-o", help="Where to.")
+        topping: tuple[str, ...] = option(converter=OneOrMoreKind(TextKind()), default=(), help="On top.")
 
     @command(Written, arguments=[click.Argument(["subject"])])
     def bake(console: Console, command_line: ParsedCommandLine) -> None:

@@ -18,7 +18,7 @@ from mjrun.cli.simulation_command import (
     summary,
     varied_controllers,
 )
-from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted
+from mjrun.errors import FailedAssertionError, FileError, UsageError, listing, option, quoted
 from mjrun.formats.input_file import is_folder
 from mjrun.formats.tables import format_of_suffix
 from mjrun.options.option import options_of
@@ -125,8 +125,15 @@ def _plot_tables(console: Console, command_line: ParsedCommandLine, tables: Sequ
         tables = [folder_of_results(table) or table for table in tables]
     is_study = any(is_folder(table) or (is_url(table) and not format_of_suffix(Path(table).suffix)) for table in tables)
     request = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
-    with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
-        result = request.run(console)
+    try:
+        with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
+            result = request.run(console)
+    except FileError as error:
+        if len(tables) > 1 and command_line.value("y"):
+            error.add_note(
+                f"{option('y')} takes one value; for several, repeat it, as in {option('y')} A {option('y')} B"
+            )
+        raise
     console.answer(_report(result, is_piped))
 
 
