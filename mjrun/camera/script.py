@@ -27,6 +27,7 @@ from mjrun.options.option import Options, document_key, located, option, options
 from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.options.schema_validation import InvalidValueError, Path, Schema
 from mjrun.options.structured_kinds import ListKind, OneOfKind, OptionsMappingKind, mappings_in, plain_values
+from mjrun.suffixes import is_yaml
 from mjrun.timeline import rational
 
 END = "end"  # of the simulation
@@ -356,7 +357,11 @@ def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> Model
     try:
         identify(model, "camera", text)
     except UnknownNameError:
-        raise UnknownNameError("camera", text, [*cameras, *RIG_EXAMPLES]) from None
+        if is_yaml(text):
+            raise UsageError(f"{clean(text)}: camera scripts do not apply here; give a camera or a rig") from None
+        kind, colon, _ = text.partition(":")
+        meant = near(kind, RIG_EXAMPLES) if colon else ()
+        raise UnknownNameError("camera", text, [*cameras, *RIG_EXAMPLES], meant=meant) from None
     return ModelRig(text)
 
 

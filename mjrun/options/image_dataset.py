@@ -60,8 +60,8 @@ class LabelledImageOptions(RendererOptions):
     camera: tuple[object, ...] = option(
         converter=OneOrMoreKind(CameraKind()),
         default="auto",
-        help="Cameras, as for mjrun video. The settings of a rig can vary: --vary 'camera.azimuth=uniform(0,360)', "
-        "camera.distance, camera.lookat, camera.fovy, …",
+        help="Cameras and rigs, as for mjrun video, but no camera scripts. The settings of a rig can vary: "
+        "--vary 'camera.azimuth=uniform(0,360)', camera.distance, camera.lookat, camera.fovy, …",
     )
     times: tuple[Fraction, ...] = option(
         converter=OneOrMoreKind(ExactNumberKind("SECONDS", zero=True), commas=True),
