@@ -73,6 +73,21 @@ class FileSource(ModelSource):
                 spec = self._parse()
         return compile_spec(spec, self.overrides, name, advice)
 
+    def _not_found(self) -> ModelNotFoundError:
+        """Returns the error for a missing file, whose path may be a URL or name an unknown collection."""
+        from mjrun.model.sources import model_collections  # which imports this module
+
+        path, reason = self.path, "no such model file"
+        prefix, colon, _ = self.text.partition(":")
+        if prefix in ("http", "https"):
+            reason += "; mjrun downloads nothing: save the model, with the files that it names, and give its path"
+            return ModelNotFoundError(path, reason)
+        if colon and "/" not in prefix:
+            collections = [f"{each}:" for each in sorted(model_collections())]
+            return ModelNotFoundError(path, reason, collections, "collections of models", f"{prefix}:")
+        meant = [f"scene:{path}"] if _is_scene(path) else []
+        return ModelNotFoundError(path, reason, *_models_in(path.parent), meant=meant)
+
     def _check_file(self) -> None:
         path = self.path
         if not is_readable(path):
@@ -80,8 +95,7 @@ class FileSource(ModelSource):
         try:
             mode = path.stat().st_mode
         except FileNotFoundError:
-            meant = [f"scene:{path}"] if _is_scene(path) else []
-            raise ModelNotFoundError(path, "no such model file", *_models_in(path.parent), meant=meant) from None
+            raise self._not_found() from None
         except OSError as error:
             raise ModelNotFoundError(path, error.strerror or str(error)) from None
         except ValueError as error:  # a null character in the path

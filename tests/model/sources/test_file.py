@@ -129,6 +129,17 @@ def test_the_bare_name_of_a_scene_suggests_the_scene() -> None:
     assert "no such model file (did you mean 'scene:dominos'?)" in str(refusal(Path("dominos")))
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("https://example.org/a.xml", "no such model file; mjrun downloads nothing: save the model"),
+        ("menagrie:go2", "(did you mean 'menagerie:'?)\ncollections of models: dm:, gym:, menagerie:, scene:"),
+    ],
+)
+def test_a_url_and_an_unknown_collection_are_explained(text: str, message: str) -> None:
+    assert message in str(refusal(Path(text)))
+
+
 def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
     for name in ("pendulum.xml", "car.mjb", "notes.txt"):
         write(tmp_path / name, "")
