@@ -333,9 +333,11 @@ def _number_of(owner: Any, fields: list[str], override: Override) -> float:
 def _check_effect(element: Any, kind: str, fields: list[str], override: Override) -> None:
     # The compiler infers the inertia from the geoms and silently ignores that of the body.
     if kind == "body" and fields[0] in INERTIAL and not element.explicitinertial:
+        remedy = f"set the mass or density of a geom instead, as in geom/NAME.mass={clean(override.value)}"
+        if operation := override.operation:  # few geoms have a mass in the source
+            remedy = f"{operation} the density of its geoms instead, as in {operation}:geom/NAME.density=VALUE"
         raise UsageError(
-            f"{clean(override.path)} has no effect: the inertia of this body comes from its geoms\n"
-            f"set the mass or density of a geom instead, as in geom/NAME.mass={clean(override.value)}"
+            f"{clean(override.path)} has no effect: the inertia of this body comes from its geoms\n{remedy}"
         )
     # Likewise, the end points of a geom or site determine its position.
     if fields[0] in PLACEMENT and hasattr(element, "fromto") and math.isfinite(element.fromto[0]):
@@ -439,7 +441,8 @@ def _new_value(field: str, current: Any, override: Override) -> Any:
     chosen = _chosen(field, values.size, override)
     numbers, own = np.array(_parse_numbers(override)), values.ravel()[chosen]
     if override.operation and np.isnan(own).any():
-        reason = f"{field} has no value in the source to {override.operation}: the compiler computes it"
+        origin = " from density" if field == "mass" else ""
+        reason = f"{field} has no value in the source to {override.operation}: the compiler computes it{origin}"
         raise UsageError(f"{clean(override.path)}: {reason}")
     changed = relative_values(own, numbers, override) if override.operation else numbers
     if changed is None or (not override.operation and changed.size != 1):
