@@ -191,13 +191,21 @@ class MjrunError(Exception):
 
     exit_code = 70
     results: Sequence[Any] = ()
+    _marked: Mapping[str, str] = {}  # notes with marks around their options, by what tracebacks print
 
     def __str__(self) -> str:
         return _message(super().__str__())
 
+    def add_note(self, note: str, /) -> None:
+        """Adds a note. Tracebacks print it, and spell its options as in Python."""
+        shown = _message(note)
+        self._marked = {**self._marked, shown: note}
+        super().add_note(shown)
+
     def spelled(self, spelling: Spelling) -> str:
         """Returns the message and its notes, with options as `spelling` writes their names."""
-        return _message("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling)
+        notes = [self._marked.get(note, note) for note in getattr(self, "__notes__", ())]
+        return _message("\n".join([super().__str__(), *notes]), spelling)
 
 
 # --- 1: a negative result ---------------------------------------------------------------------------

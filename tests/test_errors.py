@@ -5,6 +5,7 @@ import json
 import math
 import signal
 from pathlib import Path
+from traceback import format_exception_only
 
 import pytest
 from hypothesis import given
@@ -343,7 +344,9 @@ def test_messages_of_what_is_partly_done_name_the_outputs_and_steer_no_terminal(
 
 def test_a_message_keeps_its_lines_and_options_when_it_is_cleaned() -> None:
     error = FileError("a.csv", f"is wrong\n{option('trail_span')} \x1bhelps", "so does this")
-    assert error.spelled(str.upper) == "a.csv: is wrong\nTRAIL_SPAN \\x1bhelps\nso does this"
+    error.add_note(f"or {option('fps')} \x1bhelps")
+    assert error.spelled(str.upper) == "a.csv: is wrong\nTRAIL_SPAN \\x1bhelps\nso does this\nor FPS \\x1bhelps"
+    assert "".join(format_exception_only(error)).endswith("\nso does this\nor fps \\x1bhelps\n")
 
 
 def test_long_texts_are_cut() -> None:
