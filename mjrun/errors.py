@@ -274,6 +274,10 @@ class UsageError(MjrunError):
         return message.removeprefix(f"{names[-2]} {names[-1]}: ") if len(names) > 1 else message
 
 
+class UnrelatedTableError(UsageError):
+    """A golden table that mjrun has not made, and that has no measured column."""
+
+
 class DeviceMemoryError(UsageError):
     """Simulations that do not fit in the memory of a device together."""
 

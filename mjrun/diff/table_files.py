@@ -20,7 +20,18 @@ from mjrun.diff.result import TableDifference
 from mjrun.diff.sentences import manifest_part, provenance_notes
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
-from mjrun.errors import CellError, MjrunError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
+from mjrun.errors import (
+    CellError,
+    MjrunError,
+    UnknownNameError,
+    UnrelatedTableError,
+    UsageError,
+    clean,
+    concerning,
+    listing,
+    option,
+    quoted,
+)
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.formats.manifest import read_sidecar
 from mjrun.formats.recording import RecordingReader
@@ -340,6 +351,7 @@ class GoldenComparison:
     Raises:
       FileError: the golden table cannot be read.
       UsageError: it has no column except time in common with the rows, or a tolerance applies to none of them.
+      UnrelatedTableError: it has no such column, and no manifest.
     """
 
     def __init__(self, path: str, columns: Sequence[Column], tolerances: Tolerances) -> None:
@@ -358,7 +370,8 @@ class GoldenComparison:
             self._key = TIME if TIME in golden_names else None
             self._columns = [name for name in self._rows.names if name in golden_names and name != self._key]
             if not self._columns:
-                raise UsageError(_nothing_measured(path, *self._names))
+                kind = UsageError if self.manifest else UnrelatedTableError
+                raise kind(_nothing_measured(path, *self._names))
             tolerances.require([*self._columns, *([self._key] if self._key else [])])
         except BaseException:
             self._table.close()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
+from mjrun.errors import FileError, UnrelatedTableError, UsageError, clean, concerning, listing, option
 from mjrun.formats.csv_sidecar import metadata_path
 from mjrun.formats.input_file import exists
 from mjrun.formats.manifest import TableManifestWriter, sidecar_path
@@ -383,6 +383,9 @@ class _OpenGoldenTable:
         try:
             self._comparison = GoldenComparison(self._path, columns, tolerances)
         except (FileError, UsageError) as error:
+            if self._update and isinstance(error, UnrelatedTableError):
+                error.add_note(f"{option('update')} does not replace it: remove it, or give another file")
+                raise
             if not self._update:
                 raise
             self._obstacle = str(error).splitlines()[0]

@@ -114,13 +114,23 @@ def test_an_update_replaces_it_and_tells_what_changed(model: Path) -> None:
 
 
 def test_an_update_may_replace_what_cannot_be_compared(model: Path) -> None:
-    for text in ("time,other\n0,1\n", "", "\0"):
+    for text in ("", "\0"):
         Path("golden.csv").write_text(text)
         with pytest.raises(MjrunError):
             test_of(model)
         updated = compared(test_of(model, update=True))
         assert (len(updated.differences), facts(updated).updated) == (1, True)
         assert compared(test_of(model)).equal
+
+
+def test_an_update_replaces_a_table_of_other_columns_only_if_a_manifest_belongs_to_it(model: Path) -> None:
+    Path("golden.csv").write_text("time,other\n0,1\n")
+    with pytest.raises(UsageError, match=r"nothing except time in common(.|\n)*update does not replace it: remove it"):
+        test_of(model, update=True)
+    assert Path("golden.csv").read_text() == "time,other\n0,1\n"
+    Path("golden.csv").unlink()
+    test_of(model, update=True, probe="qpos")
+    assert facts(compared(test_of(model, update=True, probe="energy"))).updated
 
 
 def test_a_missing_one_is_not_made_by_itself(model: Path) -> None:
