@@ -22,7 +22,7 @@ from typing import NoReturn, TypeVar
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, clean, option, quoted
-from mjrun.packages import require
+from mjrun.packages import PACKAGES, require
 
 T = TypeVar("T")
 
@@ -134,7 +134,7 @@ def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -
     waiting = [_home(each) for each in code]
     while waiting:
         name, path = waiting.pop()
-        path = path or str(getattr(sys.modules.get(name), "__file__", None) or "")
+        path = path or _file_of(name)
         if path in sources or name == "__main__" or not _is_users(path):
             continue
         with contextlib.suppress(OSError, SyntaxError, ValueError):  # of a file that cannot be imported either
@@ -142,6 +142,16 @@ def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -
             waiting += [(each, "") for each in _imported(source.content, name)]
             sources[path] = source
     return tuple(sources[path] for path in sorted(sources))
+
+
+def imported_packages(code: Iterable[object]) -> list[str]:
+    """Returns names of packages that contain `code` or that the user's modules import; they may not be installed."""
+    code = list(code)
+    sources = module_sources(code)
+    names = {_home(each)[0] for each in code}.union(*(_imported(each.content, each.name) for each in sources))
+    modules = {name.partition(".")[0] for name in names} - {each.name.partition(".")[0] for each in sources}
+    modules -= {"", "__main__", *sys.stdlib_module_names}
+    return sorted(PACKAGES.get(module, module.replace("_", "-")) for module in modules)
 
 
 def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str:
@@ -222,6 +232,19 @@ def _home(code: object) -> tuple[str, str]:
     code = inspect.unwrap(code) if callable(code) else code
     owner = code if inspect.isroutine(code) or isinstance(code, type) else type(code)
     return str(getattr(owner, "__module__", "")), ""
+
+
+def _file_of(name: str) -> str:
+    """Returns the file of a module, also of one that a function will import; empty without one. Imports nothing."""
+    if name in sys.modules:
+        return str(getattr(sys.modules[name], "__file__", None) or "")
+    place, spec = None, None
+    for end in [index for index, character in enumerate(name) if character == "."] + [len(name)]:
+        spec = importlib.machinery.PathFinder.find_spec(name[:end], place)
+        if spec is None:
+            return ""
+        place = spec.submodule_search_locations or []
+    return str(spec.origin or "") if spec else ""
 
 
 def _is_users(path: str) -> bool:

@@ -21,6 +21,7 @@ from mjrun.python_code import (
     code_hash,
     edit_remarks,
     import_from,
+    imported_packages,
     load_code,
     made,
     module_sources,
@@ -110,6 +111,26 @@ def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
     assert code_hash([act]) != before
     assert code_hash([]) == code_hash([print]) == code_hash([Path]) == ""
     del sys.modules["control_of_a_test"], sys.modules["gains_of_a_test"]
+
+
+def test_modules_that_functions_import_later_belong_to_the_code(folder: Path) -> None:
+    """A process that executes pickled code finds no other modules; installed packages are known by their versions."""
+    texts = {
+        "acting_late.py": "def act(model, data):\n    import acting_parts.gains, PIL.Image, math, no_such_module\n",
+        "acting_parts/__init__.py": "raise AssertionError('it is imported')\n",
+        "acting_parts/gains.py": "KP = 1\n",
+    }
+    (folder / "acting_parts").mkdir()
+    for path, text in texts.items():
+        (folder / path).write_text(text)
+    act = load_code("acting_late.py:act", "controller", "")
+    found = {str(Path(each.path).relative_to(folder)): each.content.decode() for each in module_sources([act])}
+    assert found == texts
+    assert imported_packages([act]) == ["no-such-module", "pillow"]
+    before = code_hash([act])
+    (folder / "acting_parts" / "gains.py").write_text("KP = 2\n")
+    assert code_hash([act]) != before
+    del sys.modules["acting_late"]
 
 
 def _pushing(force: object) -> Callable[[], object]:
