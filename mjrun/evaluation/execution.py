@@ -69,6 +69,12 @@ class EvaluationSpec:
         """Returns the task, whose environment all episodes share."""
         return [self.groups[0].task]
 
+    @property
+    def packages(self) -> Sequence[str]:
+        """The packages that compute the actions."""
+        specs = [StudySpec(group.simulation(), (), ()) for group in self.groups]
+        return list(dict.fromkeys(package for spec in specs for package in spec.packages))
+
 
 class EpisodeSimulator:
     """A simulator of episodes; those of one group that arrive together are played side by side."""

@@ -153,12 +153,14 @@ class PolicyFormat:
         file of its normalization, `none`, or None.
       reads_folders: whether a folder can be such a policy.
       files: lists the files of the policy at the path of a file, itself included.
+      packages: the packages that compute its actions.
     """
 
     suffixes: Sequence[str]
     load: Callable[[Path, str, bool, str | None], Policy]
     reads_folders: bool = False
     files: Callable[[Path], list[Path]] = lambda path: [path]
+    packages: Sequence[str] = ()
 
 
 def require_trusted_file(path: Path, trust: bool) -> None:

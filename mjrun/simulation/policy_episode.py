@@ -3,7 +3,7 @@
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import field
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -396,6 +396,16 @@ def _read_policy(policy: str, trust: bool, normalize: str | None, files: _Files)
     from mjrun.policy import load
 
     return load.load_policy(policy, trust=trust, normalize=normalize, place=files.places[0])
+
+
+def policy_packages(policy: object) -> Sequence[str]:
+    """Returns the packages that compute the actions of a policy in a file."""
+    if not isinstance(policy, str) or not is_policy_file(policy):
+        return ()
+    from mjrun.policy.loaders import format_of
+
+    loader = format_of(Path(policy))
+    return loader.packages if loader else ()
 
 
 def policy_files(policy: object, normalize: str | None = None) -> list[Path]:

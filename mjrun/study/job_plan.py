@@ -147,7 +147,10 @@ def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> No
     here = _hashes(prepared)
     differing = [name for name in here if here[name] != planned.get(name)]
     if differing:
-        other = {name: f"{name} {clean(planned.get(name, ''))}, here {here[name]}" for name in versions()}
+        other = {
+            name: f"{name} {clean(planned.get(name, ''))}, here {here[name]}"
+            for name in versions(prepared.spec.packages)
+        }
         facts = [other.get(name, name) for name in differing]
         raise UsageError(
             f"the plan was made with other {'; '.join(facts)}\n"

@@ -59,6 +59,7 @@ TOGETHER = 8  # parts that are merged into one
 PART_BYTES = 2**25  # largest part that is made by merging
 GROUP = 2**14  # rows that are merged at once
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
+PLACES = ("policy", "normalize")  # options that are files, code or words; the folder of a file does not count
 
 
 def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[ModuleSource] = ()) -> dict[str, object]:
@@ -75,9 +76,10 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[Mod
     base, snapshot = replace(spec.base, snapshot=None), spec.base.snapshot
     simulation = cast("dict[str, object]", plain(base))
     simulation |= dict.fromkeys(PATHS)  # the contents of the files count, not their places
+    simulation |= {name: Path(text).name for name in PLACES if isinstance(text := getattr(base, name), str)}
     simulation["map"] = [text for text in base.map if not text.startswith("@")]
     return {
-        **versions(),
+        **versions(spec.packages),
         "model": content_fingerprint(model),
         "files": [snapshot.content_digest(path) for _, path in base.inputs],
         "code": code_hash(base.code, modules),

@@ -38,7 +38,7 @@ class PointSimulationServer:
         from mjrun.study.spec import WorkerVersions
 
         yield from self._simulator.run(points)
-        yield WorkerVersions.here(self._spec.models(point.values for point in points))
+        yield WorkerVersions.here(self._spec.models(point.values for point in points), self._spec.packages)
 
 
 def start_early(count: int) -> None:

@@ -115,7 +115,9 @@ class PreparedStudy(PreparedPoints):
     def identity_hashes(self) -> Mapping[str, str]:
         """A hash of each part of the identity, or its version."""
         texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in self.identity.items()}
-        return {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()} | versions()
+        return {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()} | versions(
+            self.spec.packages
+        )
 
     @property
     def identities(self) -> Mapping[str, object]:

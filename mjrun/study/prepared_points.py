@@ -282,7 +282,7 @@ class PreparedPoints(ABC):
         Args:
           is_shared: whether other processes that see the folder publish results in it.
         """
-        expected = WorkerVersions.here(self._spec.models(self.points.points))
+        expected = WorkerVersions.here(self._spec.models(self.points.points), self._spec.packages)
         reported = set[str]()
 
         def fault(result: ChunkResult) -> str:

@@ -33,8 +33,11 @@ from mjrun.options.image_dataset import CAMERA
 from mjrun.options.option import is_given
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import RUN_REQUIREMENTS, SimulationOptions
-from mjrun.python_code import PickledWithCode
+from mjrun.packages import installed_version
+from mjrun.physics.warp_device import PACKAGE, WARP
+from mjrun.python_code import PickledWithCode, imported_packages
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.policy_episode import policy_packages
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.dataset_specs import EpisodeSpec, ImageSpec
 from mjrun.version import __version__
@@ -113,6 +116,12 @@ class StudySpec:
         """Functions and objects in it that the user has written."""
         return [*self.base.code, *(controller for _, controller in self.controllers)]
 
+    @property
+    def packages(self) -> Sequence[str]:
+        """The packages that compute the results, in addition to those of all studies."""
+        engine = (PACKAGE, WARP) if self.engine == "warp" else ()
+        return [*engine, *policy_packages(self.base.policy), *imported_packages(self.code)]
+
 
 class StudyPoint(NamedTuple):
     """A point: its index in the study, and its values. There may be a million of them."""
@@ -189,6 +198,11 @@ class SimulatorSpec(Protocol):
 
     def models(self, points: Iterable[Sequence[str]]) -> Sequence[ModelSource]:
         """Returns the models of points, given by their values."""
+        ...
+
+    @property
+    def packages(self) -> Sequence[str]:
+        """The packages that compute the results, in addition to those of all studies."""
         ...
 
 
@@ -335,9 +349,15 @@ def _representative(distinct: Sequence[str]) -> Sequence[str]:
 # --- versions and chunks -----------------------------------------------------------------------------
 
 
-def versions() -> dict[str, str]:
-    """Returns the versions of all libraries that determine the results of a simulation."""
-    return {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
+def versions(packages: Iterable[str] = ()) -> dict[str, str]:
+    """Returns the versions of all libraries that determine the results of a simulation.
+
+    Args:
+      packages: packages that compute these results in addition; missing ones are left out.
+    """
+    always = {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
+    others = {package: installed_version(package) for package in packages if package not in always}
+    return always | {package: version for package, version in others.items() if version}
 
 
 @dataclass(frozen=True)
@@ -355,9 +375,10 @@ class WorkerVersions:
     host: str
 
     @classmethod
-    def here(cls, models: Iterable[ModelSource]) -> "WorkerVersions":
-        """Returns the versions that this process simulates `models` with."""
-        return cls(versions(), {model.text: code for model in models if (code := model.code)}, socket.gethostname())
+    def here(cls, models: Iterable[ModelSource], packages: Iterable[str] = ()) -> "WorkerVersions":
+        """Returns the versions that this process simulates `models` with; see `versions`."""
+        environments = {model.text: code for model in models if (code := model.code)}
+        return cls(versions(packages), environments, socket.gethostname())
 
     def difference(self, expected: "WorkerVersions") -> str:
         """Describes the difference from the expected versions for a message; empty if they are equal."""

@@ -56,14 +56,14 @@ from mjrun.study.results import (
     table_bytes,
     with_flags,
 )
-from mjrun.study.spec import PointResult, StudyPoint, StudySpec, versions, with_end
+from mjrun.study.spec import PointResult, StudyPoint, StudySpec, with_end
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.plotting.table_figure import Table
 
 SCHEMA = "mjrun-sweep-1"
-READ = (*versions(), "model", "files", "code", "environment", "controllers")  # parts of an identity beside options
+OPTIONS = ("simulation", "metrics", "every", "engine", "task", "product")  # parts of an identity; the others are read
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 SHOWN = 3  # points at each end of the study
 PATIENCE = 60.0  # [s] for the point that is measured
@@ -190,7 +190,7 @@ class Study(StudyOptions, ExecutionOptions):
         now = json.loads(json.dumps({"study": self.document, "identity": prepared.identity_hashes}, default=str))
         changed = [
             *_changed(before, now, "study"),
-            *(name for name in _changed(before, now, "identity") if name in READ),
+            *(name for name in _changed(before, now, "identity") if name not in OPTIONS),
         ]
         if changed:
             reporter.note(f"changed since the last run: {clean(', '.join(dict.fromkeys(changed)))}")

@@ -2,23 +2,28 @@
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
 
+from mjrun.document.task import read_task
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import Leases
 from mjrun.study.part_files import PartFiles, PartWriter, point_keys, study_identity
 from mjrun.study.spec import PointResult, StudySpec
+from tests.packages import planted
 from tests.study.models import BALL
 
+SCENES = Path(__file__).parents[2] / "scenes"
 RESULTS = [
     PointResult(0, "ok", (1.5, math.inf), 9, wall=0.1),
     PointResult(1, "crashed", (math.nan,) * 2, 0, 139, "ü\n", 1.0),
@@ -275,6 +280,35 @@ def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: P
     path.write_text(BALL.replace(".1", ".2"))
     others += [key(spec)]
     assert len({base, *others}) == 1 + len(others)
+
+
+def test_the_key_of_a_point_changes_with_the_packages_of_its_policy_and_engine_but_not_with_the_folder_of_the_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = read_task(SCENES / "car_drive.yaml")
+    folders = [tmp_path / name for name in ("a", "b")]
+    for folder in folders:
+        folder.mkdir()
+        copy(SCENES / "policies" / "car_drive.onnx", folder)
+        (folder / "drive.py").write_text("import yaml\ndef act(observation): return observation[:2]\n")
+
+    def all_keys(folder: Path) -> list[str]:
+        monkeypatch.delitem(sys.modules, "drive", raising=False)
+        bases = [Simulation(task, policy=str(folder / name)) for name in ("car_drive.onnx", "drive.py:act")]
+        specs = [
+            StudySpec(base, ("seed",), (("R", "last(return)"),)) for base in [*bases, replace(bases[0], policy="zero")]
+        ]
+        return [keys(spec, ("seed",), [("1",)])[0] for spec in [*specs, replace(specs[2], engine="warp")]]
+
+    before = all_keys(folders[0])
+    assert len(set(before)) == 4
+    assert all_keys(folders[1]) == before
+    for changed, package in enumerate(("onnxruntime", "pyyaml", None, "mujoco_warp")):
+        if package:
+            monkeypatch.syspath_prepend(planted(tmp_path / package, package, "99.0"))
+            after = all_keys(folders[0])
+            assert [index for index in range(4) if after[index] != before[index]] == [changed]
+            before = after
 
 
 def test_environments_with_one_model_are_told_apart() -> None:

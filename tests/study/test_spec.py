@@ -3,6 +3,7 @@
 import pickle
 from dataclasses import replace
 from fractions import Fraction
+from importlib.metadata import version
 from pathlib import Path
 
 import mujoco
@@ -21,6 +22,9 @@ def test_other_versions_are_named() -> None:
     assert here.difference(here) == ""
     other = replace(here, versions={**versions(), "mujoco": "3.9.9"}, host="elsewhere")
     assert other.difference(here) == f"mujoco 3.9.9 instead of {mujoco.mj_versionString()}"
+    acting = WorkerVersions.here([], ["pyyaml", "no-such-package"])
+    other = replace(acting, versions={**acting.versions, "pyyaml": "1.0"})
+    assert other.difference(acting) == f"pyyaml 1.0 instead of {version('pyyaml')}"
 
 
 def test_other_packages_of_an_environment_are_named() -> None:

@@ -176,4 +176,5 @@ FORMAT = PolicyFormat(
     lambda path, name, trust, normalize: LeappPolicy(path, name),
     reads_folders=True,
     files=_files,
+    packages=("onnxruntime",),
 )

@@ -376,6 +376,7 @@ FORMAT = PolicyFormat(
     SUFFIXES,
     lambda path, name, trust, normalize: OnnxPolicy(path, name),
     files=lambda path: [path, *weight_files(path)],
+    packages=("onnxruntime",),
 )
 
 

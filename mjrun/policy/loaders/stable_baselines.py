@@ -80,4 +80,5 @@ def _read(path: Path) -> "BasePolicy":
 FORMAT = PolicyFormat(
     (".zip",),
     lambda path, name, trust, normalize: StableBaselinesPolicy(path, name, trust=trust, normalize=normalize),
+    packages=("stable-baselines3", "torch"),
 )

@@ -67,4 +67,5 @@ class TorchScriptPolicy(Policy):
 FORMAT = PolicyFormat(
     (".pt", ".pth", ".jit", ".torchscript"),
     lambda path, name, trust, normalize: TorchScriptPolicy(path, name, trust=trust),
+    packages=("torch",),
 )
