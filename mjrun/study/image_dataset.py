@@ -24,7 +24,7 @@ from mjrun.model.sources import source_of
 from mjrun.options.image_dataset import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
-from mjrun.options.sweep import ExecutionOptions, VariationOptions
+from mjrun.options.sweep import MANIFEST, ExecutionOptions, VariationOptions
 from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, labelled_objects
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
@@ -43,6 +43,7 @@ from mjrun.version import __version__
 
 SCHEMA = "mjrun-dataset-1"
 OBJECTS = "objects.json"
+LABELS = "labels/"  # of YOLO: files that exist for each image, and not for the dataset
 
 
 @options
@@ -86,9 +87,13 @@ class Dataset(DatasetOptions, ExecutionOptions):
             check_engine(self.engine)
             prepared.files.create()
             prepared.warn(reporter)
-            study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
+            study.report_changes(prepared, reporter)
+            facts = {"points": len(prepared.keys), "schema": SCHEMA, "documents": self._documents()}
+            study.write_manifest({**facts, **prepared.identities})
             prepared.known.forget(self._lost(prepared))
             missing = prepared.missing(self.retry_failed)
+            if any(self._has_other(index, prepared) for index in missing):
+                self._remove(self._documents())  # which describe images that will be replaced
             prepared.note_known(missing, reporter)
             made = 0
             if missing:
@@ -152,6 +157,19 @@ class Dataset(DatasetOptions, ExecutionOptions):
         is_same = document is not None and document.get("key") == prepared.keys[index]
         return is_same and all(is_file(Path(self.output) / path) for path in _paths(document))
 
+    def _has_other(self, index: int, prepared: PreparedStudy) -> bool:
+        """Returns whether the folder has images of another point in place of this one."""
+        document = self._record(index)
+        return document is not None and document.get("key") != prepared.keys[index]
+
+    def _documents(self) -> list[str]:
+        """Returns the documents of formats that earlier runs have written in the folder."""
+        try:
+            manifest = json.loads((Path(self.output) / MANIFEST).read_text("utf-8"))
+            return _inside(map(str, manifest["documents"]))
+        except (OSError, ValueError, KeyError, TypeError):
+            return []
+
     def _record(self, index: int) -> dict[str, Any] | None:
         """Returns the record of a point; None if it is missing or unreadable."""
         try:
@@ -166,6 +184,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             return
         before = _paths(self._record(result.index))
         *images, (path, content) = result.files
+        self._remove(_labels(before))
         self._write([*images, (path, b'{"key": "%s", %s' % (key.encode(), content[1:]))])
         self._remove({*before} - {path for path, _ in images})
 
@@ -180,17 +199,16 @@ class Dataset(DatasetOptions, ExecutionOptions):
                 output.publish()
 
     def _remove(self, paths: Iterable[str]) -> None:
-        """Removes images that are not part of the dataset any more, and their labels."""
+        """Removes files that are not part of the dataset any more."""
         for path in paths:
-            place = Path(self.output) / path
-            place.unlink(missing_ok=True)
-            (Path(self.output) / "labels" / f"{place.stem}.txt").unlink(missing_ok=True)
+            (Path(self.output) / path).unlink(missing_ok=True)
 
     def _remove_points_from(self, count: int) -> None:
         """Removes the images and records of earlier points beyond the first `count`."""
         for place in sorted((Path(self.output) / RECORDS).glob("*.json")):
             if place.stem.isdecimal() and int(place.stem) >= count:
-                self._remove(_paths(self._record(int(place.stem))))
+                images = _paths(self._record(int(place.stem)))
+                self._remove([*images, *_labels(images)])
                 place.unlink(missing_ok=True)
 
     def _conclude(
@@ -207,7 +225,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         study_table(prepared.points, (), results, prepared.units).write(folder, facts)
         self._remove_points_from(len(results))
         parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
-        rejected = 0
+        rejected, earlier = 0, {*self._documents()}
         for index, result in enumerate(results):
             document = self._record(index) if result.status == "ok" else None
             for image in document["images"] if document else ():
@@ -218,10 +236,16 @@ class Dataset(DatasetOptions, ExecutionOptions):
         sites = names(prepared.model, "site")
         described = [(each.name, each.category, tuple(sites[i] for i in each.keypoints)) for each in objects]
         dataset = datasets.DatasetRecords(parts, described, self.polygons, self.yolo_task)
+        self._write([(OBJECTS, self._objects(objects, prepared.model))])
+        documents = list[str]()
         for name in self.format:
             if name != "folder":
-                self._write(import_module(f"mjrun.formats.datasets.{name}").files(dataset))
-        self._write([(OBJECTS, self._objects(objects, prepared.model))])
+                files = import_module(f"mjrun.formats.datasets.{name}").files(dataset)
+                self._write(files)
+                documents += [path for path, _ in files if not path.startswith(LABELS)]
+        if "yolo" not in self.format:
+            earlier.update(_labels(path for images in parts.values() for path in _paths({"images": images})))
+        self._remove(earlier.difference(documents))
         result = DatasetResult(
             path=str(folder),
             points=len(results),
@@ -234,7 +258,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
             failures=point_failures(prepared.points, results),
             wall=time.perf_counter() - start,
         )
-        study.write_manifest({"schema": SCHEMA, "format": list(self.format), "images": dict(result.images)})
+        facts = {"schema": SCHEMA, "format": list(self.format), "images": dict(result.images), "documents": documents}
+        study.write_manifest({**facts, **prepared.identities})
         is_complete = results.counts.get("ok", 0) == len(results)
         raise_failures(result, [], None if is_complete else FailedPointsError(results.counts))
         return result
@@ -257,8 +282,16 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
 def _paths(record: Mapping[str, Any] | None) -> list[str]:
     """Returns the files of the images of a point, inside of the folder."""
-    paths = [str(path) for image in (record or {}).get("images", ()) for path in image["files"].values()]
+    return _inside(str(path) for image in (record or {}).get("images", ()) for path in image["files"].values())
+
+
+def _inside(paths: Iterable[str]) -> list[str]:
     return [path for path in paths if not Path(path).is_absolute() and ".." not in Path(path).parts]
+
+
+def _labels(images: Iterable[str]) -> set[str]:
+    """Returns the files that may have the labels of images in YOLO's format."""
+    return {f"{LABELS}{Path(path).stem}.txt" for path in images}
 
 
 @dataclass(frozen=True)

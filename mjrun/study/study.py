@@ -120,7 +120,7 @@ class Study(StudyOptions, ExecutionOptions):
             check_engine(self.engine, prepared.folder)
             prepared.files.create()
             prepared.warn(reporter)
-            self._report_changes(prepared, reporter)
+            self.report_changes(prepared, reporter)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
             # Lets an interrupted study continue, and others see its progress.
@@ -180,7 +180,7 @@ class Study(StudyOptions, ExecutionOptions):
         document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
         return manifest_writer(folder_at(self.output).path(MANIFEST), document)
 
-    def _report_changes(self, prepared: PreparedStudy, reporter: Reporter) -> None:
+    def report_changes(self, prepared: PreparedStudy, reporter: Reporter) -> None:
         """Reports the keys of the document, files, code and versions that have changed since the last run."""
         try:
             with prepared.folder.open(MANIFEST) as stream:

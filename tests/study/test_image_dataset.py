@@ -12,11 +12,12 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import DrawError, FailedPointsError, UsageError
-from mjrun.reporter import PythonApiReporter
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.study.dataset_specs import camera_argument, part_of
 from mjrun.study.image_dataset import Dataset, DatasetResult
 from mjrun.study.point_images import PointImageMaker
 from tests.cases import cases
+from tests.reporters import RecordingReporter
 from tests.study.in_process import simulate_here
 
 MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
@@ -36,11 +37,11 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def made(model: Path, folder: Path, **options: Any) -> DatasetResult:
+def made(model: Path, folder: Path, *, reporter: Reporter | None = None, **options: Any) -> DatasetResult:
     defaults: dict[str, Any] = {"size": (64, 48), "jobs": 1, "quality": "draft"}
     if "vary" not in options:
         defaults |= {"vary": VARY, "samples": 3}
-    return Dataset(mjrun.Simulation(model), str(folder), **defaults | options).run(PythonApiReporter())
+    return Dataset(mjrun.Simulation(model), str(folder), **defaults | options).run(reporter or PythonApiReporter())
 
 
 def contents(folder: Path) -> Mapping[str, bytes]:
@@ -58,7 +59,7 @@ def records(folder: Path) -> list[dict[str, Any]]:
 def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(
     model: Path, tmp_path: Path, point_processes: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = {"format": "coco,yolo,nerfstudio", "keypoints": "top"}
+    options: dict[str, Any] = {"format": "coco,yolo,nerfstudio", "keypoints": "top"}
     made(model, tmp_path / "b", **options, jobs=2, chunk=1)
     simulate_here(monkeypatch)
     made(model, tmp_path / "a", **options)
@@ -148,6 +149,40 @@ def test_rejected_images_and_points_that_are_gone_leave_no_files(model: Path, tm
     made(model, folder, samples=2, format="yolo")
     for name in (*ASSETS, "labels", "records"):
         assert sorted(int(path.stem) for path in (folder / name).iterdir()) == [0, 1]
+
+
+def test_a_folder_that_had_other_images_or_formats_has_the_files_of_the_last_run_alone(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, narrow = tmp_path / "set", {"camera.azimuth": "uniform(0,20)"}
+    runs: list[dict[str, Any]] = [
+        {"format": "coco,yolo"},
+        {"format": "nerfstudio"},
+        {"format": "yolo", "split": "one=0.5,two=0.5"},
+        {"format": "coco", "vary": narrow, "samples": 2},
+        {"format": "bop"},
+        {"format": "folder"},
+    ]
+    for number, options in enumerate(runs):
+        made(model, folder, **options)
+        made(model, tmp_path / str(number), **options)
+        assert contents(folder) == contents(tmp_path / str(number)), options
+    made(model, folder, **runs[0])
+
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Dataset, "_conclude", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            made(model, folder, **{**runs[0], "vary": narrow})
+    assert not {*contents(folder)} & {"annotations/instances_train.json", "train.txt", "data.yaml", "labels/000000.txt"}
+    reporter = RecordingReporter()
+    made(model, folder, reporter=reporter, **{**runs[1], "size": (32, 24)})
+    assert contents(folder).keys() == contents(tmp_path / "1").keys()
+    model.write_text(MODEL.format(height=0.3))
+    made(model, folder, reporter=reporter)
+    assert [text for text in reporter.texts if "changed" in text] == ["changed since the last run: model, files"]
 
 
 def test_times_and_cameras_make_several_images_of_a_point(model: Path, tmp_path: Path) -> None:
