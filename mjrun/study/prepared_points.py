@@ -261,7 +261,7 @@ class PreparedPoints(ABC):
         if leases.losses > 1:
             reporter.note(f"{counted(leases.losses, 'Slurm job')} lost; their points were submitted again")
         if leased.elsewhere:
-            reporter.note(f"{counted(leased.elsewhere, self.noun)} were simulated by other processes in the meantime")
+            reporter.note(f"other processes simulated {counted(leased.elsewhere, self.noun)} in the meantime")
         if left := len(indices) - statuses.total() - leased.elsewhere:
             reporter.note(f"{limits.reached}: {counted(left, self.noun)} left; repeat the command to continue")
         return statuses
