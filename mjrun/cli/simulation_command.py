@@ -102,7 +102,7 @@ def source(command_line: ParsedCommandLine) -> "ModelSource":
 def stem(command_line: ParsedCommandLine) -> str:
     """Returns the name of the model, or of the document, for default names of outputs."""
     text = command_line.argument("model")
-    return Path(text).stem if is_yaml(text) else source(command_line).stem
+    return Path(text).stem if is_yaml(text) else _source(command_line).stem
 
 
 def simulation(command_line: ParsedCommandLine) -> "Simulation":
