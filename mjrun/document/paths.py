@@ -60,13 +60,14 @@ class OutputFolder:
         self._check(path)
         return f"{path}/" if text.endswith("/") else str(path)
 
-    def reserve(self, path: str, owner: str) -> None:
-        """Reserves a file for one output; `owner` names the option and its place.
+    def reserve(self, path: str, owner: str, *, anywhere: bool = False) -> None:
+        """Reserves a file for one output, which may be `anywhere`; `owner` names the option and its place.
 
         Raises:
           UsageError: another output has this file, or a link leads out of the folder.
         """
-        self._check(Path(path))
+        if not anywhere:
+            self._check(Path(path))
         self._taken.reserve(path, owner)
 
     def _check(self, path: Path) -> None:

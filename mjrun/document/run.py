@@ -39,7 +39,7 @@ from mjrun.document.tree import (
     path_text,
     written_path,
 )
-from mjrun.errors import FaultyRequestsError, UsageError
+from mjrun.errors import FaultyRequestsError, UsageError, flag
 from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import PathKind, ReadingContext
@@ -208,6 +208,8 @@ class _Builder(DocumentValueBuilder):
 
             self.attempt((), partial(check_page_name, page.html))
             self._reserve_file("html", page.html, ())
+        elif page.html is not None:
+            self.folders.outputs.reserve(page.html, flag("html"), anywhere=True)
         return page
 
     def _request(

@@ -74,6 +74,10 @@ def test_a_page_is_made_where_the_document_says_unless_the_command_line_says_whe
     assert mjrun_here("run", study, "-o", "more", "-q", "--html", "mine.html").returncode == 0
     pages = sorted(str(path.relative_to(mjrun_here.folder)) for path in mjrun_here.folder.rglob("*.html"))
     assert pages == ["mine.html", "out/pages/study.html"]
+    study.write_text(STUDY + "exports: [replay.html]\n")
+    clash = mjrun_here("run", study, "-o", "more", "--html", "more/replay.html")
+    assert clash.returncode == 2
+    assert b"more/replay.html clashes with --html; each output needs a separate file" in clash.stderr
 
 
 def test_json_holds_every_result(mjrun_here: Command, study: Path) -> None:
