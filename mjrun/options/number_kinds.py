@@ -158,7 +158,9 @@ class ExactNumberKind(Kind[Number, Fraction]):
             number = self._rational(value)
             nearest = float(number)
         except (OverflowError, TypeError, ValueError):
-            raise InvalidValueError(self.expected) from None
+            has_unit = isinstance(value, str) and value[:1].isdigit() and value[-1].isalpha()
+            units = f"; units: {', '.join(self._units)}" if has_unit and self._units else ""
+            raise InvalidValueError(f"{self.expected}{units}") from None
         too_small = nearest == 0 and not (self.zero and number == 0)  # below the smallest float
         if (number < 0 and not self.signed) or too_small:
             raise InvalidValueError(self.expected)
