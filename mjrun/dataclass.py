@@ -126,7 +126,12 @@ def _mistake(cls: type, arguments: tuple[object, ...], values: Mapping[str, obje
     try:
         _signature(cls).bind(*arguments, **values)
     except TypeError as error:
-        return TypeError(f"{cls.__name__}: {error}")
+        from difflib import get_close_matches  # slow to import
+
+        names = _parameters(cls)[1]
+        close = [found for name in values if name not in names for found in get_close_matches(name, names, 1)]
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        return TypeError(f"{cls.__name__}: {error}{hint}")
     raise AssertionError(cls)
 
 
