@@ -94,25 +94,30 @@ class NoiseRatios:
         """Returns a sentence on a misfit, or None."""
         if self.reduced < MISFIT or self.remark():
             return None
-        lacking = "the model lacks something, so the intervals, which cover only scatter, may exclude the true values"
+        reason = "the model lacks something"
         if self.estimate:
-            lacking = (
-                "contacts make the motion rough, but simulations differ less from each other than from the log, so "
-                "the model lacks something, and the intervals may exclude the true values"
+            reason = (
+                "contacts make the motion rough, but the log differs from simulations in ways in which these do not "
+                "differ from each other, so the model lacks something"
             )
-        outliers = f"; if it has outliers, set {option('loss')} huber" if self.loss == "linear" else ""
+        steps = [f"add what may be missing to {option('free')}, such as joint/*.damping"]
+        if self.estimate:
+            steps.append("fit shorter logs, over which errors of a rough motion grow less")
+        steps.append(f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}")
+        if self.loss == "linear":
+            steps.append(f"if it has outliers, set {option('loss')} huber")
         return (
-            f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): {lacking}\n"
-            f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}{outliers}"
+            f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): {reason}, and the "
+            f"intervals, which cover only scatter, may exclude the true values\n{'; '.join(steps)}"
         )
 
     def remark(self) -> str | None:
-        """Returns a sentence on residuals beyond the noise that are no misfit, or None."""
+        """Returns a sentence on residuals beyond the noise that contacts alone may cause, or None."""
         if self.reduced < MISFIT or not (self.estimate and self.estimate.is_likely):
             return None
         return (
             f"contacts make the motion rough: simulations of it differ from each other as much as from the log, so a "
-            f"reduced χ² of {self.reduced:.3g} shows no misfit"
+            f"reduced χ² of {self.reduced:.3g} may come from contacts alone"
         )
 
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:

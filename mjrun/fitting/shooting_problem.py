@@ -31,7 +31,7 @@ LOSS_SLOPES: dict[str, Callable[[Floats], Floats]] = {
 NUDGE = 1e-5  # step of finite differences of coordinates, which go from 0 to 1
 STATE_NUDGE = 1e-6  # step of finite differences of positions, velocities and activations
 STATE_SCALE = 10.0  # standard deviation of a prior of states, for components that no signal determines
-UNLIKELY = 0.005  # probability below which a log is not one of the model
+UNLIKELY = 0.05  # probability below which a log is not one of the model
 PENALTY = 1e3  # residual where a simulation fails, in standard deviations of the noise
 
 

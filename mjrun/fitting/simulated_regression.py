@@ -13,7 +13,6 @@ genetics" (2002); P. Fearnhead, D. Prangle, "Constructing summary statistics for
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
 from mjrun.fitting.gauss_newton import state_spread
@@ -43,6 +42,8 @@ BEYOND = 2.0  # standard deviation of later rounds, in errors of the one before
 SETTLED = 0.8  # ratio of errors to the least before at which a round is no better
 LONG_SETTLED = 2  # consecutive rounds that are no better and end the search
 LEAST_GAIN = 0.25  # least explained share of a variance, in the correction for the width of the last round
+FOLDS = 10  # parts of the simulations, each of which is compared with the others
+NOISE_TOLERANCE = 1.25  # ratio of squared distances that an error of the noise may cause
 MOST_TRIALS = 20  # draws of a point until its coordinates are within bounds
 RIDGES = np.geomspace(0.1, 1e6, 29)  # penalties that are compared, in variances of the noise
 
@@ -83,7 +84,6 @@ class RegressionSearch:
     ) -> None:
         self._problem, self._opening, self._advanced = problem, opening, advanced
         self._generator = np.random.default_rng(seed)
-        self._runs = _consecutive(problem.known)
 
     def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
         """Draws and regresses until the errors no longer decrease.
@@ -222,36 +222,44 @@ class RegressionSearch:
         return np.clip(estimate, middle - reach, middle + reach)
 
     def _probability(self, drawn: _Round) -> float:
-        """Returns the rank of the log among simulated ones by the median distance to the simulations.
+        """Returns the rank of the log among simulated ones by distance from simulations that are not theirs.
 
-        It is the lower of two: third differences show noise and outliers that a rough motion hides.
+        Distances are those of Mahalanobis (1936), in standard deviations of the simulations and the noise: simulations
+        of a rough motion differ widely in some ways, and a log that differs from them in another way is still far off.
         """
         count = len(drawn.unknowns)
-        distances = np.zeros((2, 1 + count, count))
-        for part, rows in drawn.parts():
+        between, to_logs = np.zeros((count, count)), np.zeros((count, 1 + count))
+        squares = np.zeros(1 + count)
+        for _, rows in drawn.parts():
             logs = np.concatenate([np.zeros((1, rows.shape[1])), rows + self._generator.normal(size=rows.shape)])
-            runs = self._runs[:, (self._runs[0] >= part.start) & (self._runs[-1] < part.stop)] - part.start
-            pairs = ((logs, rows), (_third_differences(logs, runs), _third_differences(rows, runs)))
-            for sums, (ours, theirs) in zip(distances, pairs, strict=True):
-                sums += (ours**2).sum(axis=1)[:, None] - 2 * ours @ theirs.T + (theirs**2).sum(axis=1)
-        distances[:, np.arange(1, 1 + count), np.arange(count)] = np.nan  # of a log to its own simulation
-        medians = np.nanmedian(distances, axis=2)
-        return float((medians >= medians[:, :1]).mean(axis=1).min())
+            middle = rows.mean(axis=0)
+            rows, logs = rows - middle, logs - middle
+            between += rows @ rows.T
+            to_logs += rows @ logs.T
+            squares += (logs**2).sum(axis=1)
+        farther = 0
+        for fold in range(FOLDS):
+            is_tested = np.arange(count) % FOLDS == fold
+            others, tested = np.flatnonzero(~is_tested), np.flatnonzero([True, *is_tested])
+            own, *theirs = _distances(between[np.ix_(others, others)], to_logs[np.ix_(others, tested)], squares[tested])
+            farther += int((NOISE_TOLERANCE * np.array(theirs) >= own).sum())
+        return (1 + farther) / (1 + count)
 
 
-def _consecutive(known: Sequence[NDArray[np.bool_]]) -> NDArray[np.int64]:
-    """Returns the places of each four consecutive values of a signal, among the known values of all chunks, `(4, n)`.
+def _distances(between: Floats, to_logs: Floats, squares: Floats) -> Floats:
+    """Returns the squared Mahalanobis distances of logs from simulations, `(logs,)`, from scalar products.
 
     Args:
-      known: masks of the known values of each chunk, `(n, signals)`.
+      between: scalar products of the simulations, `(n, n)`.
+      to_logs: those of simulations and logs, `(n, logs)`.
+      squares: those of each log with itself, `(logs,)`.
     """
-    runs, first = list[NDArray[np.int64]](), 0
-    for each in known:
-        places = np.where(each, first - 1 + np.cumsum(each).reshape(each.shape), -1)
-        of_chunk = np.lib.stride_tricks.sliding_window_view(places, 4, axis=0).reshape(-1, 4)
-        runs.append(of_chunk[(of_chunk >= 0).all(axis=1)])
-        first += int(each.sum())
-    return np.concatenate(runs).T
+    means, count = between.mean(axis=0), len(between)
+    values, vectors = np.linalg.eigh(between - means - means[:, None] + means.mean())
+    cross = to_logs - means[:, None]
+    lengths = squares - 2 * cross.mean(axis=0) - means.mean()
+    shared = vectors.T @ (cross - cross.mean(axis=0))
+    return lengths - (shared**2 / (count - 1 + np.maximum(values, 0.0))[:, None]).sum(axis=0)
 
 
 def _away_from_neighbours(residuals: Floats) -> Floats:
@@ -259,8 +267,3 @@ def _away_from_neighbours(residuals: Floats) -> Floats:
     padded = np.pad(np.nan_to_num(residuals), ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1, axis=0)
     return residuals - np.median(windows, axis=-1)
-
-
-def _third_differences(rows: Floats, runs: NDArray[np.int64]) -> Floats:
-    a, b, c, d = (rows[:, run] for run in runs)
-    return d - a + 3 * (b - c)

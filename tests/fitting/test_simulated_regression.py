@@ -1,6 +1,6 @@
 """Regression on simulated logs: least squares agree where motion is smooth, and bare loops know the truth elsewhere."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,9 +42,9 @@ FREE = (("joint/x.damping", "0..1"), ("geom/floor.friction[0]", "0.05..1"))
 EVERY, ROWS = 5, 200
 
 
-def slide_log(seed: int, stiffness: float = 0.0) -> LogSegment:
+def slide_log(seed: int, damping: float = DAMPING, stiffness: float = 0.0) -> LogSegment:
     """A box that a motor pushes until it slides, again and again, by a bare loop of MuJoCo."""
-    model = mujoco.MjModel.from_xml_string(SLIDE.format(DAMPING, FRICTION))
+    model = mujoco.MjModel.from_xml_string(SLIDE.format(damping, FRICTION))
     model.jnt_stiffness[0] = stiffness
     data, generator = mujoco.MjData(model), np.random.default_rng(seed)
     frequency = generator.uniform(0.7, 1.3)
@@ -60,10 +60,10 @@ def slide_log(seed: int, stiffness: float = 0.0) -> LogSegment:
     return LogSegment("log", np.array(times), values, np.array(controls)[:, None])
 
 
-def slide_shooting(folder: Path, log: LogSegment) -> tuple[ShootingFit, list]:
+def slide_shooting(folder: Path, log: LogSegment, free: Sequence[tuple[str, str]] = FREE) -> tuple[ShootingFit, list]:
     model = folder / "slide.xml"
     model.write_text(SLIDE.format(1.6 * DAMPING, 1.6 * FRICTION))
-    shoot, _, _, parameters = shooting_of(model, FREE, ["qpos/x"], ["ctrl/motor"], log)
+    shoot, _, _, parameters = shooting_of(model, free, ["qpos/x"], ["ctrl/motor"], log)
     return shoot, parameters
 
 
@@ -111,21 +111,34 @@ def test_where_motion_is_smooth_it_agrees_with_least_squares(monkeypatch: pytest
 
 
 @pytest.mark.parametrize(
-    ("loss", "outliers", "is_likely"), [("linear", 0, True), ("linear", 8, False), ("huber", 8, True)]
+    ("loss", "outliers", "wave", "count", "is_likely"),
+    [
+        ("linear", 0, 0.0, 250, True),
+        ("linear", 8, 0.0, 250, False),
+        ("huber", 8, 0.0, 250, True),
+        ("linear", 0, 5.0, 250, False),
+        ("linear", 0, 5.0, 60, False),
+    ],
 )
-def test_outliers_show_beside_a_rough_motion(loss: str, outliers: int, is_likely: bool) -> None:
-    """Simulations differ by smooth curves of 100 standard deviations; some rows of the log are off by 20."""
+def test_outliers_and_misfits_show_beside_a_rough_motion(
+    loss: str, outliers: int, wave: float, count: int, is_likely: bool
+) -> None:
+    """`count` simulations differ by smooth curves of 100 standard deviations, with knots every 15 rows.
+
+    Some rows of the log are off by 20, or all by a wave between these knots, which is no sum of such curves.
+    """
     shoot, _ = shooting(THREE)
     shoot._loss = loss
     (log,) = segments()
-    generator, count = np.random.default_rng(0), len(log.times)
-    curves = 100 * np.cumsum(generator.normal(size=(250, 20)), axis=1) @ _bumps(20, count)
-    measured = generator.normal(size=count) - 100 * np.cumsum(generator.normal(size=20)) @ _bumps(20, count)
-    measured[generator.choice(count, outliers, replace=False)] += 20
+    generator, rows = np.random.default_rng(0), len(log.times)
+    curves = 100 * np.cumsum(generator.normal(size=(count, 20)), axis=1) @ _bumps(20, rows)
+    measured = generator.normal(size=rows) - 100 * np.cumsum(generator.normal(size=20)) @ _bumps(20, rows)
+    measured[generator.choice(rows, outliers, replace=False)] += 20
+    measured += wave * np.sin(2 * np.pi * np.linspace(0, 19, rows))
     search = search_of(shoot, log, np.full(3, 0.5), 1.0)
     residuals = curves - measured
     weights = loss_weights(loss, _away_from_neighbours(residuals[0][:, None]))[:, 0]
-    drawn = _Round(np.zeros((250, 3)), np.pad(residuals, ((0, 0), (0, 3))), np.append(weights, np.ones(3)))
+    drawn = _Round(np.zeros((count, 3)), np.pad(residuals, ((0, 0), (0, 3))), np.append(weights, np.ones(3)))
     assert (search._probability(drawn) >= UNLIKELY) == is_likely
 
 
@@ -160,11 +173,18 @@ def test_a_box_that_sticks_and_slides_shows_its_friction_and_damping(tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_log_of_another_system_is_unlikely(tmp_path: Path) -> None:
-    """A spring that the model lacks holds the box."""
-    log = slide_log(0, stiffness=10.0)
-    shoot, _ = slide_shooting(tmp_path, log)
-    _, estimate = regressed(shoot, search_of(shoot, log, np.array([0.16, 0.6]), NOISE))
+@pytest.mark.parametrize(
+    ("change", "free", "start"),
+    [({"stiffness": 10.0}, FREE, [0.16, 0.6]), ({"damping": 1.0}, FREE[1:], [0.4])],
+    ids=["spring", "damping"],
+)
+def test_a_log_of_another_system_is_unlikely(
+    tmp_path: Path, change: dict[str, float], free: Sequence[tuple[str, str]], start: list[float]
+) -> None:
+    """A spring or damping that the model lacks holds the box, and its friction cannot compensate for that."""
+    log = slide_log(0, **change)
+    shoot, _ = slide_shooting(tmp_path, log, free)
+    _, estimate = regressed(shoot, search_of(shoot, log, np.array(start), NOISE))
     assert not estimate.is_likely
 
 
