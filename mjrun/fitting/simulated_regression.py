@@ -30,7 +30,7 @@ from mjrun.fitting.shooting_problem import (
 
 SIMULATIONS = 200  # per round
 LEAST_SIMULATIONS = 50  # that must not fail
-BATCH = 50  # points that are simulated at once
+BATCH, BATCH_NUMBERS = (16, 50), 10**6  # points that are simulated at once, and their residuals if the log is long
 NEIGHBOURS = 2  # rows before and after another that show whether it is an outlier
 PART = 4096  # numbers of all logs that are multiplied at once
 MOST_ROUNDS = 16
@@ -163,9 +163,11 @@ class RegressionSearch:
     def _simulated(self, unknowns: Floats, nearest: Unknowns) -> Simulating[tuple[_Round, Unknowns]]:
         """Simulates points; returns those that do not fail, and the nearest to the log, which `nearest` may remain."""
         points, least, near = [nearest, *map(self._point, unknowns)], np.inf, list[Floats]()
-        rows = np.empty((len(points), sum(int(each.sum()) for each in self._problem.known) + self._problem.free))
-        for first in range(0, len(points), BATCH):
-            batch = points[first : first + BATCH]
+        numbers = sum(int(each.sum()) for each in self._problem.known) + self._problem.free
+        rows = np.empty((len(points), numbers))
+        size = int(np.clip(BATCH_NUMBERS // numbers, *BATCH))
+        for first in range(0, len(points), size):
+            batch = points[first : first + size]
             all_residuals = yield from self._problem.residuals(batch)
             for row, point, residuals in zip(rows[first:], batch, all_residuals, strict=False):
                 priors, _ = self._problem.priors(point.coordinates)
