@@ -77,6 +77,7 @@ class NoiseRatios:
     """Residuals of a fit compared with the noise of the log.
 
     Attributes:
+      residuals: residual of each signal in its unit, `(signals,)`.
       ratios: residual over noise of each signal, `(signals,)`.
       shares: residual over spread of each signal, `(signals,)`.
       reduced: reduced χ², about 1 if the model explains all but noise.
@@ -84,6 +85,7 @@ class NoiseRatios:
       estimate: parameters by regression on simulated logs, if contacts make the motion rough.
     """
 
+    residuals: Floats
     ratios: Floats
     shares: Floats
     reduced: float
@@ -126,8 +128,8 @@ class NoiseRatios:
         if not bad or self.remark():
             return None
         worst = [
-            f"{clean(columns[i].name)} by {self.ratios[i] * noise[i]:.3g} {columns[i].unit}".rstrip()
-            + f", {self.ratios[i]:.0f} times its noise"
+            f"{clean(columns[i].name)} by {self.residuals[i]:.3g} {columns[i].unit}".rstrip()
+            + f", {self.residuals[i] / noise[i]:.3g} times its noise"
             for i in bad
         ]
         return (
@@ -145,7 +147,7 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
     shares = left / np.where(spread > 0, spread, np.nan)
-    return NoiseRatios(ratios, shares, reduced, solution.loss, solution.estimate)
+    return NoiseRatios(left, ratios, shares, reduced, solution.loss, solution.estimate)
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:

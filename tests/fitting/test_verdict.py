@@ -52,6 +52,10 @@ def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the
     for probability, is_refused in ((0.5, False), (0.001, True)):
         rough = replace(wrong, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
         assert bool(misfit(rough, solution.noise, ()).refusal([SIGNAL], solution.noise)) == is_refused
+    amount = float(np.sqrt(np.mean(wrong.residuals[0] ** 2)) * solution.noise[0])
+    for tiny in (solution.noise, 1e-9 * solution.noise):
+        expected = f"by {amount:.3g} rad, {amount / tiny[0]:.3g} times its noise"
+        assert expected in (misfit(wrong, tiny, ()).refusal([SIGNAL], tiny) or "")
     small = solution.noise / 100  # so that residuals are far beyond it, and a small part of the signal
     assert misfit(solution, small, ()).refusal([SIGNAL], small) is None
 
