@@ -193,7 +193,7 @@ class GridPoints(Sequence[Values]):
         """A hash of all values and their order."""
         made = hashlib.sha256(json.dumps([self._whole, [repeat for _, repeat in self.columns]]).encode())
         for texts, _ in self.columns:
-            made.update(_content(texts))
+            made.update(texts.content if isinstance(texts, NumberTexts) else json.dumps([*texts]).encode())
         made.update(b"" if self._chosen is None else self._chosen.tobytes())
         return made.digest()
 
@@ -264,10 +264,6 @@ def texts_at(texts: Sequence[str], places: np.ndarray) -> list[str]:
     if isinstance(texts, NumberTexts):
         return texts.at(places)
     return [texts[int(place)] for place in places]
-
-
-def _content(texts: Sequence[str]) -> bytes:
-    return texts.content if isinstance(texts, NumberTexts) else json.dumps([*texts]).encode()
 
 
 def parameter_names(paths: Sequence[str]) -> dict[str, str]:

@@ -164,7 +164,7 @@ class ProbeSampler:
         Raises:
           SimulationError: a step fails; the instants before it have been added.
         """
-        if not isinstance(stepper, PhysicsStepper) or not _are_consecutive(steps):
+        if not isinstance(stepper, PhysicsStepper) or [*steps] != [*range(steps[0], steps[0] + len(steps))]:
             for step in steps:
                 stepper.advance(step)
                 copies += self.read(stepper)
@@ -280,10 +280,6 @@ def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str
     steps = f"{float(1 / timeline.timestep):g}"
     text = f"{option('rate')} {float(rational(rate)):g} exceeds the {steps} steps of a simulated second"
     return f"{text}: each step gives one row; a smaller {option('timestep')} gives more"
-
-
-def _are_consecutive(steps: Sequence[int]) -> bool:
-    return [*steps] == [*range(steps[0], steps[0] + len(steps))]
 
 
 def _copy_of(data: mujoco.MjData, name: str) -> Callable[[], bytes | int]:

@@ -89,10 +89,14 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
         return output.OutputPlan(
             preview=output.OutputPreview("video", self.output, count, "frames", frames.size_of(file), about),
             until=context.timeline.steps,
-            open=partial(OpenVideo, self, frames, schedule),
+            open=partial(self.opened, frames, schedule),
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
         )
+
+    def opened(self, *arguments: Any) -> "output.OpenOutput[Any]":
+        """Returns the video with open files; `arguments` are those of `OpenVideo` after the request."""
+        return OpenVideo(self, *arguments)
 
 
 @dataclass(frozen=True)
@@ -260,17 +264,8 @@ class VideoInMemory(Video):
     def files(self) -> list[tuple[str, str]]:
         return []
 
-    def plan(self, context: output.PassContext) -> output.OutputPlan[Any]:
-        """Resolves every name in the model and schedules the frames unless events decide."""
-        frames = plan_frames(self, context, self.plot, self.plot_side)
-        schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
-        return output.OutputPlan(
-            preview=output.OutputPreview("video", self.output, None, "frames", self.size),
-            until=context.timeline.steps,
-            open=partial(OpenVideoInMemory, self, frames, schedule),
-            enable_flags=frames.enable_flags,
-            conditions=frames.scene.conditions,
-        )
+    def opened(self, *arguments: Any) -> "output.OpenOutput[Any]":
+        return OpenVideoInMemory(self, *arguments)
 
 
 class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):

@@ -72,18 +72,9 @@ class EpisodeFileMaker:
             rollout = self._simulated(simulation, stack)
             folder = stack.enter_context(scratch_folder())
             videos, colors = self._videos(simulation, rollout, folder)
-            episode = EpisodeRows(
-                task=self._spec.task or rollout.task,
-                seed=simulation.seed if simulation.replay is None else None,
-                observations=rollout.observations,
-                actions=rollout.actions,
-                rewards=rollout.rewards,
-                terminated=rollout.terminated,
-                truncated=rollout.truncated,
-                success=rollout.success,
-                infos=_infos(rollout),
-                colors=colors,
-            )
+            task = self._spec.task or rollout.rows.task
+            seed = simulation.seed if simulation.replay is None else None
+            episode = replace(rollout.rows, task=task, seed=seed, infos=_infos(rollout), colors=colors)
             _require_finite(episode, self._spec, rollout)
             files = episode.files(videos)
             return rollout.steps[-1], tuple((f"{FOLDER}/{index:06}/{name}", content) for name, content in files)
@@ -137,21 +128,14 @@ class EpisodeTrajectory:
       steps: the step of each row and of the end (T + 1).
       states: the state of each row.
       last: the state at the end `(nstate,)`.
-      observations, actions, rewards, terminated, truncated, success: as in `Episode`.
-      task: the task in words, if it is known.
+      rows: what was observed and done, without seed, infos and colours; the task is empty if it is unknown.
     """
 
     model: mujoco.MjModel
     steps: Sequence[int]
     states: StateBuffer
     last: np.ndarray
-    observations: np.ndarray
-    actions: np.ndarray
-    rewards: np.ndarray
-    terminated: bool = False
-    truncated: bool = False
-    success: bool = False
-    task: str = ""
+    rows: EpisodeRows
 
 
 def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> EpisodeTrajectory:
@@ -190,18 +174,17 @@ def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: Exit
     if ending.name == UNSTABLE.name:
         stepper.advance(stepper.step + stepper.control_steps)  # which raises the error, with its joint
     observe_here()
-    return EpisodeTrajectory(
-        model=model,
-        steps=steps,
-        states=states,
-        last=stepper.state(),
-        observations=np.array(observations),
-        actions=np.array(actions),
-        rewards=np.array(rewards),
+    rows = EpisodeRows(
+        "",
+        None,
+        np.array(observations),
+        np.array(actions),
+        np.array(rewards),
         terminated=ending.terminated,
         truncated=not ending.terminated,
         success=ending.kind == "success",
     )
+    return EpisodeTrajectory(model, steps, states, stepper.state(), rows)
 
 
 def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> EpisodeTrajectory:
@@ -236,15 +219,8 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
 
     last = list[np.ndarray]()
     run_with_taps(simulation.stepper(sampler.model), [Tap(steps, record)], timeline.steps)
-    return EpisodeTrajectory(
-        model=model,
-        steps=steps,
-        states=states,
-        last=last[0],
-        observations=np.array(observations),
-        actions=np.array(actions),
-        rewards=np.zeros(len(rows)),
-    )
+    episode = EpisodeRows("", None, np.array(observations), np.array(actions), np.zeros(len(rows)))
+    return EpisodeTrajectory(model, steps, states, last[0], episode)
 
 
 def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> EpisodeTrajectory:
@@ -275,19 +251,17 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
 
     run_with_taps(simulation.stepper(sampler.model), [Tap(rows, record)], rows[-1])
     rewards = demonstration.rewards
-    return EpisodeTrajectory(
-        model=model,
-        steps=[*rows, rows[-1]],
-        states=states,
-        last=states.state(len(states) - 1),
-        observations=np.array([*observations, observations[-1]]),
-        actions=demonstration.actions,
-        rewards=np.zeros(len(rows)) if rewards is None else rewards,
+    episode = EpisodeRows(
+        demonstration.task,
+        None,
+        np.array([*observations, observations[-1]]),
+        demonstration.actions,
+        np.zeros(len(rows)) if rewards is None else rewards,
         terminated=bool(demonstration.success),
         truncated=not demonstration.success,
         success=bool(demonstration.success),
-        task=demonstration.task,
     )
+    return EpisodeTrajectory(model, [*rows, rows[-1]], states, states.state(len(states) - 1), episode)
 
 
 def _require_alike(demonstration: DemonstratedEpisode, sampler: ProbeSampler, spec: EpisodeSpec) -> None:

@@ -28,7 +28,7 @@ def test_an_episode_is_simulated_once_and_its_states_are_those_that_the_policy_s
         positions = [float(row[slider][0]) for row in rollout.states]
     assert positions == seen[:-1][::3]
     assert rollout.last[slider] == seen[-1]
-    assert rollout.observations[:, 0].tolist() == [*positions, seen[-1]]
+    assert rollout.rows.observations[:, 0].tolist() == [*positions, seen[-1]]
     assert list(rollout.steps) == [*range(0, 2 * len(seen) - 2, 6), 2 * len(seen) - 2]
 
 
@@ -40,8 +40,8 @@ def test_the_next_seed_shares_the_world_and_changes_no_number(tmp_path: Path) ->
     with ExitStack() as stack:
         acted(shared, (), 1, stack)
         expected, found = (acted(episode, (), 1, stack) for episode in (alone, shared.of_seed(5)))
-    np.testing.assert_array_equal(found.observations, expected.observations)
-    np.testing.assert_array_equal(found.actions, expected.actions)
+    np.testing.assert_array_equal(found.rows.observations, expected.rows.observations)
+    np.testing.assert_array_equal(found.rows.actions, expected.rows.actions)
     np.testing.assert_array_equal(found.last, expected.last)
 
 
@@ -53,9 +53,9 @@ def test_a_simulation_without_a_policy_is_observed_at_the_rate_of_rows(tmp_path:
     model = mujoco.MjModel.from_xml_string(XML)
     data = mujoco.MjData(model)
     data.ctrl[0] = 0.5
-    for row, observation in enumerate(rollout.observations):
+    for row, observation in enumerate(rollout.rows.observations):
         mujoco.mj_forward(model, data)
         assert observation.tolist() == [data.xpos[1, 0], data.qvel[0]]
-        assert row == 6 or rollout.actions[row].tolist() == [0.5]
+        assert row == 6 or rollout.rows.actions[row].tolist() == [0.5]
         mujoco.mj_step(model, data, 5)
     assert list(rollout.steps) == [0, 5, 10, 15, 20, 25, 30]

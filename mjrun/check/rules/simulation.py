@@ -41,7 +41,7 @@ def _step(context: CheckContext, steps: int) -> Iterator[Finding]:
     with collected_warnings() as warnings, _energy_flags(context.model):
         try:
             stepper = PhysicsStepper(context.model, mujoco.MjData(context.model), in_place=True)
-            for step in _sample_steps(steps):
+            for step in sorted({round(k * steps / SAMPLES) for k in range(SAMPLES + 1)}):
                 stepper.advance(step)
                 data = stepper.instant()
                 energies.append((float(data.energy[0]), float(data.energy[1])))
@@ -70,11 +70,6 @@ def _energy_flags(model: mujoco.MjModel) -> Generator[None]:
         yield
     finally:
         model.opt.enableflags, model.opt.disableflags = enabled, disabled
-
-
-def _sample_steps(steps: int) -> list[int]:
-    """Returns the steps at which to sample the energy, including the first and the last."""
-    return sorted({round(k * steps / SAMPLES) for k in range(SAMPLES + 1)})
 
 
 def _conserves_energy(model: mujoco.MjModel) -> bool:
