@@ -60,14 +60,14 @@ def test_a_latin_hypercube_has_one_point_in_every_interval() -> None:
 
 
 def test_every_sampler_and_every_design_that_can_be_asked_for_exists() -> None:
-    assert {*SAMPLERS} == {*declared.SAMPLERS}
+    assert {*SAMPLERS} == {*declared.SAMPLER_DESCRIPTIONS}
     for how in declared.DESIGNS:
         assert len(points(vary={"a.x": "1,2", "a.y": "3,4"}, design=how).points) == {"grid": 4, "zip": 2}[how]
     with pytest.raises(KeyError):  # and is not replaced by another one
         _sampled({"a.x": Distribution("uniform(0,1)", "uniform", ("0", "1"))}, 4, "hammersley", 1)
 
 
-@pytest.mark.parametrize("sampler", declared.SAMPLERS)
+@pytest.mark.parametrize("sampler", declared.SAMPLER_DESCRIPTIONS)
 @pytest.mark.parametrize(("count", "dimensions"), [(1, 1), (5, 3), (64, 2)])
 def test_every_sampler_draws_as_many_points_as_asked_for_between_0_and_1(
     sampler: str, count: int, dimensions: int
@@ -78,7 +78,7 @@ def test_every_sampler_draws_as_many_points_as_asked_for_between_0_and_1(
     assert ((drawn >= 0) & (drawn < 1)).all()
 
 
-@pytest.mark.parametrize("sampler", declared.SAMPLERS)
+@pytest.mark.parametrize("sampler", declared.SAMPLER_DESCRIPTIONS)
 def test_the_seed_decides_the_samples(sampler: str) -> None:
     vary = {"a.x": "uniform(0,1)"}
     one, same, other = ([*points(seed, vary=vary, sampler=sampler).points] for seed in (1, 1, 2))
