@@ -87,7 +87,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             check_engine(self.engine)
             prepared.files.create()
             prepared.warn(reporter)
-            study.report_changes(prepared, reporter)
+            study.compare_with_last_run(prepared, reporter, SCHEMA)
             facts = {"points": len(prepared.keys), "schema": SCHEMA, "documents": self._documents()}
             study.write_manifest({**facts, **prepared.identities})
             prepared.known.forget(self._lost(prepared))

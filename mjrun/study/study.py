@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedPointsError, FileError, UnmadeFilesError, clean
+from mjrun.errors import FailedPointsError, FileError, UnmadeFilesError, clean, listing, option
 from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from mjrun.plotting.table_figure import Table
 
 SCHEMA = "mjrun-sweep-1"
+TABLES = (*FILES, *REPEAT_FILES, *sensitivity.FILES)
 OPTIONS = ("simulation", "metrics", "every", "engine", "task", "product")  # parts of an identity; the others are read
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 SHOWN = 3  # points at each end of the study
@@ -120,7 +121,7 @@ class Study(StudyOptions, ExecutionOptions):
             check_engine(self.engine, prepared.folder)
             prepared.files.create()
             prepared.warn(reporter)
-            self.report_changes(prepared, reporter)
+            self.compare_with_last_run(prepared, reporter, SCHEMA)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
             # Lets an interrupted study continue, and others see its progress.
@@ -180,13 +181,26 @@ class Study(StudyOptions, ExecutionOptions):
         document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
         return manifest_writer(folder_at(self.output).path(MANIFEST), document)
 
-    def report_changes(self, prepared: PreparedStudy, reporter: Reporter) -> None:
-        """Reports the keys of the document, files, code and versions that have changed since the last run."""
+    def compare_with_last_run(self, prepared: PreparedStudy, reporter: Reporter, schema: str) -> None:
+        """Reports the keys of the document, files, code and versions that have changed since the last run.
+
+        Raises:
+          FileError: the folder has tables without a manifest, or the results of another command, whose manifest has
+            another `schema`.
+        """
+        ours = _command_of(schema)
+        hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
+        tables = [name for name in TABLES if prepared.folder.has(name)]
+        if tables and not prepared.folder.has(MANIFEST):
+            raise FileError(self.output, f"contains {listing(tables)} of another origin: it has no {MANIFEST}", hint)
         try:
             with prepared.folder.open(MANIFEST) as stream:
                 before = json.loads(stream.read())
         except (OSError, FileError, ValueError):
             return
+        theirs = _command_of(before.get("schema")) if isinstance(before, dict) else ""
+        if theirs and theirs != ours:
+            raise FileError(self.output, f"contains the results of `{clean(theirs)}`", hint)
         now = json.loads(json.dumps({"study": self.document, "identity": prepared.identity_hashes}, default=str))
         changed = [
             *_changed(before, now, "study"),
@@ -227,7 +241,7 @@ class Study(StudyOptions, ExecutionOptions):
                 writers += each.open(stack, prepared.folder, facts, chosen)  # the same in all runs
                 files += chosen
             publish_together(writers)
-        of_other_points = {*FILES, *REPEAT_FILES, *sensitivity.FILES}.difference(files)
+        of_other_points = {*TABLES}.difference(files)
         for name in of_other_points:
             prepared.folder.remove(name)
 
@@ -270,6 +284,11 @@ class Study(StudyOptions, ExecutionOptions):
             error = UnmadeFilesError(kept.failures)
         raise_failures(result, verdicts, error)
         return result
+
+
+def _command_of(schema: object) -> str:
+    """Returns the command whose manifests have a schema: `mjrun sweep` for `mjrun-sweep-1`."""
+    return str(schema or "").rpartition("-")[0].replace("-", " ")
 
 
 def _changed(before: object, now: Mapping[str, object], part: str) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import DrawError, FailedPointsError, UsageError
+from mjrun.errors import DrawError, FailedPointsError, FileError, UsageError
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.study.dataset_specs import camera_argument, part_of
 from mjrun.study.image_dataset import Dataset, DatasetResult
@@ -72,6 +72,20 @@ def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(
     assert {Path(path).parts[0] for path in expected} >= {*ASSETS, "labels", "annotations", "transforms.json"}
     for name in "bcd":
         assert contents(tmp_path / name) == expected
+
+
+def test_datasets_and_studies_do_not_replace_other_tables(model: Path, tmp_path: Path, point_processes: None) -> None:
+    (tmp_path / "repeats.csv").write_text("mine")
+    with pytest.raises(FileError, match=r"contains repeats\.csv of another origin: it has no study\.json"):
+        mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path))
+    mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path / "study"))
+    table = (tmp_path / "study/results.csv").read_bytes()
+    with pytest.raises(FileError, match="study: contains the results of `mjrun sweep`"):
+        made(model, tmp_path / "study")
+    assert (tmp_path / "study/results.csv").read_bytes() == table
+    made(model, tmp_path / "set", samples=1)
+    with pytest.raises(FileError, match="set: contains the results of `mjrun dataset`"):
+        mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path / "set"))
 
 
 def test_a_point_is_the_image_of_the_same_model_and_camera(model: Path, tmp_path: Path) -> None:
