@@ -146,7 +146,9 @@ def _check_units(
             if isinstance(number, AngleWithUnit | LengthWithUnit) and not fits:
                 unit = "a length" if place in LENGTHS else "an angle"
                 wanted = unit if place in (*LENGTHS, *ANGLES) else "a number without a unit"
-                raise BadValueError(f"{option(what)} {clean(name)}", f"{number:g}", wanted)
+                given = "rad" if isinstance(number, AngleWithUnit) else "m"
+                rate = "/s" if what == "qvel" else ""
+                raise BadValueError(f"{option(what)} {clean(name)}", f"{number:g} {given}{rate}", wanted)
 
 
 def _set(vector: np.ndarray, slices: Sequence[slice], values: Values, what: str, name: str) -> None:
