@@ -40,7 +40,7 @@ from mjrun.plotting.tick_labels import value_labels
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
 NAMES = 0.3  # maximum share of the figure for names of parameters
-INDEX = "{:.2g}"  # of an index of sensitivity
+NEGLIGIBLE = 1e-3  # index of sensitivity, as a share of the axis, that is rounded to 0
 REACH = 1.1  # end of the axis of rank correlations on either side
 FALLING = 0.1  # negative rank correlation from which a ring is on the side of its bar
 THICK = 0.62  # height of a bar, as a share of its row
@@ -188,7 +188,8 @@ def _draw_rank_bars(canvas: MatplotlibFigure, panel: SensitivityPanel, axes: Axe
         else np.minimum(np.nan_to_num(panel.intervals).min(axis=(0, 2)), 0)
     )
     for row, value in enumerate(panel.correlations.tolist()):
-        written = f"{value:+.2f}" if panel.ends is None else INDEX.format(value)
+        is_zero = panel.ends is not None and abs(value) < NEGLIGIBLE * panel.ends[1]
+        written = f"{value:+.2f}" if panel.ends is None else f"{0 if is_zero else value:.2g}"
         text = "–" if np.isnan(value) else written.replace("-", "−")
         is_left = value < 0 and panel.ends is None
         axes.annotate(

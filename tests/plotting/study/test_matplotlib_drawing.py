@@ -186,12 +186,13 @@ def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() ->
     from matplotlib.collections import LineCollection
 
     intervals = np.array([[[-0.2, 0.3], [0.6, 1]], [[0.1, 0.4], [np.nan, np.nan]]])
-    bars, rings = np.array([0.1, 0.8]), np.array([0.2, 0.9])
+    bars, rings = np.array([-2e-14, 0.8]), np.array([0.2, 0.9])
     panel = SensitivityPanel("z", ["a", "b"], bars, rings, ("first", "total"), "share", (-0.6, 1.1), intervals)
     made, _ = figure(DrawnStudyFigure("", [panel]))
     axes = made.axes[0]
     segments = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
     assert [[x for x, _ in line] for line in segments if len(line)] == [[-0.2, 0.3], [0.6, 1], [0.1, 0.4]]
+    assert [text.get_text() for text in axes.texts] == ["0", "0.8"]
     low = axes.transData.transform((-0.2, 0))[0]
     assert axes.texts[0].get_window_extent().x1 < low < axes.texts[1].get_window_extent().x1
     assert "confidence interval" in words(made)
