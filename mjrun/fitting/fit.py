@@ -102,10 +102,10 @@ class NoiseRatios:
                 "contacts make the motion rough, but the log differs from simulations in ways in which these do not "
                 "differ from each other, so the model lacks something"
             )
-        steps = [f"add what may be missing to {option('free')}, such as joint/*.damping"]
-        if self.estimate:
-            steps.append("fit shorter logs, over which errors of a rough motion grow less")
-        steps.append(f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}")
+        steps = [
+            f"add what may be missing to {option('free')}, such as joint/*.damping",
+            f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}",
+        ]
         if self.loss == "linear":
             steps.append(f"if it has outliers, set {option('loss')} huber")
         return (

@@ -35,7 +35,6 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
         rough = replace(solution, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
         residuals = misfit(rough, solution.noise / 2, ())
         assert ("contacts" in (residuals.warning() or "")) == warned
-        assert ("shorter logs" in (residuals.warning() or "")) == warned
         assert ("contacts alone" in (residuals.remark() or "")) == (not warned)
     assert misfit(rough, solution.noise, ()).remark() is None
     assert "contacts" not in (doubled.warning() or "")
