@@ -283,8 +283,10 @@ class ShootingProblem:
     def _left(self, starts: Sequence[tuple[int, Floats, Floats]]) -> Simulating[list[Floats]]:
         """Computes residuals `(n, signals)` for each index of a chunk, coordinates, and deviation of its state."""
         predicted = yield [self._rollout(*start) for start in starts]
-        left = [(rows - self.parts[i].values) / self.noise for (i, _, _), rows in zip(starts, predicted, strict=True)]
-        return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
+        return [
+            np.where(np.isfinite(rows), (rows - self.parts[i].values) / self.noise, PENALTY)
+            for (i, _, _), rows in zip(starts, predicted, strict=True)
+        ]
 
     def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> ChunkRolloutInputs:
         values = None if self._is_nominal else values_at(self._parameters, coordinates)
