@@ -123,15 +123,18 @@ def _initializer(cls: type) -> Callable[..., None]:
 
 def _mistake(cls: type, arguments: tuple[object, ...], values: Mapping[str, object]) -> TypeError:
     """Returns the error for arguments that do not match the parameters of a class."""
+    names = _parameters(cls)[1]
+    for name in values:
+        if name not in names:
+            from difflib import get_close_matches  # slow to import
+
+            close = get_close_matches(name, names, 1)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            return TypeError(f"{cls.__name__}: got an unexpected keyword argument {name!r}{hint}")
     try:
         _signature(cls).bind(*arguments, **values)
     except TypeError as error:
-        from difflib import get_close_matches  # slow to import
-
-        names = _parameters(cls)[1]
-        close = [found for name in values if name not in names for found in get_close_matches(name, names, 1)]
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        return TypeError(f"{cls.__name__}: {error}{hint}")
+        return TypeError(f"{cls.__name__}: {error}")
     raise AssertionError(cls)
 
 

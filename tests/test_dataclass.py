@@ -155,4 +155,4 @@ def test_objects_survive_pickling_and_name_themselves_in_errors() -> None:
     with pytest.raises(TypeError, match="Pickled: missing a required argument: 'value'"):
         Pickled()  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"keyword argument 'valeu' \(did you mean 'value'\?\)"):
-        Pickled(1, valeu=1)  # type: ignore[call-arg]
+        Pickled(valeu=1)  # type: ignore[call-arg]
