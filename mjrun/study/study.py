@@ -190,9 +190,10 @@ class Study(StudyOptions, ExecutionOptions):
         """
         ours = _command_of(schema)
         hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
-        tables = [name for name in TABLES if prepared.folder.has(name)]
-        if tables and not prepared.folder.has(MANIFEST):
-            raise FileError(self.output, f"contains {listing(tables)} of another origin: it has no {MANIFEST}", hint)
+        if not prepared.folder.has(MANIFEST):
+            if tables := [name for name in TABLES if prepared.folder.has(name)]:
+                raise FileError(self.output, f"contains {listing(tables)}, but has no {MANIFEST}", hint)
+            return
         try:
             with prepared.folder.open(MANIFEST) as stream:
                 before = json.loads(stream.read())

@@ -76,7 +76,7 @@ def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(
 
 def test_datasets_and_studies_do_not_replace_other_tables(model: Path, tmp_path: Path, point_processes: None) -> None:
     (tmp_path / "repeats.csv").write_text("mine")
-    with pytest.raises(FileError, match=r"contains repeats\.csv of another origin: it has no study\.json"):
+    with pytest.raises(FileError, match=r"contains repeats\.csv, but has no study\.json"):
         mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path))
     mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path / "study"))
     table = (tmp_path / "study/results.csv").read_bytes()
