@@ -415,6 +415,23 @@ def pytest_runtest_teardown(item: pytest.Function) -> Generator[None]:
     assert limits == [*LIMITS.values()], "this process is limited from now on"
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the scenes without their textures, drawn in a fraction of the time."""
+    from tests.documentation import plain_scenes
+
+    return plain_scenes(tmp_path_factory.mktemp("plain"))
+
+
+def instant(path: Path, step: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The model after `step` steps, with everything derived from that state computed."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=step)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
 @pytest.fixture
 def still() -> Callable[..., np.ndarray]:
     """Renders `data` through a camera with MuJoCo's own renderer, the oracle."""

@@ -22,7 +22,6 @@ from mjrun.formats.table_reader import read_table
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.task.worlds import TaskWorlds
-from tests.documentation import plain_scenes
 from tests.processes import PATIENCE
 
 pytestmark = pytest.mark.slow
@@ -68,12 +67,6 @@ def test_a_document_tells_editors_its_schema(path: Path) -> None:
 @pytest.mark.parametrize("path", sorted(SCENES.glob("cameras/*.yaml")), ids=lambda path: path.stem)
 def test_a_camera_script_is_read(path: Path) -> None:
     assert read_camera(path).name == path.stem
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the scenes without their textures."""
-    return plain_scenes(tmp_path_factory.mktemp("plain"))
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.stem)

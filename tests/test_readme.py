@@ -22,7 +22,6 @@ from tests.documentation import (
     blocks,
     commands,
     commands_in_tables,
-    plain_scenes,
     shell_environment,
 )
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
@@ -110,12 +109,6 @@ DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed 
 def shell(tmp_path: Path) -> dict[str, str]:
     """A shell whose `mjrun` makes every video small, in a folder with the scenes."""
     return shell_environment(tmp_path, SMALLER)
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the scenes, drawn in a fraction of the time."""
-    return plain_scenes(tmp_path_factory.mktemp("plain"))
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from mjrun.errors import UnstableError
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from tests.conftest import Command
-from tests.documentation import PAGES, ROOT, Execution, commands, commands_in_tables, plain_scenes, shell_environment
+from tests.documentation import PAGES, ROOT, Execution, commands, commands_in_tables, shell_environment
 
 pytestmark = pytest.mark.slow
 
@@ -310,12 +310,6 @@ def test_the_pinata_s_accelerometer_reads_as_in_the_tutorial_s_loop_and_feels_ea
     for i in blows:
         assert felt[i : i + BLOW].max() > max(1.5 * felt[i - 1], 3 * GRAVITY)
     assert np.median(felt) < 2 * GRAVITY
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the scenes, drawn in a fraction of the time."""
-    return plain_scenes(tmp_path_factory.mktemp("plain"))
 
 
 @pytest.mark.gl

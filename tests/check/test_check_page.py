@@ -13,9 +13,9 @@ from mjrun.check.check import CheckResult, ModelCheck
 from mjrun.check.check_page import FindingCards, FindingRenderer, write_check_page
 from mjrun.check.rule import Finding, ModelCheckResult
 from mjrun.errors import NoRendererError, UsageError
-from mjrun.reporter import PythonApiReporter
 from tests.check.models import hinged, keyed, mjcf, write
 from tests.check.rules.test_meshes import TRAY, TRAY_FACES, asset
+from tests.reporters import RecordingReporter
 
 
 @pytest.fixture(autouse=True)
@@ -27,16 +27,6 @@ PAIR = mjcf(
     '<geom name="floor" type="plane" size="2 2 .1"/>\n<body name="left"><geom name="l" size=".1"/></body>\n'
     '<body name="right" pos=".5 0 0"><joint name="r" axis="0 1 0"/><geom size=".1"/></body>'
 )
-
-
-class Warnings(PythonApiReporter):
-    """A reporter that keeps warnings."""
-
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
 
 
 def colours(object_: str, message: str = "", code: str = "MJ206") -> tuple[float, float]:
@@ -61,7 +51,7 @@ def test_a_page_has_a_card_for_each_finding_the_worst_first() -> None:
     write("a.xml", hinged('range="2 1"'))
     write("broken.xml", hinged("limited='true'"))
     result = ModelCheck(["a.xml", "broken.xml"], steps=0).run()
-    reporter = Warnings()
+    reporter = RecordingReporter()
     write_check_page("page.html", result, "2 models", FindingCards(reporter), "mjrun check a.xml")
     page = Path("page.html").read_text()
     assert re.findall(r"</span> (MJ\d+)", page) == ["MJ303", "MJ302"]
@@ -82,7 +72,7 @@ def test_a_fix_has_a_card_with_pictures_of_both_models_if_it_can_be_seen(dry_run
         "a.xml",
         keyed('qpos="1.5"', 'range="-1 1" actuatorfrcrange="9 -9"').replace('size=".1"', 'size=".1" pos=".3 0 0"'),
     )
-    cards = FindingCards(Warnings())
+    cards = FindingCards(RecordingReporter())
     result = ModelCheck(["a.xml"], steps=0, fix=True, unsafe_fixes=True, dry_run=dry_run).run(
         before_fix=cards.add_fixes
     )
@@ -101,7 +91,7 @@ def test_names_are_escaped_and_a_page_without_a_renderer_has_no_pictures(monkeyp
     write("a.xml", hinged())
     monkeypatch.setattr(FindingRenderer, "picture", fail)
     finding = Finding("MJ302", "warning", "<script>\x1b", "a.xml", 5, "joint 'j'", "<b>")
-    reporter = Warnings()
+    reporter = RecordingReporter()
     result = CheckResult((ModelCheckResult("a.xml", True, (finding, finding)),), 0, 0)
     write_check_page("page.html", result, "", FindingCards(reporter), "")
     page = Path("page.html").read_text()

@@ -4,6 +4,10 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
+
+from mjrun.errors import ModelError
+from mjrun.model.sources import load
 
 MODEL = """<mujoco>
   <worldbody>
@@ -27,3 +31,11 @@ def content(model: mujoco.MjModel) -> bytes:
 def compiled(path: Path, text: str = MODEL) -> Path:
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(text), str(path))
     return path
+
+
+def refusal(path: Path) -> ModelError:
+    """The error of loading a model."""
+    with pytest.raises(ModelError) as caught:
+        load(path)
+    assert caught.value.exit_code == 3
+    return caught.value

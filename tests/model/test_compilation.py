@@ -7,19 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, BrokenModelError, MjrunError, ModelError, clean
+from mjrun.errors import BadValueError, BrokenModelError, MjrunError, clean
 from mjrun.model.compilation import non_finite_number
 from mjrun.model.override import Override
 from mjrun.model.sources import load, parse_source
 from tests.cases import cases
-from tests.model.model_files import MODEL, write
-
-
-def refusal(path: Path) -> ModelError:
-    with pytest.raises(ModelError) as caught:
-        load(path)
-    assert caught.value.exit_code == 3
-    return caught.value
+from tests.model.model_files import MODEL, refusal, write
 
 
 @cases("text, line, words")

@@ -15,6 +15,7 @@ from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.rendering.compositor import layout_size, places
 from mjrun.simulation.simulation import Simulation
+from tests.conftest import instant
 
 SIZE = (96, 64)
 Still = Callable[..., np.ndarray]
@@ -24,14 +25,6 @@ def image(swing: Path, output: Path | str, **how: object) -> np.ndarray:
     """The pixels of a still that mjrun made."""
     Image(Simulation(swing), str(output), size=SIZE, **how).run()  # type: ignore[arg-type]
     return np.array(Pillow.open(output))
-
-
-def instant(path: Path, step: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, nstep=step)
-    mujoco.mj_forward(model, data)
-    return model, data
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,9 @@ from mjrun.outputs.keyframe import Keyframe, KeyframeResult
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
-from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
+from tests.reporters import RecordingReporter
 
 SCENES = Path(__file__).parents[2] / "scenes"
 MOCAP = """<?xml version="1.0" encoding="UTF-8"?>
@@ -36,14 +36,6 @@ MOCAP = """<?xml version="1.0" encoding="UTF-8"?>
 </mujoco>
 """
 KEY_FIELDS = ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")
-
-
-class Listener(PythonApiReporter):
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
 
 
 def copied(name: str, folder: Path) -> Path:
@@ -128,7 +120,7 @@ def test_it_is_saved_with_the_controls_and_from_replays_too(tmp_path: Path) -> N
 
 
 def test_overrides_are_not_in_the_file_and_that_is_reported(tmp_path: Path) -> None:
-    path, reporter = copied("mocap", tmp_path), Listener()
+    path, reporter = copied("mocap", tmp_path), RecordingReporter()
     light = Simulation(path, steps=50, set={"opt.gravity": "0,0,-1"}, timestep=0.001)
     Keyframe(light, f"{tmp_path}/a.xml").run(reporter)
     (warning,) = reporter.warnings
@@ -137,7 +129,7 @@ def test_overrides_are_not_in_the_file_and_that_is_reported(tmp_path: Path) -> N
 
 
 def test_what_a_push_leaves_is_reported(tmp_path: Path) -> None:
-    path, reporter = copied("mocap", tmp_path), Listener()
+    path, reporter = copied("mocap", tmp_path), RecordingReporter()
     Keyframe(Simulation(path, steps=50, push="box=1/0/0@0+1"), f"{tmp_path}/a.xml").run(reporter)
     (warning,) = reporter.warnings
     assert warning.endswith("a.xml: a keyframe does not hold xfrc_applied: its value at this instant is lost")

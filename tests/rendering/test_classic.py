@@ -18,7 +18,7 @@ from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.visual import Visual
-from tests.conftest import SWING
+from tests.conftest import SWING, instant
 
 SIZE = (96, 64)
 Still = Callable[..., np.ndarray]
@@ -30,15 +30,6 @@ def swing(tmp_path: Path) -> Path:
     path = tmp_path / "swing.xml"
     path.write_text(SWING.replace('offsamples="0"', 'offsamples="4"'))
     return path
-
-
-def at(path: Path, step: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The model after `step` steps, with everything derived from that state computed."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, nstep=step)
-    mujoco.mj_forward(model, data)
-    return model, data
 
 
 def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -54,7 +45,7 @@ def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> CameraPose:
 
 def draw(path: Path, step: int, backend: WorkingBackend, camera: str = "side", **visual: object) -> np.ndarray:
     """What mjrun draws of a step."""
-    model, data = at(path, step)
+    model, data = instant(path, step)
     with closing(ClassicRenderer(model, SIZE, backend, Visual(**visual))) as renderer:  # type: ignore[arg-type]
         return picture(renderer, model, data, camera)
 
@@ -71,22 +62,22 @@ def picture(renderer: ClassicRenderer, model: mujoco.MjModel, data: mujoco.MjDat
 def test_a_picture_is_mujoco_s_own_to_the_last_bit(
     swing: Path, backend: WorkingBackend, still: Still, camera: str, step: int
 ) -> None:
-    expected = still(*at(swing, step), SIZE, -1 if camera == "free" else camera)
+    expected = still(*instant(swing, step), SIZE, -1 if camera == "free" else camera)
     assert np.array_equal(draw(swing, step, backend, camera), expected)
 
 
 def test_contact_forces_belong_to_the_state_that_is_shown(swing: Path, backend: WorkingBackend, still: Still) -> None:
     option = mujoco.MjvOption()
     option.flags[mujoco.mjtVisFlag.mjVIS_CONTACTFORCE] = 1
-    expected = still(*at(swing, 80), SIZE, "side", option)
-    plain = still(*at(swing, 80), SIZE, "side")
+    expected = still(*instant(swing, 80), SIZE, "side", option)
+    plain = still(*instant(swing, 80), SIZE, "side")
     assert not np.array_equal(expected, plain)
     assert np.array_equal(draw(swing, 80, backend, show=["contactforce"]), expected)
 
 
 def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: WorkingBackend) -> None:
-    model, early = at(swing, 20)
-    _, late = at(swing, 300)
+    model, early = instant(swing, 20)
+    _, late = instant(swing, 300)
     with closing(ClassicRenderer(model, SIZE, backend, Visual())) as renderer:
         first = picture(renderer, model, early, "side")
         other = picture(renderer, model, late, "side")
@@ -98,7 +89,7 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: W
 
 
 def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: WorkingBackend) -> None:
-    model, data = at(swing, 0)
+    model, data = instant(swing, 0)
     with closing(ClassicRenderer(model, (200, 100), backend, Visual(quality="draft"))) as renderer:
         assert picture(renderer, model, data, "free").shape == (100, 200, 3)
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (64, 64)
@@ -109,7 +100,7 @@ def test_high_quality_is_the_average_of_a_picture_twice_the_size(
     swing: Path, backend: WorkingBackend, still: Still
 ) -> None:
     width, height = SIZE
-    large = still(*at(swing, 0), (2 * width, 2 * height), "side").astype(int)
+    large = still(*instant(swing, 0), (2 * width, 2 * height), "side").astype(int)
     average = large.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
     assert np.abs(draw(swing, 0, backend, quality="high") - average).max() <= 0.5
 
@@ -124,7 +115,7 @@ def test_a_draft_has_no_shadow_where_the_model_has_one(swing: Path, backend: Wor
 def test_a_draft_is_what_the_flags_of_mujoco_make_of_the_model(
     swing: Path, backend: WorkingBackend, show: tuple[str, ...]
 ) -> None:
-    model, data = at(swing, 0)
+    model, data = instant(swing, 0)
     model.vis.quality.offsamples = 0
     model.vis.global_.offwidth, model.vis.global_.offheight = SIZE
     with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
@@ -163,7 +154,7 @@ def seen(
     path: Path, backend: WorkingBackend, by: str = "object", camera: str = "side", **visual: object
 ) -> CameraImages:
     """Depth and ids of the model where it begins."""
-    model, data = at(path, 0)
+    model, data = instant(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
     with closing(ClassicRenderer(model, SIZE, backend, look, SegmentationIds(model, by))) as renderer:
         renderer.set_state(state_of(model, data))
@@ -172,7 +163,7 @@ def seen(
 
 def rays(path: Path, picture: CameraImages) -> tuple[np.ndarray, np.ndarray]:
     """What `mj_ray` hits from the camera through the centre of every pixel: geom ids and planar depths [m]."""
-    model, data = at(path, 0)
+    model, data = instant(path, 0)
     width, height = SIZE
     eye, ahead = picture.calibration.pose[:3, 3], picture.calibration.pose[:3, 2]
     ids, depths, hit = np.full((height, width), -1), np.full((height, width), np.inf), np.zeros(1, np.int32)
@@ -268,7 +259,7 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
         '<camera name="a" pos="0 -2 1" xyaxes="1 0 0 0 .4 1"/><camera name="b" pos="9 7 1" xyaxes="0 1 0 -.4 0 1"/>'
         "</worldbody></mujoco>"
     )
-    model, data = at(path, 0)
+    model, data = instant(path, 0)
     views = ["depth", "seg", "rgb"]
     with closing(ClassicRenderer(model, SIZE, backend, Visual(), SegmentationIds(model))) as renderer:
         renderer.set_state(state_of(model, data))

@@ -429,17 +429,15 @@ def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) ->
         study(simulation, tmp_path / "study", vary={"controller": "os:getcwd"}).run()
 
 
-class _Editor(PythonApiReporter):
+class _Editor(RecordingReporter):
     """Calls `edit` when the first results arrive."""
 
     def __init__(self, edit: Callable[[], object]) -> None:
-        self._edit, self.warnings = edit, list[str]()
+        super().__init__()
+        self._edit = edit
 
     def progress(self, what: str, done: int, total: int) -> None:
         self._edit()
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
 
 
 CONTROLLED = """<mujoco><include file="part.xml"/><worldbody><body><joint name="hinge" axis="0 1 0"/>

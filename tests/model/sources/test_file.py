@@ -18,7 +18,7 @@ from mjrun.model import mujoco_globals
 from mjrun.model.override import Override
 from mjrun.model.sources import load
 from mjrun.model.sources.file import FileSource
-from tests.model.model_files import MODEL, compiled, content, write
+from tests.model.model_files import MODEL, compiled, content, refusal, write
 from tests.processes import PATIENCE
 
 URDF = """<robot name="r"><link name="base"/>
@@ -38,13 +38,6 @@ def archive(path: Path, files: dict[str, str]) -> Path:
         for name, text in files.items():
             target.writestr(name, text)
     return path
-
-
-def refusal(path: Path) -> ModelError:
-    with pytest.raises(ModelError) as caught:
-        load(path)
-    assert caught.value.exit_code == 3
-    return caught.value
 
 
 @pytest.mark.parametrize("name", ["a.xml", "a b.xml", "modèle.xml", "a.b.xml"])
