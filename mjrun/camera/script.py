@@ -23,7 +23,16 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.model.names import identify, names
 from mjrun.options.kinds import ChoiceKind, FlagKind, ReadingContext, TextKind, optional
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Number, RealKind
-from mjrun.options.option import Options, document_key, located, option, options, options_of, required
+from mjrun.options.option import (
+    Options,
+    document_key,
+    located,
+    option,
+    options,
+    options_of,
+    positional_options,
+    required,
+)
 from mjrun.options.rendering import RIG_EXAMPLES
 from mjrun.options.schema_validation import InvalidValueError, Path, Schema
 from mjrun.options.structured_kinds import ListKind, OneOfKind, OptionsMappingKind, mappings_in, plain_values
@@ -41,14 +50,12 @@ LEVEL = EasedNumber.still(0.0)
 SHOT_SETTINGS = ("roll", "fovy")
 
 
-@options
+@positional_options
 class FramedObject(Options):
     """An object to keep whole in the image, with everything attached to it, by adjusting the distance."""
 
-    target: str = required(converter=ObjectNameKind(), kw_only=False, help="A body, geom or site.")
-    margin: float = option(
-        converter=RealKind(least=1), default=1.2, kw_only=False, help="Size of the image relative to the object."
-    )
+    target: str = required(converter=ObjectNameKind(), help="A body, geom or site.")
+    margin: float = option(converter=RealKind(least=1), default=1.2, help="Size of the image relative to the object.")
 
 
 class _InstantOrEndKind(ExactNumberKind):
@@ -69,29 +76,23 @@ class _InstantOrEndKind(ExactNumberKind):
         return END if value == END else super().__call__(value)
 
 
-@options
+@positional_options
 class ConditionEvent(Options):
     """An event in the simulation: the instant when a condition becomes true."""
 
     when: str = required(
-        converter=TextKind(),
-        kw_only=False,
-        help="The condition, as in speed(box) > 0.02; quote it if it contains ': ' or ' #'.",
+        converter=TextKind(), help="The condition, as in speed(box) > 0.02; quote it if it contains ': ' or ' #'."
     )
-    nth: int = option(
-        converter=IntegerKind(1), default=1, kw_only=False, help="Number of the occurrence to use, counted from 1."
-    )
+    nth: int = option(converter=IntegerKind(1), default=1, help="Number of the occurrence to use, counted from 1.")
     offset: Fraction = option(
         converter=ExactNumberKind(signed=True),
         default=0,
-        kw_only=False,
         help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
         converter=optional(_InstantOrEndKind()),
         default=None,
         key="else",
-        kw_only=False,
         help="Fallback if it never happens: a time of the simulation [s], or end; an error if left out.",
     )
 
@@ -153,55 +154,48 @@ class _FramedObjectKind(OneOfKind["FramedObject | str", FramedObject]):
         return value.target if value == FramedObject(value.target) else plain_values(value)
 
 
-@options
+@positional_options
 class Shot(Options):
     """A rig for a stretch of time."""
 
-    rig: Rig = field(kw_only=False)
+    rig: Rig
     until: Fraction | ConditionEvent | None = option(
         converter=optional(InstantOrEventKind()),
         default=None,
-        kw_only=False,
         help="End of the shot: a time of the simulation [s], or an event.",
     )
     lasting: Fraction | None = option(
         converter=optional(ExactNumberKind()),
         default=None,
         key="duration",
-        kw_only=False,
         help="Duration of the shot [s] in simulated time, instead of until.",
     )
     speed: Fraction | None = option(
         converter=optional(ExactNumberKind()),
         default=None,
-        kw_only=False,
         help="Simulated seconds per second of video: 0.5 is slow motion.",
     )
     blend: ShotBlend | None = option(
         converter=optional(_BlendKind()),
         default=None,
-        kw_only=False,
         help="Transition from the previous shot: a shape, a width [s], or both; a cut if left out.",
     )
     roll: EasedNumber = option(
-        converter=RampKind(), default=LEVEL, kw_only=False, help="Clockwise turn around the axis of view [deg]."
+        converter=RampKind(), default=LEVEL, help="Clockwise turn around the axis of view [deg]."
     )
     fovy: EasedNumber | None = option(
         converter=optional(RampKind("degrees")),
         default=None,
-        kw_only=False,
         help="Vertical field of view [deg], or its height [m] if orthographic; the model's if left out.",
     )
     shake: Shake | None = option(
         converter=optional(OptionsMappingKind(Shake, Shake, blank=True)),
         default=None,
-        kw_only=False,
         help="Shake of a hand-held camera.",
     )
     fit: FramedObject | None = option(
         converter=optional(_FramedObjectKind()),
         default=None,
-        kw_only=False,
         help="Object to keep whole in the image by adjusting the distance.",
     )
 

@@ -10,7 +10,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import suggestion
 from mjrun.options.kinds import ChoiceKind, Kind, TextKind
 from mjrun.options.number_kinds import POINT, IntegerKind, PointKind, RealKind
-from mjrun.options.option import Options, option, options, required
+from mjrun.options.option import Options, option, options, positional_options, required
 from mjrun.options.schema_validation import TEXT, InvalidValueError, Schema
 from mjrun.options.structured_kinds import OneOfKind, OptionsMappingKind
 
@@ -54,17 +54,14 @@ class EasedNumber:
         return self.start + (self.end - self.start) * EASINGS[self.ease](phase)
 
 
-@options
+@positional_options
 class ShotBlend(Options):
     """The transition from one shot to the next."""
 
-    shape: str = option(
-        converter=ChoiceKind((*BLENDS,)), default="cosine", kw_only=False, help="The shape of the transition."
-    )
+    shape: str = option(converter=ChoiceKind((*BLENDS,)), default="cosine", help="The shape of the transition.")
     width: float = option(
         converter=RealKind(above=0),
         default=0.5,
-        kw_only=False,
         help="Duration of the transition [s]; for a sigmoid, the time from 1/2 to 1/(1+e).",
     )
 
@@ -77,17 +74,15 @@ def blend_weight(blend: ShotBlend | None, since: float) -> float:
     return 0.0 if value < NEGLIGIBLE else 1.0 if value > 1 - NEGLIGIBLE else value
 
 
-@options
+@positional_options
 class Shake(Options):
     """The shake of a hand-held camera: smooth noise on the direction of view."""
 
-    angle: float = option(
-        converter=RealKind(), default=0.3, kw_only=False, help="Standard deviation of each angle [deg]."
-    )
+    angle: float = option(converter=RealKind(), default=0.3, help="Standard deviation of each angle [deg].")
     frequency: float = option(
-        converter=RealKind(above=0), default=2.0, kw_only=False, help="Frequency of the shake [Hz], in video time."
+        converter=RealKind(above=0), default=2.0, help="Frequency of the shake [Hz], in video time."
     )
-    seed: int = option(converter=IntegerKind(), default=0, kw_only=False, help="Seed of the shake.")
+    seed: int = option(converter=IntegerKind(), default=0, help="Seed of the shake.")
 
 
 class ShakeNoise:

@@ -140,6 +140,9 @@ class OptionRequirement:
         return f"{spelling(self.name)} requires {', '.join([partner, *others])}{last}, {self.clause}"
 
 
+_OF_CLASS = cast("bool", dataclasses.MISSING)  # `options` and `positional_options` decide
+
+
 def option(
     *,
     converter: Callable[[V], T],
@@ -150,7 +153,7 @@ def option(
     places: FrontEnd | None = None,
     flag_value: str | None = None,
     key: str = "",
-    kw_only: bool = True,
+    kw_only: bool = _OF_CLASS,
 ) -> T:
     """Declares a field of options; `converter` is its `Kind`, and `key` its name in documents if that differs."""
     made = cast("T", None) if default is None else converter(default)
@@ -167,7 +170,7 @@ def required(
     usual: str = "",
     short: str | tuple[str, ...] = (),
     key: str = "",
-    kw_only: bool = True,
+    kw_only: bool = _OF_CLASS,
 ) -> T:
     """Declares a field of options without a default."""
     return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, None, key))
@@ -322,6 +325,12 @@ def _shown(value: object) -> object:
 def options(cls: type[C]) -> type[C]:
     """Declares a class of options: a frozen dataclass with keyword arguments."""
     return dataclass(frozen=True, kw_only=True)(cls)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(option, required, dataclasses.field))
+def positional_options(cls: type[C]) -> type[C]:
+    """Declares a class of options: a frozen dataclass with positional arguments."""
+    return dataclass(frozen=True)(cls)
 
 
 @cache

@@ -14,7 +14,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.kinds import ChoiceKind, FlagKind, optional
 from mjrun.options.number_kinds import PointKind
-from mjrun.options.option import option, options, required
+from mjrun.options.option import option, positional_options, required
 from mjrun.options.schema_validation import Path
 
 DISTANCE = "Distance of the camera [m]; MuJoCo's free camera's if left out."
@@ -24,28 +24,24 @@ ELEVATION = "Upward angle of the view [deg]: -90 looks straight down."
 LOOKAT = "Point to look at: an object, as in box, geom:edge, site:tip or subtree:torso, or a point [m]."
 
 
-@options
+@positional_options
 class FreeRig(Rig):
     """MuJoCo's free camera, around a point or an object."""
 
     kind: ClassVar[str] = "free"
     help: ClassVar[str] = "MuJoCo's free camera."
 
-    lookat: ObjectOrPoint | None = option(
-        converter=optional(ObjectOrPointKind()), default=None, kw_only=False, help=LOOKAT
-    )
-    distance: EasedNumber | None = option(
-        converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
-    )
-    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
-    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    lookat: ObjectOrPoint | None = option(converter=optional(ObjectOrPointKind()), default=None, help=LOOKAT)
+    distance: EasedNumber | None = option(converter=optional(RampKind("metres")), default=None, help=DISTANCE)
+    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=ELEVATION)
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundAroundRig":
         azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
 
-@options
+@positional_options
 class OrbitRig(Rig):
     """A camera around a point or an object: in a full circle, or from one azimuth to another."""
 
@@ -53,20 +49,15 @@ class OrbitRig(Rig):
     help: ClassVar[str] = "Around a point or an object."
     eased: ClassVar[bool] = True
 
-    lookat: ObjectOrPoint | None = option(
-        converter=optional(ObjectOrPointKind()), default=None, kw_only=False, help=LOOKAT
-    )
-    distance: EasedNumber | None = option(
-        converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
-    )
+    lookat: ObjectOrPoint | None = option(converter=optional(ObjectOrPointKind()), default=None, help=LOOKAT)
+    distance: EasedNumber | None = option(converter=optional(RampKind("metres")), default=None, help=DISTANCE)
     azimuth: EasedNumber | None = option(
-        converter=optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; a full circle if left out."
+        converter=optional(RampKind()), default=None, help=f"{DIRECTION}; a full circle if left out."
     )
-    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=ELEVATION)
     ease: str = option(
         converter=ChoiceKind((*EASINGS,)),
         default="linear",
-        kw_only=False,
         help="Easing of the full circle; an azimuth has a separate ease.",
     )
 
@@ -81,7 +72,7 @@ class OrbitRig(Rig):
             yield ("ease",), "set the ease within azimuth: {from, to, ease}"
 
 
-@options
+@positional_options
 class TrackRig(Rig):
     """A camera that follows an object."""
 
@@ -89,25 +80,19 @@ class TrackRig(Rig):
     help: ClassVar[str] = "Following an object."
     eased: ClassVar[bool] = True
 
-    target: str = required(
-        converter=ObjectNameKind(), kw_only=False, help="The object: box, geom:edge, site:tip or subtree:torso."
-    )
-    distance: EasedNumber | None = option(
-        converter=optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
-    )
-    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
-    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    target: str = required(converter=ObjectNameKind(), help="The object: box, geom:edge, site:tip or subtree:torso.")
+    distance: EasedNumber | None = option(converter=optional(RampKind("metres")), default=None, help=DISTANCE)
+    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=ELEVATION)
     heading: bool = option(
         converter=FlagKind(),
         default=False,
-        kw_only=False,
         help="Whether the azimuth turns with the object, as with a chase camera; 0 then looks along the object's "
         "x axis.",
     )
     offset: Vector = option(
         converter=PointKind(),
         default=(0.0, 0.0, 0.0),
-        kw_only=False,
         help="Offset of the focus from the target [m], in world axes; turned with the object if heading is true.",
     )
 

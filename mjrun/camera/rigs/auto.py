@@ -12,7 +12,7 @@ from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.camera.targets import MovingParts, moving_parts
 from mjrun.options.kinds import optional
 from mjrun.options.number_kinds import RealKind
-from mjrun.options.option import option, options
+from mjrun.options.option import option, positional_options
 
 MARGIN = 1.1  # size of the image relative to the motion
 FREE_VIEW = (90.0, -45.0)  # MuJoCo's azimuth and elevation for models that state none [deg]
@@ -20,17 +20,15 @@ CLOSE_VIEW = (140.0, -20.0)  # those of the camera of a bare model: robots look 
 FARTHEST = 3.0  # distance of a still camera, in distances of MuJoCo's free camera; beyond, the camera follows
 
 
-@options
+@positional_options
 class AutoRig(Rig):
     """MuJoCo's free camera, moved back where the motion would leave the view; it follows what goes far away."""
 
     kind: ClassVar[str] = "auto"
     help: ClassVar[str] = "MuJoCo's free camera, moved so that the whole motion is in view."
 
-    azimuth: float | None = option(converter=optional(RealKind(least=None)), default=None, kw_only=False, help=AZIMUTH)
-    elevation: float | None = option(
-        converter=optional(RealKind(least=None)), default=None, kw_only=False, help=ELEVATION
-    )
+    azimuth: float | None = option(converter=optional(RealKind(least=None)), default=None, help=AZIMUTH)
+    elevation: float | None = option(converter=optional(RealKind(least=None)), default=None, help=ELEVATION)
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundAutoRig":
         free, direction = cameras.free, (cameras.free.azimuth, cameras.free.elevation)

@@ -11,11 +11,11 @@ from mjrun.camera.settings import ObjectOrPointKind
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
-from mjrun.options.option import options, required
+from mjrun.options.option import positional_options, required
 from mjrun.options.schema_validation import Path
 
 
-@options
+@positional_options
 class LookRig(Rig):
     """A camera at one place that looks at another, upright; each is fixed or moves."""
 
@@ -23,13 +23,10 @@ class LookRig(Rig):
     help: ClassVar[str] = "From one place at another."
 
     eye: ObjectOrPoint = required(
-        converter=ObjectOrPointKind(),
-        key="from",
-        kw_only=False,
-        help="Position of the camera: an object, or a point [m].",
+        converter=ObjectOrPointKind(), key="from", help="Position of the camera: an object, or a point [m]."
     )
     target: ObjectOrPoint = required(
-        converter=ObjectOrPointKind(), key="at", kw_only=False, help="Point to look at: an object, or a point [m]."
+        converter=ObjectOrPointKind(), key="at", help="Point to look at: an object, or a point [m]."
     )
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundLookRig":

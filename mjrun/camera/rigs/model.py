@@ -8,20 +8,20 @@ from mjrun.camera.pose import CameraPose
 from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
 from mjrun.model.names import identify
 from mjrun.options.kinds import AnyKind, Kind, NameOrIndexKind, ReadingContext
-from mjrun.options.option import options, required
+from mjrun.options.option import positional_options, required
 from mjrun.options.schema_validation import Schema
 
 _KEY = NameOrIndexKind(expected="the name or index of a camera")
 
 
-@options
+@positional_options
 class ModelRig(Rig):
     """A camera of the model."""
 
     kind: ClassVar[str] = "camera"
     help: ClassVar[str] = "A camera of the model, by name or index."
 
-    camera: str = required(converter=_KEY, kw_only=False, help="The name or index of the camera.")
+    camera: str = required(converter=_KEY, help="The name or index of the camera.")
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundModelRig":
         return BoundModelRig(cameras, identify(cameras.model, "camera", self.camera))

@@ -15,7 +15,7 @@ from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find
 from mjrun.errors import UsageError, concerning
 from mjrun.options.kinds import ChoiceKind, optional
 from mjrun.options.number_kinds import PointKind, RealKind
-from mjrun.options.option import Options, option, options, required
+from mjrun.options.option import Options, option, positional_options, required
 from mjrun.options.schema_validation import Path
 from mjrun.options.structured_kinds import ListKind, OptionsMappingKind, mappings_in
 
@@ -154,35 +154,30 @@ class ArcLengthParametrization:
         return float(np.interp(share * self.length, self._lengths, self._x))
 
 
-@options
+@positional_options
 class Waypoint(Options):
     """A point on the camera's path: an eye, or distance, azimuth and elevation around the target."""
 
-    eye: Vector | None = option(
-        converter=optional(PointKind()), default=None, kw_only=False, help="Position of the camera [m]."
-    )
+    eye: Vector | None = option(converter=optional(PointKind()), default=None, help="Position of the camera [m].")
     distance: float | None = option(
-        converter=optional(RealKind(above=0)), default=None, kw_only=False, help="Distance from the target [m]."
+        converter=optional(RealKind(above=0)), default=None, help="Distance from the target [m]."
     )
     azimuth: float | None = option(
         converter=optional(RealKind(least=None)),
         default=None,
-        kw_only=False,
         help="Direction of view, counter-clockwise from above [deg].",
     )
     elevation: float | None = option(
-        converter=optional(RealKind(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
+        converter=optional(RealKind(least=None)), default=None, help="Upward angle of the view [deg]."
     )
     lookat: ObjectOrPoint | None = option(
         converter=optional(ObjectOrPointKind()),
         default=None,
-        kw_only=False,
         help="Point to look at from here: an object, or a point [m]; the path's lookat if left out.",
     )
     at: float | None = option(
         converter=optional(RealKind()),
         default=None,
-        kw_only=False,
         help="Time at this waypoint [s], from the beginning of the shot; only with pace: time.",
     )
 
@@ -196,7 +191,7 @@ class Waypoint(Options):
             yield (), f"expected eye, or distance, azimuth and elevation, got {text}"
 
 
-@options
+@positional_options
 class PathRig(Rig):
     """A camera on a path through waypoints."""
 
@@ -205,32 +200,25 @@ class PathRig(Rig):
 
     waypoints: tuple[Waypoint, ...] = required(
         converter=ListKind[Waypoint](OptionsMappingKind(Waypoint, Waypoint), least=2),
-        kw_only=False,
         help="The points, in order; all by eye, or all by distance, azimuth and elevation.",
     )
     lookat: ObjectOrPoint | None = option(
         converter=optional(ObjectOrPointKind()),
         default=None,
-        kw_only=False,
         help="Point to look at on the way: an object, or a point [m]; the direction of the path if left out.",
     )
     curve: str = option(
         converter=ChoiceKind(CURVES),
         default="spline",
-        kw_only=False,
         help="Path between waypoints: a smooth curve, or straight lines.",
     )
     pace: str = option(
         converter=ChoiceKind(PACES),
         default="constant",
-        kw_only=False,
         help="Constant speed along the path, or the times of the waypoints.",
     )
     ease: str = option(
-        converter=ChoiceKind((*EASINGS,)),
-        default="linear",
-        kw_only=False,
-        help="Easing of start and stop; with pace: constant only.",
+        converter=ChoiceKind((*EASINGS,)), default="linear", help="Easing of start and stop; with pace: constant only."
     )
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundPathRig":
