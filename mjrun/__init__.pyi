@@ -413,9 +413,9 @@ class Dataset(_Dataset):
       yolo_task: Labels of YOLO: boxes, polygons of masks, or keypoints. One of detect, segment, pose.
         [default: 'detect']
       size: Width and height of an image [pixels]. [default: (640, 480)]
-      camera: Cameras, as for mjrun video. The settings of a rig can vary: vary
-        'camera.azimuth=uniform(0,360)', camera.distance, camera.lookat, camera.fovy, … [default:
-        ('auto',)]
+      camera: Cameras and rigs, as for mjrun video, but no camera scripts. The settings of a rig can
+        vary: vary 'camera.azimuth=uniform(0,360)', camera.distance, camera.lookat, camera.fovy, …
+        [default: ('auto',)]
       times: Simulated times of the images of each point [s]. [default: (Fraction(0, 1),)]
       objects: Bodies, each with everything attached to it, and flexes to label, by name or wildcard,
         and their category: 'mug*=mug,robot'. [default: all bodies and flexes in the world, each a
