@@ -11,6 +11,7 @@ import numpy as np
 
 from mjrun.errors import ControllerError, UsageError, clean, option, quoted, suggestion
 from mjrun.formats.input_file import is_file, is_folder
+from mjrun.formats.user_cache import FileDigestCache
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.loaders import format_of, formats
 from mjrun.policy.normalization import normalized
@@ -23,6 +24,8 @@ FORM = (
     "with act(observation), or predict(observation) as in Stable-Baselines3, and reset() if it is stateful"
 )
 METHODS = ("act", "predict")
+
+digests = FileDigestCache()  # of the files of policies
 
 
 class RandomPolicy(Policy):
@@ -173,11 +176,11 @@ def files_of(path: Path) -> list[Path]:
     """Returns the files of the policy at `path`, a file or a folder, the first being `path` itself if it is a file."""
     if is_folder(path):
         return sorted(file for file in path.rglob("*") if file.is_file())
-    return _files_of(path, path.stat().st_mtime_ns) if is_file(path) else [path]
+    return _files_of(path, digests.of(str(path))) if is_file(path) else [path]
 
 
 @lru_cache
-def _files_of(path: Path, version: int) -> list[Path]:
+def _files_of(path: Path, digest: str) -> list[Path]:
     loader = format_of(path)
     return list(dict.fromkeys(loader.files(path))) if loader else [path]
 

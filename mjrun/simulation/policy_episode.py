@@ -371,8 +371,7 @@ def cached_policy(
     if not isinstance(policy, str) or is_code(policy):
         return load.load_policy(policy, trust=trust, normalize=normalize, place=place)
     files = [stored for file in policy_files(policy, normalize) if is_file(stored := place(file))]
-    versions = tuple((str(file.resolve()), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    files = _Files([place], versions)
+    files = _Files([place], tuple((str(file.resolve()), load.digests.of(str(file))) for file in files))
     try:
         return _read_policy(policy, trust, normalize, files)
     finally:
@@ -381,14 +380,14 @@ def cached_policy(
 
 @dataclass(frozen=True)
 class _Files:
-    """Paths and versions of the files of a policy; the versions identify it in the cache.
+    """Paths and hashes of the files of a policy, which identify it in the cache.
 
     Attributes:
       places: the function that returns where a file is read, until the policy has been read.
     """
 
     places: list[Callable[[str | Path], Path]] = field(compare=False)
-    versions: tuple[tuple[str, int, int], ...]
+    digests: tuple[tuple[str, str], ...]
 
 
 @lru_cache(maxsize=CACHED_POLICIES)

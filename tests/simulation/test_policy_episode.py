@@ -2,6 +2,7 @@
 
 import gc
 import json
+import os
 import pickle
 from collections.abc import Iterator
 from dataclasses import replace
@@ -360,5 +361,10 @@ def test_a_policy_is_read_again_when_its_file_has_changed(task: Path) -> None:
     path = str(task.with_suffix(".onnx"))
     before = cached_policy(path, False, None)
     assert cached_policy(path, False, None) is before
-    linear(Path(path), np.ones((2, 3), np.float32))
-    assert cached_policy(path, False, None).facts.observation_size == 3
+    loaded = [before]
+    for factor in (1, 2):  # whose files have the same size
+        linear(Path(path), np.full((2, 3), factor, np.float32))
+        os.utime(path, (0, 0))
+        loaded.append(cached_policy(path, False, None))
+    assert [each.facts.observation_size for each in loaded[1:]] == [3, 3]
+    assert len({id(each) for each in loaded}) == 3
