@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.experiment.design_points import (
     LARGEST_INTEGER,
     Design,
@@ -24,7 +24,7 @@ from mjrun.experiment.design_points import (
     with_conditional,
 )
 from mjrun.experiment.samplers import SAMPLERS, SAMPLES, correlated, rank_correlations
-from mjrun.formats.input_file import opened
+from mjrun.formats.input_file import decoding, opened
 from mjrun.model.names import names
 from mjrun.options.kinds import AnyKind
 from mjrun.options.number_kinds import IntegerKind
@@ -190,17 +190,18 @@ def read_points(path: str) -> Design:
     import io
 
     with opened(Path(path), "table of points", [".csv"]) as file:
-        text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
-        try:
+        text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
+        with decoding(Path(path), "cannot be read as CSV text in UTF-8"):  # whose cells may be too long
             rows = [[cell.strip() for cell in row] for row in csv.reader(text, skipinitialspace=True) if row]
-        except csv.Error as error:  # a cell is longer than any number or name
-            raise FileError(path, f"cannot be read as a table: {clean(str(error))}") from None
     if len(rows) < 2 or len(set(rows[0])) < len(rows[0]) or not all(rows[0]):
         reason = "a table of points has a header that names each parameter once, and a row for each point"
         raise FileError(path, reason)
     for number, row in enumerate(rows[1:], 2):
-        if len(row) != len(rows[0]) or not all(row):
+        if len(row) != len(rows[0]):
             raise FileError(path, f"row {number} does not have one value for each of the {len(rows[0])} columns")
+        if not all(row):
+            lacking = listing([clean(name) for name, cell in zip(rows[0], row, strict=True) if not cell])
+            raise FileError(path, f"row {number} has no value of {lacking}", "each column is a parameter")
     return _beside(tuple(rows[0]), [*zip(*rows[1:], strict=True)])
 
 

@@ -135,11 +135,21 @@ def test_points_that_cannot_be_are_refused(options: Any, expected: str) -> None:
         points(**options)
 
 
-@pytest.mark.parametrize("text", ["", "a.x\n", "a.x,a.x\n1,2\n", "a.x,a.y\n1\n", "a.x\n,\n"])
-def test_a_table_that_has_no_points_is_refused(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "a table of points has a header"),
+        (b"a.x\n", "a table of points has a header"),
+        (b"a.x,a.x\n1,2\n", "a table of points has a header"),
+        (b"a.x,a.y\n1\n", "row 2 does not have one value for each of the 2 columns"),
+        (b"a.x,a.y,b.x\n1,,\n", "row 2 has no value of a.y, b.x\neach column is a parameter$"),
+        (b"PAR1\x15\x04\x15\n\xff\n", "cannot be read as CSV text in UTF-8"),
+    ],
+)
+def test_a_table_that_has_no_points_is_refused(tmp_path: Path, content: bytes, reason: str) -> None:
     table = tmp_path / "points.csv"
-    table.write_text(text)
-    with pytest.raises(MjrunError, match=r"points\.csv"):
+    table.write_bytes(content)
+    with pytest.raises(MjrunError, match=rf"points\.csv: {reason}"):
         points(points=str(table))
     with pytest.raises(FileError):
         points(points=str(tmp_path / "missing.csv"))
