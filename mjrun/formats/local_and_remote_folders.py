@@ -16,6 +16,7 @@ from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import FileError, UsageError, clean, file_errors
 from mjrun.formats.destinations import Destination, StagedFile
 from mjrun.formats.input_file import is_file, is_folder, opened
+from mjrun.formats.parent_folders import require_no_dangling_link
 from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
 from mjrun.packages import require
 from mjrun.suffixes import URL, is_url
@@ -48,6 +49,7 @@ class LocalFolder:
         Args:
           is_cleaned: removes what ended processes have left in it.
         """
+        require_no_dangling_link(self._path, Path(os.path.realpath(self._path)))
         with file_errors(self.path(), "made"):
             self._path.mkdir(parents=True, exist_ok=True)
         if is_cleaned:

@@ -47,7 +47,7 @@ class ParentFolders:
             self.release()
             try:
                 if not _exists(self._folder):
-                    self._require_no_dangling_link()
+                    require_no_dangling_link(self._shown, self._folder)
                     self._make_missing()
                 if _exists(self._folder):  # another process may have removed it again
                     self._require_writable()
@@ -82,12 +82,6 @@ class ParentFolders:
         for folder in self._used:
             _users[folder] += 1
 
-    def _require_no_dangling_link(self) -> None:
-        for path in (self._shown, *self._shown.parents):
-            if os.path.islink(path) and not _exists(path):  # noqa: PTH114 – also of names that are too long
-                reason = f"the link {clean(str(path))} leads to a missing folder, {clean(str(self._folder))}"
-                raise FileError(self._shown, reason)
-
     def _make_missing(self) -> None:
         folder = self._folder
         for attempt in range(TRIES):
@@ -112,6 +106,13 @@ class ParentFolders:
             fault = f"the folder {clean(str(self._folder))} is not writable"
         if fault and _exists(self._folder):  # another process may just have removed it
             raise FileError(self._shown, fault)
+
+
+def require_no_dangling_link(path: Path, folder: Path) -> None:
+    """Raises FileError if `path`, or a folder above it, is a link, and `folder`, where it leads, is missing."""
+    for link in (path, *path.parents):
+        if os.path.islink(link) and not _exists(link):  # noqa: PTH114 – also of names that are too long
+            raise FileError(path, f"the link {clean(str(link))} leads to a missing folder, {clean(str(folder))}")
 
 
 def _make(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -105,6 +106,14 @@ def test_every_folder_does_the_same(folder: Folder) -> None:
     for _ in range(2):
         parts.remove("a.parquet")
     assert parts.names("") == ["b.lease"]
+
+
+@pytest.mark.parametrize(("target", "place"), [("nowhere", "nowhere/parts"), ("study", "study/parts")])
+def test_a_folder_below_a_link_to_nothing_is_not_created(tmp_path: Path, target: str, place: str) -> None:
+    (tmp_path / "study").symlink_to(target)
+    reason = f"{tmp_path}/study/parts: the link {tmp_path}/study leads to a missing folder, {tmp_path}/{place}"
+    with pytest.raises(FileError, match=re.escape(reason)):
+        (folder_at(tmp_path / "study") / "parts").create()
 
 
 def test_a_small_file_for_which_the_disk_has_no_room_is_not_left_empty(tmp_path: Path) -> None:
