@@ -143,7 +143,7 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
     below = [*islice(files_below(source.path.parent), MAX_SEARCHED)]
     if other_case := next(_in_other_case(paths, below), None):
         return f"{clean(str(other_case))} exists: names of files and folders are case-sensitive"
-    close = near(base, _siblings(paths[0].parent))
+    close = near(base, [each for each in _siblings(paths[0].parent) if each != source.path.name])
     if close:
         return f"did you mean {quoted(close[0])}? it is in {clean(str(paths[0].parent))}"
     elsewhere = next((path for path in below if path.name == base), None)

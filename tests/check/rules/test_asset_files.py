@@ -28,6 +28,16 @@ def test_a_missing_file_is_told_with_every_path_that_mujoco_opens_and_what_lies_
         path.unlink()
 
 
+def test_the_model_is_not_suggested_for_a_missing_file() -> None:
+    Path("arm.xml").write_text(mjcf("", '<asset><mesh file="arm.msh"/></asset>'))
+    Path("arms.msh").touch()
+    (missing,) = lint_file(Path("arm.xml"))
+    assert missing.remedy.startswith("did you mean 'arms.msh'?")
+    Path("arms.msh").unlink()
+    (missing,) = lint_file(Path("arm.xml"))
+    assert "did you mean" not in missing.remedy
+
+
 def test_an_absolute_path_to_nothing_is_better_relative() -> None:
     (missing,) = lint(mjcf("", '<asset><mesh file="/home/alice/part.obj"/></asset>', "<compiler/>"))
     assert missing.message.endswith("tried /home/alice/part.obj")
