@@ -185,6 +185,7 @@ class FinishedOutput(Generic[R_co]):
       facts: facts for the manifest.
       failed_assertions: messages of failed assertions.
       golden_differences: messages about differences from a golden table.
+      units: units of the columns of a table, which its file may not hold.
     """
 
     result: R_co
@@ -192,6 +193,7 @@ class FinishedOutput(Generic[R_co]):
     facts: Mapping[str, object]
     failed_assertions: Sequence[str] = ()
     golden_differences: Sequence[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 class OpenOutput(ABC, Generic[R_co]):

@@ -40,11 +40,12 @@ R = TypeVar("R", bound=OutputResult)
 
 @dataclass(frozen=True)
 class PublishedOutput:
-    """An output in its place: the facts of its manifest, its result, and its files."""
+    """An output in its place: the facts of its manifest, its result, its files, and the units of its columns."""
 
     facts: Mapping[str, object]
     result: OutputResult
     files: Sequence[Path]
+    units: Mapping[str, str]
 
 
 def perform(
@@ -334,7 +335,7 @@ class OpenPass(Generic[R]):
                             manifest.finish()
                             together.move(manifest)
                     self.results.append(result)
-                    published.append(PublishedOutput(facts, result, files))
+                    published.append(PublishedOutput(facts, result, files, finished.units))
                     for part in (part for writer in finished.writers for part in writer.together):
                         self._made.append(str(part.destination.shown))
                         if part.destination.remark:

@@ -1,6 +1,6 @@
 """The reports on a run: its result, and the HTML page about everything that it makes."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, field
 from pathlib import Path
@@ -123,14 +123,14 @@ class _Contents:
         if isinstance(result, TraceResult | ExportResult):
             self.verdicts += [(result.path, verdict) for verdict in result.assertions]
         if isinstance(result, TraceResult) and result.rows and result.path != STDIN:
-            self._add_table(result.path)
+            self._add_table(result.path, output.units)
 
     def page(self, title: str) -> Page:
         return Page(title, MAKER, self.figures, self.verdicts, self.files, self.tables, self.manifests)
 
-    def _add_table(self, path: str) -> None:
+    def _add_table(self, path: str, units: Mapping[str, str]) -> None:
         with ExitStack() as stack:
-            figure = TableFigure([path], FigureOptions(), stack)
+            figure = TableFigure([path], FigureOptions(), stack, units=units)
             summary = TableSummarizer(path, figure.units[path], None, ())
             figure.read([summary])
         self.figures.append(figure.for_page())

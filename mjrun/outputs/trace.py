@@ -233,7 +233,8 @@ class OpenTrace(output.OpenBlockOutput[TraceResult]):
             assertions=verdicts,
             golden=comparison,
         )
-        return output.FinishedOutput(result, writers, self._facts, failed, differences)
+        units = {clean(column.name): column.unit for column in self._table.columns}
+        return output.FinishedOutput(result, writers, self._facts, failed, differences, units)
 
     def _write(self, rows: SampledRows) -> None:
         for checker in self._checkers:

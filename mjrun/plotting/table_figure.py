@@ -1,7 +1,7 @@
 """Figures of tables: of files, each read once, and of tables in memory, which plot themselves."""
 
 import re
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -27,13 +27,19 @@ class TableFigure:
 
     Args:
       labels: names of the tables in the legend, in place of the usual ones.
+      units: units of columns, where the tables state none.
 
     Raises:
       UsageError, FileError: a table or a name is missing.
     """
 
     def __init__(
-        self, tables: Sequence[str], options: FigureOptions, stack: ExitStack, labels: Sequence[str] = ()
+        self,
+        tables: Sequence[str],
+        options: FigureOptions,
+        stack: ExitStack,
+        labels: Sequence[str] = (),
+        units: Mapping[str, str] | None = None,
     ) -> None:
         if not tables:
             raise UsageError("nothing to plot: give a table, or - for standard input")
@@ -43,7 +49,11 @@ class TableFigure:
         self._stack, self._options = stack, options
         # Columns that are not plotted may hold text; standard input cannot be opened again to read the others.
         self._readers = [stack.enter_context(open_table(path, missing="nan", exact=path != STDIN)) for path in tables]
-        known = [TableColumns(name, dict(r.units)) for name, r in zip(names, self._readers, strict=True)]
+        self._units = [
+            {name: unit or (units or {}).get(name, "") for name, unit in reader.units.items()}
+            for reader in self._readers
+        ]
+        known = [TableColumns(name, columns) for name, columns in zip(names, self._units, strict=True)]
         self.plan = FigurePlan(options, known)
         self._collectors = [self.plan.collector(index) for index in range(len(tables))]
 
@@ -55,8 +65,7 @@ class TableFigure:
     @property
     def units(self) -> dict[str, dict[str, str]]:
         """The unit of each column of each table, by its path."""
-        tables = zip(self._paths, self._readers, strict=True)
-        return {path: with_units(reader.names, reader.units) for path, reader in tables}
+        return {path: with_units([*units], units) for path, units in zip(self._paths, self._units, strict=True)}
 
     @property
     def manifests(self) -> list[FileManifest]:

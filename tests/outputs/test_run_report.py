@@ -38,7 +38,14 @@ def test_it_holds_tables_images_verdicts_and_what_made_them(
     html = page.read_text()
     text = read(html).text
     assert external_references(html) == []
-    for part in ("study.yaml", "1 assertion passed", "qpos/hinge", "51 rows", "p.png", "Files that were made (1)"):
+    for part in (
+        "study.yaml",
+        "1 assertion passed",
+        "run.csv: qpos/hinge [rad]",
+        "51 rows",
+        "p.png",
+        "Files that were made (1)",
+    ):
         assert part in text
     assert html.count("<svg") == 1
     assert "data:image/png;base64," in html
