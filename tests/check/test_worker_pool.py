@@ -104,7 +104,9 @@ def test_a_mesh_that_a_fix_has_changed_is_read_again() -> None:
     for size in ("1", ".01"):
         corners = f"v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}"
         write("m.obj", f"{corners}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4")
-        findings = [message["finding"] for message in workers.run(task).messages if "finding" in message]
+        output = workers.run(task)
+        assert output.exit.code == 0
+        findings = [message["finding"] for message in output.messages if "finding" in message]
         severities += [finding["severity"] for finding in findings]
     workers.end()
     assert severities == ["note", "error"]
@@ -121,6 +123,7 @@ def test_a_slow_fix_is_reported_and_has_more_time_than_a_check() -> None:
         assert process.run(task, notes.append).exit.code == 0
         assert earliest <= process._deadline <= time.monotonic() + seconds
     assert notes == ["a.xml: decomposing mesh 'm'"]
+    assert process.ready >= process.created
     process.end()
 
 
