@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import BrokenModelError, CompiledOverrideError, UsageError, file_errors, option
+from mjrun.errors import BrokenModelError, CompiledOverrideError, file_errors, option
 from mjrun.model.fields import arrays, is_layout
 from mjrun.model.override import Override
 from mjrun.model.source import ModelSource
@@ -52,9 +52,9 @@ def drawn_model(
 
     Raises:
       CompiledOverrideError: a stage is requested for a compiled model.
-      BrokenModelError: the source has changed.
-      UsageError: as `stage_parts`.
+      BrokenModelError: the source has changed, or as `require_finite_extent`.
     """
+    require_finite_extent(model, source)
     parts, remark = stage_parts(options, model, cameras, is_measured=is_measured), ""
     staged, is_framed = model, "camera" in parts
     if added := [part for part in parts if part != "camera"]:
@@ -75,6 +75,13 @@ def drawn_model(
     return staged, remark, is_framed
 
 
+def require_finite_extent(model: mujoco.MjModel, source: ModelSource) -> None:
+    """Raises BrokenModelError if the extent is not finite, from which MuJoCo computes what cameras see."""
+    if not math.isfinite(extent := model.stat.extent):
+        hint = f"set a length, as in {option('set')} stat.extent=1"
+        raise BrokenModelError(Path(source.text), f"stat.extent must be finite for images, not {extent}", hint=hint)
+
+
 def stage_parts(
     options: SceneOptions,
     model: mujoco.MjModel,
@@ -86,13 +93,7 @@ def stage_parts(
 
     `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure what exists,
     and beneath what would fall through it, and the camera where another one is requested.
-
-    Raises:
-      UsageError: the extent of the model is not finite, from which MuJoCo computes what cameras see.
     """
-    if not math.isfinite(model.stat.extent):
-        example = f"set a finite length, as in {option('set')} stat.extent=1"
-        raise UsageError(f"stat.extent is {model.stat.extent}, so that no camera sees anything\n{example}")
     if "none" in options.stage:
         return ()
     if "auto" not in options.stage:

@@ -29,7 +29,7 @@ from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, l
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
-from mjrun.rendering.drawn_model import stage_parts, stage_remark
+from mjrun.rendering.drawn_model import require_finite_extent, stage_parts, stage_remark
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_of, record_path
@@ -114,6 +114,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
     def _stage_parts(self, model: mujoco.MjModel, reporter: Reporter) -> Sequence[str]:
         """Returns the parts of a stage to add, and reports those that are not requested."""
+        require_finite_extent(model, self.simulation.source)
         parts = stage_parts(ViewOptions(stage=self.stage), model, is_measured=True)
         if parts and "auto" in self.stage:
             reporter.note(stage_remark(parts))

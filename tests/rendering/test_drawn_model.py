@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError, FileError, UsageError
+from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError, FileError
 from mjrun.model.fields import arrays
 from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
@@ -135,7 +135,7 @@ def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[st
 @pytest.mark.parametrize("stage", ["auto", "none"])
 def test_a_model_of_infinite_extent_is_refused(tmp_path: Path, stage: str) -> None:
     text = '<mujoco><statistic extent="inf"/><worldbody><geom size=".1"/></worldbody></mujoco>'
-    with pytest.raises(UsageError, match=r"stat\.extent is inf"):
+    with pytest.raises(BrokenModelError, match=r"stat\.extent must be finite for images, not inf"):
         drawn(model_file(tmp_path, text), stage=(stage,))
 
 

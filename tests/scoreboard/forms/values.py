@@ -15,7 +15,11 @@ INPUTS = inputs_of(__name__)
 SDF = INPUTS["SDF"]
 # Values that load, and cannot be simulated, or rendered.
 UNSIMULATED = {("1e308", "reference")}
-UNDRAWN = {("nan", "znear"), *((value, "fovy of all") for value in ("nan", "inf", "-inf", "-1", "1e-320"))}
+UNDRAWN = {
+    ("nan", "znear"),
+    ("inf", "extent"),
+    *((value, "fovy of all") for value in ("nan", "inf", "-inf", "-1", "1e-320")),
+}
 
 
 def numbers() -> Iterator[Form]:
