@@ -1,5 +1,6 @@
 """A dataset: labelled images of many variations of a model, and the documents that readers of datasets need."""
 
+import hashlib
 import json
 import os
 import time
@@ -14,8 +15,8 @@ import mujoco
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, UsageError, listing, option
 from mjrun.experiment.results_table import raise_failures
+from mjrun.file_version import file_version
 from mjrun.formats import datasets
-from mjrun.formats.input_file import is_file
 from mjrun.formats.output_writer import written_file
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
@@ -146,7 +147,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             raise UsageError(f"{option('times')}: {late:g} s is after the end of the simulation at {end:g} s")
 
     def _lost(self, prepared: PreparedStudy) -> list[int]:
-        """Returns the points with results whose files are missing or of another point."""
+        """Returns the points with results whose files are missing, changed or of another point."""
         lost = list[int]()
         for index, result in enumerate(prepared.known):
             if result.status == "ok" and not self._is_complete(index, prepared):
@@ -155,8 +156,20 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
     def _is_complete(self, index: int, prepared: PreparedStudy) -> bool:
         document = self._record(index)
-        is_same = document is not None and document.get("key") == prepared.keys[index]
-        return is_same and all(is_file(Path(self.output) / path) for path in _paths(document))
+        written = file_version(str(Path(self.output) / record_path(index)))
+        if document is None or written is None or document.get("key") != prepared.keys[index]:
+            return False
+        contents = document.get("contents", {})
+        return all(self._is_same(path, contents.get(path), max(written[-2:])) for path in _paths(document))
+
+    def _is_same(self, path: str, content: Mapping[str, object] | None, written: int) -> bool:
+        """Returns whether a file has the content in a record of the time `written` [ns]; reads only later ones."""
+        place = Path(self.output) / path
+        version = file_version(str(place))
+        if version is None or content is None:  # as in records of earlier versions
+            return version is not None
+        is_later = max(version[-2:]) > written
+        return version[2] == content["bytes"] and (not is_later or _sha256(place.read_bytes()) == content["sha256"])
 
     def _has_other(self, index: int, prepared: PreparedStudy) -> bool:
         """Returns whether the folder has images of another point in place of this one."""
@@ -186,7 +199,9 @@ class Dataset(DatasetOptions, ExecutionOptions):
         before = _paths(self._record(result.index))
         *images, (path, content) = result.files
         self._remove(_labels(before))
-        self._write([*images, (path, b'{"key": "%s", %s' % (key.encode(), content[1:]))])
+        contents = {path: {"bytes": len(image), "sha256": _sha256(image)} for path, image in images}
+        head = json.dumps({"key": key, "contents": contents})[:-1]
+        self._write([*images, (path, b"%s, %s" % (head.encode(), content[1:]))])
         self._remove({*before} - {path for path, _ in images})
 
     def _write(self, files: datasets.Files) -> None:
@@ -284,6 +299,10 @@ class Dataset(DatasetOptions, ExecutionOptions):
 def _paths(record: Mapping[str, Any] | None) -> list[str]:
     """Returns the files of the images of a point, inside of the folder."""
     return _inside(str(path) for image in (record or {}).get("images", ()) for path in image["files"].values())
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _inside(paths: Iterable[str]) -> list[str]:

@@ -104,7 +104,7 @@ def test_a_point_is_the_image_of_the_same_model_and_camera(model: Path, tmp_path
         assert [each["pixels"] for each in image["objects"]] == [(ids == 1).sum(), (ids == 2).sum()]
 
 
-def test_lost_files_are_rendered_again_and_nothing_else(model: Path, tmp_path: Path) -> None:
+def test_lost_and_changed_files_are_rendered_again_and_nothing_else(model: Path, tmp_path: Path) -> None:
     folder = tmp_path / "set"
     made(model, folder)
     before = contents(folder)
@@ -113,6 +113,16 @@ def test_lost_files_are_rendered_again_and_nothing_else(model: Path, tmp_path: P
     assert made(model, folder).rendered == 2
     assert contents(folder) == before
     assert made(model, folder).rendered == 0
+
+    whole = (folder / "images/000000.png").read_bytes()
+    (folder / "images/000000.png").write_bytes(whole[:-9])
+    (folder / "images/000001.png").write_bytes((folder / "images/000002.png").read_bytes())
+    (folder / "images/000002.png").touch()
+    changed = bytes([*(folder / "depth/000002.png").read_bytes()[:-1], 0])
+    assert made(model, folder).rendered == 2
+    (folder / "depth/000002.png").write_bytes(changed)
+    assert made(model, folder).rendered == 1
+    assert contents(folder) == before
 
 
 def test_a_known_point_whose_lost_files_cannot_be_rendered_again_has_failed(
