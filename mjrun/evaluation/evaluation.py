@@ -40,9 +40,9 @@ from mjrun.evaluation.summaries import (
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.formats.local_and_remote_folders import LocalFolder, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_results
-from mjrun.formats.temporary_output import published_in
 from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
@@ -224,7 +224,9 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             check_runs(self.export_to, len(prepared.points.points))
         maker = _VideoMaker(self, prepared, self.seed)
         folder = Path(self.output)
-        _require_ours(folder)
+        if exists(folder) and not is_folder(folder):
+            raise FileError(folder, "is not a folder", f"{option('output')} names the folder of the results")
+        require_own_folder(LocalFolder(folder), MANIFEST, "evaluation")
         check_engine(self.engine)
 
         played = self._play(prepared, folder, reporter)
@@ -489,14 +491,3 @@ def _warn_of_returns(policies: Sequence[PolicySummary], reporter: Reporter) -> N
                 f"{clean(policy.policy)}: {missing:,} of {counted(policy.episodes, 'return')} not finite{cause}; the "
                 "summaries exclude them, and a check of the task finds their origin"
             )
-
-
-def _require_ours(path: Path) -> None:
-    """Refuses a folder that contains anything but an evaluation, whose files may be replaced."""
-    if not exists(path):
-        return
-    if not is_folder(path):
-        raise FileError(path, "is not a folder", f"{option('output')} names the folder of the results")
-    if published_in(path) and not is_file(path / MANIFEST):
-        hint = f"{option('output')} names a folder that is new, empty, or of an earlier evaluation"
-        raise FileError(path, f"contains other files, but no evaluation: it has no {clean(MANIFEST)}", hint)

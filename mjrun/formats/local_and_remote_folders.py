@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
-from mjrun.errors import FileError, UsageError, clean, file_errors
+from mjrun.errors import FileError, UsageError, clean, file_errors, option
 from mjrun.formats.destinations import Destination, StagedFile
 from mjrun.formats.input_file import is_file, is_folder, opened
 from mjrun.formats.parent_folders import require_no_dangling_link
-from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
+from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder
 from mjrun.packages import require
 from mjrun.suffixes import URL, is_url
 
@@ -292,6 +292,22 @@ def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> 
             return LocalFolder(Path(path.partition("://")[2]))
         return RemoteFolder(path.rstrip("/"), delays)
     return LocalFolder(Path(path))
+
+
+def require_own_folder(folder: Folder, manifest: str, content: str, parts: Collection[str] = ()) -> None:
+    """Refuses a folder that contains anything but `content`, whose files may be replaced.
+
+    Args:
+      parts: names of what the folder may contain before its manifest is written.
+
+    Raises:
+      FileError: it has other files and no manifest, or cannot be read.
+    """
+    if folder.has(manifest):
+        return
+    if any(name not in parts and not NAME.fullmatch(name) for name in folder.names("")):
+        hint = f"{option('output')} names a folder that is new, empty, or of an earlier {content}"
+        raise FileError(folder.path(), f"contains other files, but no {content}: it has no {manifest}", hint)
 
 
 def destination_at(path: str | Path) -> Destination:

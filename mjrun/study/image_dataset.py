@@ -86,9 +86,9 @@ class Dataset(DatasetOptions, ExecutionOptions):
             prepared = PreparedStudy(study, replace(study.spec, product=spec))
             self._check(prepared, objects)
             check_engine(self.engine)
+            study.compare_with_last_run(prepared, reporter, SCHEMA)
             prepared.files.create()
             prepared.warn(reporter)
-            study.compare_with_last_run(prepared, reporter, SCHEMA)
             facts = {"points": len(prepared.keys), "schema": SCHEMA, "documents": self._documents()}
             study.write_manifest({**facts, **prepared.identities})
             prepared.known.forget(self._lost(prepared))

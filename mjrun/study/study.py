@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedPointsError, FileError, UnmadeFilesError, clean, listing, option
+from mjrun.errors import FailedPointsError, FileError, UnmadeFilesError, clean, option
 from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
@@ -28,13 +28,13 @@ from mjrun.experiment.results_table import (
 from mjrun.experiment.samplers import SAMPLES
 from mjrun.experiment.sensitivity import MetricSensitivity
 from mjrun.experiment.statistics import CONFIDENCE
-from mjrun.formats.local_and_remote_folders import folder_at
+from mjrun.formats.local_and_remote_folders import folder_at, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
-from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
+from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, PARTS, ExecutionOptions, StudyOptions
 from mjrun.physics.warp_device import COMPILES
 from mjrun.platform.cores import available_cores
 from mjrun.probe.verdict import Verdict
@@ -119,9 +119,9 @@ class Study(StudyOptions, ExecutionOptions):
             if self.export_to is not None:
                 check_runs(self.export_to, len(prepared.points.points))
             check_engine(self.engine, prepared.folder)
+            self.compare_with_last_run(prepared, reporter, SCHEMA)
             prepared.files.create()
             prepared.warn(reporter)
-            self.compare_with_last_run(prepared, reporter, SCHEMA)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
             # Lets an interrupted study continue, and others see its progress.
@@ -185,22 +185,19 @@ class Study(StudyOptions, ExecutionOptions):
         """Reports the keys of the document, files, code and versions that have changed since the last run.
 
         Raises:
-          FileError: the folder has tables without a manifest, or the results of another command, whose manifest has
+          FileError: the folder has other files and no manifest, or the results of another command, whose manifest has
             another `schema`.
         """
         ours = _command_of(schema)
-        hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
-        if not prepared.folder.has(MANIFEST):
-            if tables := [name for name in TABLES if prepared.folder.has(name)]:
-                raise FileError(self.output, f"contains {listing(tables)}, but has no {MANIFEST}", hint)
-            return
+        require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", (PARTS,))
         try:
             with prepared.folder.open(MANIFEST) as stream:
                 before = json.loads(stream.read())
-        except (OSError, FileError, ValueError):
+        except (OSError, FileError, ValueError):  # such as a new folder
             return
         theirs = _command_of(before.get("schema")) if isinstance(before, dict) else ""
         if theirs and theirs != ours:
+            hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
             raise FileError(self.output, f"contains the results of `{clean(theirs)}`", hint)
         now = json.loads(json.dumps({"study": self.document, "identity": prepared.identity_hashes}, default=str))
         changed = [
