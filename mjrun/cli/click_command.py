@@ -37,6 +37,7 @@ ON_FILES = (OpenWhenDoneOptions, ConfinementOptions)  # of commands that may rea
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
 SHORT_DEFAULT = 24  # characters that are kept on one line
+WORDS = f"{__name__}.words"  # the key in a context of the words on the command line
 
 
 class ParsedCommandLine:
@@ -177,6 +178,7 @@ class DeclaredCommand(click.Command):
             console.open_file()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[WORDS] = args
         try:
             extra = super().parse_args(ctx, [*self._with_values(args)])
         except click.NoSuchOption as error:
@@ -189,15 +191,9 @@ class DeclaredCommand(click.Command):
 
         if extra and not ctx.resilient_parsing:
             is_output = "output" in ctx.params and not ctx.params["output"] and Path(extra[0]).suffix
-            hint = suggestion(extra[0], (), f"-o {extra[0]}" if is_output else self._as_further_value(args, extra[0]))
+            hint = suggestion(extra[0], (), f"-o {extra[0]}") if is_output else further_value_hint(extra[0], ctx)
             raise click.UsageError(f"Unexpected argument {quoted(extra[0])}{hint}.", ctx)
         return extra
-
-    def _as_further_value(self, args: Sequence[str], extra: str) -> str:
-        """Returns a word that follows the value of a repeatable option with that option, otherwise an empty text."""
-        repeatable = {name for param in self.params if getattr(param, "multiple", False) for name in param.opts}
-        before = [name for name, _, word in zip(args, args[1:], args[2:], strict=False) if word == extra]
-        return f"{before[0]} {extra}" if before and before[0] in repeatable else ""
 
     def _with_values(self, args: Sequence[str]) -> Iterator[str]:
         """Yields the arguments; an option whose value is optional gets one if something else follows it."""
@@ -318,6 +314,14 @@ class _KindType(click.ParamType[object]):
             return self._kind.parse(value)
         except InvalidValueError as error:
             self.fail(f"{(value if error.part is None else error.part)!r} is not {error.expected}", param, ctx)
+
+
+def further_value_hint(word: str, ctx: click.Context) -> str:
+    """Returns ` (did you mean '--vary WORD'?)` for a word after the value of a repeatable option, or an empty text."""
+    args = cast("Sequence[str]", ctx.meta[WORDS])
+    repeatable = {name for param in ctx.command.params if getattr(param, "multiple", False) for name in param.opts}
+    before = [name for name, _, other in zip(args, args[1:], args[2:], strict=False) if other == word]
+    return suggestion(word, (), f"{before[0]} {word}" if before and before[0] in repeatable else "")
 
 
 def command(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from mjrun.cli.click_command import ParsedCommandLine
+from mjrun.cli.click_command import ParsedCommandLine, further_value_hint
 from mjrun.cli.console import CiVerdict, CommandReport, Console, flag
 from mjrun.cli.table_cells import byte_size, numbers, texts
 from mjrun.errors import MjrunError, UsageError, clean, counted, option, quoted
@@ -288,6 +288,7 @@ def refuse_assignments(model: str, assignments: Sequence[str]) -> None:
     """Raises UsageError for KEY=VALUE after a model that is not a document."""
     if assignments:
         fault = f"{clean(model)} is not a document, so KEY=VALUE cannot change it"
+        fault += further_value_hint(assignments[0], click.get_current_context())
         raise UsageError(f"{clean(assignments[0])}: {fault if '=' in assignments[0] else 'unexpected argument'}")
 
 

@@ -24,9 +24,10 @@ from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.task import read_task
 from mjrun.document.tree import DocumentPath, Mapped
-from mjrun.errors import UsageError, clean, concerning
+from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten
+from mjrun.formats.input_file import is_folder
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions
@@ -117,12 +118,17 @@ def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[ModelSource, 
     """Returns the task that `text` names, with changed values, and a function that makes it with further changes.
 
     Raises:
-      UsageError: there are assignments, and `text` does not name a document.
+      UsageError: `text` names a folder, or there are assignments, and it does not name a document.
       DocumentError: the document is faulty; all faults are listed.
       FileError: the document is missing or cannot be read.
     """
     if names_task(text):
         return _read(text, assignments), partial(_read, text, assignments)
+    if is_folder(text):
+        raise UsageError(
+            f"{clean(text)} is a folder, not a task\ntasks are task documents (.yaml), included ones such as "
+            f"scene:car_drive, and Gymnasium environments (gym:ID); {option('output')} FOLDER continues an evaluation"
+        )
     if assignments:
         raise UsageError(f"{clean(assignments[0])}: {clean(text)} is not a document, so KEY=VALUE cannot change it")
     return parse_source(text), None

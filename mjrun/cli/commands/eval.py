@@ -9,7 +9,7 @@ import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import CommandReport, Console
-from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
+from mjrun.cli.simulation_command import import_mujoco, refuse_assignments, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import ReportColumn, interval_text, number, verdict_lines
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
@@ -85,6 +85,7 @@ def _evaluation(console: Console, command_line: ParsedCommandLine) -> "tuple[Eva
     from mjrun.document.evaluation import evaluated_task, read_evaluation
     from mjrun.document.reader import KINDS, kind_of_file
     from mjrun.evaluation.evaluation import Evaluation
+    from mjrun.model.sources import names_task
 
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")
     command_line = with_camera_scripts(command_line)
@@ -92,6 +93,8 @@ def _evaluation(console: Console, command_line: ParsedCommandLine) -> "tuple[Eva
         values = command_line.explicit(EvaluationOptions, ExecutionOptions)
         request = read_evaluation(path, assignments, values=values, command=console.command)
         return request.made, request.changes, request.located
+    if not names_task(path):
+        refuse_assignments(path, assignments)
     task, rewritten = evaluated_task(path, assignments)
     command_line = command_line.with_defaults(output=f"{task.stem}_eval")
     made = command_line.make(Evaluation, task=task, rewritten=rewritten, command=console.command)
