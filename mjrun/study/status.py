@@ -39,7 +39,7 @@ class RunningRange:
       left: number of points in it without a result.
       host: machine of the process; empty if unknown.
       process: number of the process on its machine; empty if unknown.
-      silent: time since the lease was renewed, by the clock of this machine [s].
+      silent: time since the lease was renewed [s].
       owner: identity of the process among all of the study.
     """
 
@@ -166,6 +166,7 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
 
 def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
     """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
+    ahead: float | None = None
     for name in files.ranges.names(SUFFIX):
         try:
             lease = Lease.of(name)
@@ -175,7 +176,20 @@ def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
         if lease is None or lease.study != files.ranges.study or lease.is_request:
             continue
         if not system.has_ended(content.process):
-            yield lease, content, max(0.0, silent)
+            if silent > EXPIRY and ahead is None:
+                ahead = 0.0
+                with suppress(FileError):  # of a folder that can only be read
+                    ahead = _seconds_ahead(files.ranges.folder)
+            yield lease, content, max(0.0, silent - (ahead or 0.0))
+
+
+def _seconds_ahead(folder: Folder) -> float:
+    """Returns how far the clock of this machine is ahead of the clock that dates the files in a folder [s]."""
+    probe = f".{secrets.token_hex(8)}.probe"
+    folder.create_file(probe, b"")
+    ahead = folder.age(probe)
+    folder.remove(probe)
+    return ahead
 
 
 def write_status_page(path: str, status: StudyStatus) -> None:
@@ -307,14 +321,11 @@ def _ended_leases(ranges: RangeFolders) -> list[str]:
     folder, names = ranges.folder, [name for name in ranges.names(SUFFIX) if Lease.of(name)]
     if not names:
         return []
-    probe = f".{secrets.token_hex(8)}.probe"
-    folder.create_file(probe, b"")  # the clock that has written the leases need not be that of this machine
-    now = folder.age(probe)
-    folder.remove(probe)
+    ahead = _seconds_ahead(folder)
     ended = list[str]()
     for name in names:
         with suppress(OSError):  # its owner has released it
-            content, silent = LeaseContent.read(folder, name), folder.age(name) - now
+            content, silent = LeaseContent.read(folder, name), folder.age(name) - ahead
             if silent <= EXPIRY and not system.has_ended(content.process):
                 host = clean(content.host) or "another machine"
                 reason = f"belongs to a process on {host} that works on the study"

@@ -1,6 +1,8 @@
 """The status of a study is what its folder shows: parts, and the leases of the processes that work on it."""
 
 import json
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from mjrun.errors import FailedPointsError, FileError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.leases import Leases
 from mjrun.study.part_files import PartFiles
-from mjrun.study.status import REFRESH, span_of_time, study_status, write_status_page
+from mjrun.study.status import REFRESH, age, span_of_time, study_status, write_status_page
 from mjrun.study.study import Study
 
 
@@ -36,7 +38,9 @@ def test_a_study_without_a_process_is_finished_or_not(folder: Path) -> None:
     assert status.text.endswith("0 of 6 points, no process works on it")
 
 
-def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Path) -> None:
+def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     digest = json.loads((folder / "study.json").read_text())["digest"]
     for part in (folder / "parts").iterdir():
         part.unlink()
@@ -58,6 +62,12 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(folder: Pa
         assert (status.rate, status.remaining) == (2.5, 6 / 2.5)
         counts = "0 of 6 points, 2.5 points/s, about 2.4 s left, 1 Slurm job lost and submitted again"
         assert (status.text.endswith(counts), status.lost) == (True, 1)
+        with monkeypatch.context() as patch:
+            now = time.time
+            patch.setattr(time, "time", lambda: now() + 7200)  # the clock of this machine is two hours ahead
+            assert [age(each) for each in study_status(folder).running] == ["", ""]
+            os.utime(lease, (now() - 9000, now() - 9000))
+            assert [age(each) for each in study_status(folder).running] == ["", "not renewed for 2.5 h"]
         lease.write_text(json.dumps({**content, "process": content["process"].replace(" ", " 9", 1)}))
         assert len(study_status(folder).running) == (1 if content["process"] else 2)  # the other has ended
 
