@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mjrun.errors import UsageError, clean
+from mjrun.errors import FileError, UsageError, clean
 
 SLACK = 1e-3  # timesteps: the times of a table may be sums of floats
 
@@ -20,6 +20,7 @@ class TimedRows:
       linear: interpolate; otherwise hold.
 
     Raises:
+      FileError: there are no rows.
       UsageError: the times do not ascend or begin too late, or a number is not finite.
     """
 
@@ -52,10 +53,11 @@ def require_times(time: np.ndarray, source: str) -> None:
     """Checks that `time` `(n,)` [s] of `source` has rows in ascending order.
 
     Raises:
-      UsageError: `time` is empty, or its rows do not ascend.
+      FileError: `time` is empty.
+      UsageError: its rows do not ascend.
     """
     if not len(time):
-        raise UsageError(f"{clean(source)} has no rows")
+        raise FileError(source, "has no rows")
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise UsageError(f"{clean(source)}, row {bad[0]}: time is {time[bad[0]]}; it must be finite")

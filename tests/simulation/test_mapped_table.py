@@ -192,7 +192,7 @@ class Bad:
         Bad(csv(**{"qpos/hip": [1], "time": [0]}), r"has a column 'time', and replay_rate is for", rate=Fraction(1)),
         Bad(csv(time=[0.0, 1], x=[1, 2]), r"t\.csv has no positions of this model\nit has time, x\n"),
         Bad(lambda: b"", r"t\.csv: is empty: a table begins with", kind=FileError),
-        Bad(csv(**{"time": [], "qpos/hip": []}), r"t\.csv has no rows$"),
+        Bad(csv(**{"time": [], "qpos/hip": []}), r"t\.csv: has no rows$", kind=FileError),
         Bad(lambda: b"time,qpos/hip\n0,1\n1\n", r"t\.csv:3: expected 2 cells", kind=FileError),
         Bad(lambda: b"time,qpos/hip,qpos/hip\n0,1,2\n", r"two columns are called 'qpos/hip'", kind=FileError),
         Bad(lambda: b"time,qpos/hip\n0,up\n", r"t\.csv:2: column 'qpos/hip': 'up' is not a number", kind=FileError),
