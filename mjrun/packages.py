@@ -8,8 +8,9 @@ import operator
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -232,6 +233,23 @@ def _normalized(name: str) -> str:
 def installed_version(package: str) -> str:
     """Returns the version of a package; empty if it is not installed."""
     return next(iter(_fields(_metadata(package), "Version: ")), "")
+
+
+def packages_of(modules: Iterable[str]) -> list[str]:
+    """Returns the packages that install modules, sorted; of missing ones, names made from those of the modules."""
+    named = {module: [PACKAGES.get(module, module.replace("_", "-"))] for module in modules}
+    for module, (package,) in named.items():
+        if not installed_version(package):
+            named[module] = _packages(tuple(sys.path)).get(module, [package])
+    return sorted({package for packages in named.values() for package in packages})
+
+
+@cache
+def _packages(path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    """Returns the packages in `sys.path` by the modules that they install, which takes 0.1 s."""
+    from importlib.metadata import packages_distributions
+
+    return packages_distributions()
 
 
 def _satisfies(version: str, comparison: str, bound: str) -> bool:

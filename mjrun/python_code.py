@@ -22,7 +22,7 @@ from typing import NoReturn, TypeVar
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, clean, option, quoted
-from mjrun.packages import PACKAGES, require
+from mjrun.packages import packages_of, require
 
 T = TypeVar("T")
 
@@ -151,7 +151,7 @@ def imported_packages(code: Iterable[object]) -> list[str]:
     names = {_home(each)[0] for each in code}.union(*(_imported(each.content, each.name) for each in sources))
     modules = {name.partition(".")[0] for name in names} - {each.name.partition(".")[0] for each in sources}
     modules -= {"", "__main__", *sys.stdlib_module_names}
-    return sorted(PACKAGES.get(module, module.replace("_", "-")) for module in modules)
+    return packages_of(modules)
 
 
 def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str:

@@ -116,7 +116,7 @@ def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
 def test_modules_that_functions_import_later_belong_to_the_code(folder: Path) -> None:
     """A process that executes pickled code finds no other modules; installed packages are known by their versions."""
     texts = {
-        "acting_late.py": "def act(model, data):\n    import acting_parts.gains, PIL.Image, math, no_such_module\n",
+        "acting_late.py": "def act(model, data):\n    import acting_parts.gains, PIL.Image, math, no_module, odd\n",
         "acting_parts/__init__.py": "raise AssertionError('it is imported')\n",
         "acting_parts/gains.py": "KP = 1\n",
     }
@@ -126,7 +126,11 @@ def test_modules_that_functions_import_later_belong_to_the_code(folder: Path) ->
     act = load_code("acting_late.py:act", "controller", "")
     found = {str(Path(each.path).relative_to(folder)): each.content.decode() for each in module_sources([act])}
     assert found == texts
-    assert imported_packages([act]) == ["no-such-module", "pillow"]
+    metadata = folder / "other_name-2.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: Other.Name\nVersion: 2.0\n")
+    (metadata / "top_level.txt").write_text("odd\n")
+    assert imported_packages([act]) == ["Other.Name", "no-module", "pillow"]
     before = code_hash([act])
     (folder / "acting_parts" / "gains.py").write_text("KP = 2\n")
     assert code_hash([act]) != before
