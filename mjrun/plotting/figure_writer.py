@@ -1,6 +1,7 @@
 """Writing of figures: a drawing becomes one published file, with the same bytes for the same drawing."""
 
 import io
+import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from mjrun.plotting.study.figure_data import DrawnStudyFigure
 from mjrun.plotting.theme import THEMES, adaptive
 
 LIBRARY, EXTRA = "matplotlib", "plot"
+EPOCH = "SOURCE_DATE_EPOCH"  # the date of a pdf, which matplotlib parses even if there is to be none
 
 
 def require_matplotlib() -> None:
@@ -88,7 +90,11 @@ def encoded(
         if format == "pdf":
             from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
-            FigureCanvasPdf(canvas.figure).print_pdf(file, metadata=metadata)
+            epoch = os.environ.pop(EPOCH, None)
+            try:
+                FigureCanvasPdf(canvas.figure).print_pdf(file, metadata=metadata)
+            finally:
+                os.environ.update({} if epoch is None else {EPOCH: epoch})
             return file.getvalue()
         from matplotlib.backends.backend_svg import FigureCanvasSVG
 

@@ -1,6 +1,7 @@
 """Files of figures: read back, and the same bytes for the same drawing."""
 
 import io
+import os
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -58,10 +59,12 @@ def test_an_svg_for_a_page_is_the_element_alone() -> None:
     assert ElementTree.fromstring(text).tag.endswith("svg")
 
 
-def test_a_pdf_is_one_page_of_its_size_without_a_date() -> None:
+def test_a_pdf_is_one_page_of_its_size_without_a_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
     content = encoded(DRAWING, GRID, "print", "pdf", TAGS)
     assert content.startswith(b"%PDF")
     assert b"CreationDate" not in content
+    assert os.environ["SOURCE_DATE_EPOCH"] == "abc"
     box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
     assert box
     assert [float(side) * 96 / 72 for side in box.groups()] == pytest.approx(SIZE)
