@@ -308,7 +308,8 @@ class _Run:
         failures = self._predictor.failures.sentence(self._parameters)
         hints = [each for each in (left.warning(), failures) if each]
         reasons = [left.refusal(self._predictor.columns, self._noise)]
-        reasons.append(all_at_bounds([each.path for each in self._parameters], last.coordinates))
+        if left.reduced >= MISFIT:
+            reasons.append(all_at_bounds([each.path for each in self._parameters], last.coordinates))
         if why := next((each for each in reasons if each), None):
             raise UnimprovedFitError(f"{why}\nnothing was written")
         unidentifiable = [each.message for each in known.unidentifiable]

@@ -239,6 +239,14 @@ def test_parameters_that_are_all_at_bounds_are_refused(tmp_path: Path) -> None:
         Fit(Simulation(model), data=data, free=free, starts=1, holdout=0).run()
 
 
+def test_a_parameter_that_is_truly_at_its_bound_is_fitted_and_reported_there(tmp_path: Path) -> None:
+    model = str(write_model(tmp_path, **TRUTH))
+    times, angles = simulate(1.0, damping=0.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    (damping,) = Fit(Simulation(model), data=data, free=(("joint/hinge.damping", "0..1"),), starts=1).run().parameters
+    assert (damping.bound, damping.value) == ("low", pytest.approx(0, abs=1e-3))
+
+
 def test_regions_where_the_model_explodes_are_avoided_and_told(tmp_path: Path) -> None:
     """With stiffness far beyond what the timestep allows, where a start is, the explicit spring diverges."""
     path = write_model(tmp_path)
