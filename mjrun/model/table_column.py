@@ -5,6 +5,7 @@ import re
 from mjrun.dataclass import dataclass
 
 _WITH_UNIT = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
+_IN_PARENTHESES = re.compile(r"(.*\S)\s+\(([^()]*)\)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,9 @@ def split_unit(text: str) -> tuple[str, str | None]:
     """Splits a name from the unit in brackets after it: `depth [mm]`, or None."""
     match = _WITH_UNIT.fullmatch(text)
     return (match[1], match[2].strip()) if match else (text, None)
+
+
+def split_column(name: str) -> tuple[str, str | None]:
+    """Splits the name of a column from its unit, which other programs write in parentheses: `Time (s)`."""
+    match = _IN_PARENTHESES.fullmatch(name)
+    return (match[1], match[2].strip()) if match else split_unit(name)

@@ -17,6 +17,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning
 from mjrun.model.table_column import split_unit
 from mjrun.options.number_kinds import RangeKind
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.probe.expression import ColumnReference
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
 
@@ -107,6 +108,8 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
     if _WILDCARD.fullmatch(text):
         raise UnknownNameError("column", text, columns, where=label)
     expression = parse_row_expression(text, columns, label)
+    if isinstance(expression.root, ColumnReference):  # in quotes
+        return [_of_column(expression.root.name)]
     return [CurveSpec(text, None, expression, None)]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
 from mjrun.model.names import FREE, QPOS_COMPONENTS, QVEL_COMPONENTS
-from mjrun.model.table_column import split_unit, with_unit
+from mjrun.model.table_column import split_column, with_unit
 from mjrun.model.units import DATA_UNITS
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
@@ -70,7 +70,7 @@ def time_column(names: Iterable[str]) -> str | None:
     known = list(names)
     if "time" in known:
         return "time"
-    return next((name for name in known if split_unit(name)[0].strip().casefold() in _TIMES), None)
+    return next((name for name in known if split_column(name)[0].strip().casefold() in _TIMES), None)
 
 
 def chosen_panels(texts: Sequence[str], units: Mapping[str, str], x: str | None = None) -> list[Panel]:
@@ -144,7 +144,7 @@ def _unit(text: CurveSpec, panel: PanelSpec, units: Mapping[str, str]) -> str:
 
 def _panel(title: str, unit: str, curves: Sequence[PanelCurve], *, titled: bool = False) -> Panel:
     """Creates a panel whose title holds the common prefix of the names, which the legend then omits."""
-    names = [split_unit(curve.name)[0] if curve.text.column else curve.name for curve in curves]
+    names = [split_column(curve.name)[0] if curve.text.column else curve.name for curve in curves]
     if len(names) == 1 and not titled:
         return Panel(names[0], unit, tuple(curves))
     prefix = _common(names) if all(curve.text.column == curve.name for curve in curves) else ""
@@ -162,13 +162,13 @@ def _common(names: Sequence[str]) -> str:
 
 
 def with_units(names: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
-    """Returns the unit of every column: the table's, the one in brackets after the name, or mjrun's for its columns.
+    """Returns the unit of every column: the table's, the one after the name, or mjrun's for its columns.
 
     An mjrun column has a unit by its name if that is the same for every model: `energy/total` is in joules,
     `qpos/knee` may be in radians or metres. Time is in seconds in a table that has grouped columns.
     """
     grouped = any("/" in name for name in names)
-    return {name: units.get(name) or split_unit(name)[1] or _usual(name, grouped) for name in names}
+    return {name: units.get(name) or split_column(name)[1] or _usual(name, grouped) for name in names}
 
 
 def _usual(name: str, grouped: bool) -> str:
@@ -319,7 +319,7 @@ class FigurePlan:
         if self.x is None:
             return "row"
         unit = self._units[self.x.column] if self.x.unit is None and self.x.column else self.x.unit
-        name = split_unit(self.x.name)[0] if self.x.column else self.x.name
+        name = split_column(self.x.name)[0] if self.x.column else self.x.name
         return with_unit(name, unit)
 
     def _panels(self, panels: Sequence[Panel] | None) -> list[Panel]:

@@ -20,6 +20,7 @@ from types import MappingProxyType
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listing, near, option, quoted
 from mjrun.formats.input_file import opened
+from mjrun.model.table_column import split_column
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import Vocabulary, spelled
 
@@ -298,8 +299,9 @@ def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
 
 def time_hint(names: Sequence[str]) -> str:
     """Suggests what to do about a table whose times are unknown."""
-    likely = [name for name in names if name.casefold() in TIMES] or near(TIME, names)
-    example = f", as in time={clean(spelled(likely[0]))}" if likely else ""
+    likely = [name for name in names if split_column(name)[0].casefold() in TIMES] or near(TIME, names)
+    scale = "/1000" if likely and split_column(likely[0])[1] == "ms" else ""
+    example = f", as in time={clean(spelled(likely[0]))}{scale}" if likely else ""
     return f"{option('map')} specifies the time{example}"
 
 

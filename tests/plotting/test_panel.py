@@ -105,12 +105,14 @@ def test_no_unit_is_wrong(scene: str) -> None:
 
 
 def test_a_table_s_own_units_come_first_and_brackets_second() -> None:
-    names = ["time", "time [ms]", "energy/total", "force [N]", "a"]
+    names = ["time", "time [ms]", "energy/total", "force [N]", "Speed (m/s)", "f(x)", "a"]
     assert with_units(names, {"energy/total": "kJ"}) == {
         "time": "s",
         "time [ms]": "ms",
         "energy/total": "kJ",
         "force [N]": "N",
+        "Speed (m/s)": "m/s",
+        "f(x)": "",
         "a": "",
     }
 

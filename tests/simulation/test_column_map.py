@@ -210,4 +210,6 @@ def test_a_table_of_another_model_is_reported_by_what_it_has_and_lacks() -> None
 
 def test_the_hint_names_what_may_be_the_time() -> None:
     assert time_hint(["hip", "Timestamp"]) == "\x02map\x03 specifies the time, as in time=Timestamp"
+    assert time_hint(["Time (s)", "hip"]).endswith("as in time='Time (s)'")
+    assert time_hint(["t [ms]", "hip"]).endswith("as in time='t [ms]'/1000")
     assert "as in" not in time_hint(["hip"])

@@ -293,7 +293,7 @@ def _require_header(path: Path, line: int, names: Sequence[str]) -> None:
     if any("\0" in name for name in names):
         raise FileError(place, "is not text in UTF-8")
     if len(names) == 1 and any(separator in names[0] for separator in ";\t"):
-        raise FileError(place, f"{shown(names[0])} is one column: columns are separated by commas")
+        raise FileError(place, f"{shown(names[0])} is one column: separate columns by commas, decimals by points")
     if all(number_text.is_number(name, _floats) for name in names):
         raise FileError(place, "holds numbers: a table begins with the names of its columns")
 
