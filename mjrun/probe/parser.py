@@ -1,6 +1,7 @@
 """Parses the text of an expression into a tree, with errors that point at the place of a fault."""
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from operator import neg, pos
 
@@ -23,6 +24,7 @@ from mjrun.probe.scanner import (
 
 LONGEST = 10_000  # characters of an expression
 DEEPEST = 100  # expressions within expressions
+_PATTERN = re.compile(r"[^\s(),'`]+/[^\s(),'`]*[*?][^\s(),'`]*")  # wildcards without quotes
 
 
 class Parser:
@@ -221,6 +223,9 @@ class Parser:
     def _unknown(self, token: Token) -> UsageError:
         if self.text[token.end :].lstrip().startswith("(") and is_word(token.text):
             return self._unquoted() or self._no_function(token)
+        pattern = _PATTERN.match(self.text, token.start)
+        if pattern and self.vocabulary.matching(pattern[0]):
+            return self.source.fault(token.start, "a wildcard without quotes", clean(spelled(pattern[0])))
         return self._unquoted() or self.vocabulary.missing(token.text, token.start, self.source)
 
     def _no_function(self, name: Token) -> UsageError:

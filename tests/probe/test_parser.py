@@ -29,7 +29,7 @@ def test_what_is_no_assertion_is_reported_where_what_was_found_and_what_is_valid
     text: str, place: int, found: str | None, expected: str | None
 ) -> None:
     with pytest.raises(UsageError) as caught:
-        parse(text, ["time", "x", "y", "q[0]"])
+        parse(text, ["time", "x", "y", "q[0]", "v/1"])
     assert caught.value.exit_code == 2
     if found:
         pointer = f"\n  {text}\n  {' ' * (place - 1)}^" if text.strip() else ""
