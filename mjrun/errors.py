@@ -712,7 +712,8 @@ class FailedEpisodesError(MjrunError):
     """Episodes that a dataset or an evaluation lacks, because they could not be simulated.
 
     Args:
-      failures: the reason for each episode, by its number or the seed that identifies it.
+      failures: the message of each episode, by its number or the seed that identifies it. Only the first is shown in
+        full: its other lines may be a traceback.
       count: the number of requested episodes.
       place: the word for what lacks them.
       missing: the number of episodes that are not simulated yet.
@@ -723,12 +724,14 @@ class FailedEpisodesError(MjrunError):
     def __init__(self, failures: Mapping[str, str], count: int, place: str = "dataset", missing: int = 0) -> None:
         reasons: dict[str, list[str]] = {}
         for name, message in failures.items():
-            reasons.setdefault(message, []).append(name)
+            reasons.setdefault(message.partition("\n")[0], []).append(name)
         lines = [f"{listing(names)}: {clean(message)}" for message, names in reasons.items()]
+        details = [f"  {clean(line)}" for message in [*failures.values()][:1] for line in message.split("\n")[1:]]
+        lines[1:1] = details
         states = [(len(failures), "failed"), (missing, "are not simulated yet")]
         counts = ", ".join(f"{number} of {counted(count, 'episode')} {state}" for number, state in states if number)
         rest = f"the {place} has the others" if len(failures) + missing < count else f"there is no {place}"
-        super().__init__("\n".join([f"{counts}; {rest}", *lines[:LOGGED]]))
+        super().__init__("\n".join([f"{counts}; {rest}", *lines[: LOGGED + len(details)]]))
 
 
 class UnmadeFilesError(MjrunError):

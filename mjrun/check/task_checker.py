@@ -27,6 +27,7 @@ from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Policy
 from mjrun.policy.task_agreement import check_agreement
 from mjrun.suffixes import YAML
+from mjrun.task.episode import ask
 from mjrun.task.task import UNSTABLE, Task
 from mjrun.task.worlds import TaskWorlds
 
@@ -105,7 +106,11 @@ def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodeFaults:
     actors = [policy.episode(seed, space) for seed in range(worlds.count)]
     running = np.arange(worlds.count)
     for period in range(1, min(worlds.task.periods, MOST) + 1):
-        actions = [actors[i](row) for i, row in zip(map(int, running), observations, strict=True)]
+        first = (period - 1) * worlds.control_steps, (period - 1) * float(worlds.task.control_dt)
+        actions = [
+            ask(actors[i], row, worlds.action_names, *first, policy.name)
+            for i, row in zip(map(int, running), observations, strict=True)
+        ]
         step = worlds.step(np.array(actions), running)
         seen.periods += len(running)
         is_unstable = np.array([ending is not None and ending.name == UNSTABLE.name for ending in step.ended])
@@ -253,14 +258,13 @@ class TaskChecker(Checker):
         try:
             with collected_warnings(), without_timers():
                 episodes = watch(worlds, policy)
-        except (MjrunError, ValueError) as error:  # a ValueError: actions that are not finite
+        except MjrunError as error:
             self._write_misfit(error)
             return
         self._write_selected(list(task_episodes.episode_findings(episodes, places)))
 
-    def _write_misfit(self, error: Exception) -> None:
-        text = error.spelled(option) if isinstance(error, MjrunError) else str(error)
-        message, _, remedy = text.partition("\n")
+    def _write_misfit(self, error: MjrunError) -> None:
+        message, _, remedy = error.spelled(option).partition("\n")
         finding = task_episodes.MISFIT.finding(message, remedy, Place(self.path))
         self.write_findings([replace(finding, object="")])
 

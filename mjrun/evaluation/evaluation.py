@@ -419,13 +419,13 @@ class _Played:
 
     @cached_property
     def failed(self) -> Mapping[str, str]:
-        """The reason of each failed episode, by what identifies the episode."""
+        """The message of each failed episode, by what identifies the episode."""
         several = len({group.policy for group in self.groups}) > 1
         varies = len({group.point for group in self.groups}) > 1
         return {
             f"seed {episode.seed}"
             + (f" at point {group.point}" if varies else "")
-            + (f" of {group.policy}" if several else ""): episode.message.partition("\n")[0]
+            + (f" of {group.policy}" if several else ""): episode.message
             for group in self.groups
             for episode in group.episodes
             if episode.status not in ("ok", "missing")

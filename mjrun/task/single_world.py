@@ -109,6 +109,8 @@ class SingleWorld(TaskWorlds):
         """
         action = np.asarray(action, float)
         if action.shape != self._shape or self._over[0] or not math.isfinite(sum(action.tolist())):
+            if action.shape != self._shape:
+                raise ValueError(f"actions must have the shape {self._shape}, not {action.shape}")
             self._begin(action[None], None)
             return
         self._action[:] = action

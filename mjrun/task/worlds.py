@@ -484,7 +484,8 @@ class TaskWorlds:
         row = int(np.argmin(finite.all(axis=1)))
         name = next(name for name, good in zip(self.action_names, finite[row], strict=True) if not good)
         value = actions[row, self.action_names.index(name)]
-        raise ValueError(f"actions must be finite: {name} is {value} in world {self._all[rows][row]}")
+        where = f" in world {self._all[rows][row]}" if self.count > 1 else ""
+        raise ValueError(f"actions must be finite: {name} is {value}{where}")
 
 
 def _sorted(ids: Ids | None) -> np.ndarray | None:

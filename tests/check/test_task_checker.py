@@ -81,7 +81,7 @@ def test_a_policy_that_answers_nan_or_is_not_there_is_found() -> None:
     Path("p.py").write_text("import numpy as np\ndef nan(obs):\n    return np.full(1, np.nan)\n")
     (finding,) = checked(policy="p.py:nan")
     assert (finding.code, finding.severity) == ("MJ802", "error")
-    assert "actions must be finite: push is nan" in finding.message
+    assert finding.message == "policy p.py:nan returned non-finite actions at step 0, time 0 s: push = nan"
     (finding,) = checked(policy="none.onnx")
     assert finding.code == "MJ802"
     assert finding.message.startswith("none.onnx: no such file")

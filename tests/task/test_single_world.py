@@ -104,9 +104,9 @@ def test_actions_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="reset it"):
         single.act(np.zeros(2))
     single.start(1)
-    with pytest.raises(ValueError, match=r"shape \(1, 2\), not \(1, 3\)"):
+    with pytest.raises(ValueError, match=r"shape \(2,\), not \(3,\)"):
         single.act(np.zeros(3))
-    with pytest.raises(ValueError, match="push is nan in world 0"):
+    with pytest.raises(ValueError, match=r"push is nan$"):
         single.act(np.array([0, np.nan]))
     single.act(np.array([1e200, 0]))  # whose square is not finite
 
