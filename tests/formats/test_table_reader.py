@@ -22,10 +22,10 @@ import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet as pq
 import pytest
-import scipy.io
 import scipy.sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 import mjrun
 from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, UsageError, clean
@@ -67,7 +67,7 @@ def hdf5(**arrays: Any) -> Callable[[], bytes]:
 
 
 def mat(*packed: bool, **variables: Any) -> Callable[[], bytes]:
-    return lambda: _written(lambda file: scipy.io.savemat(file, variables, do_compression=bool(packed)))
+    return lambda: _written(lambda file: savemat(file, variables, do_compression=bool(packed)))
 
 
 def _written(write: Callable[[io.BytesIO], Any]) -> bytes:
@@ -474,7 +474,7 @@ def compressed(path: Path, values: np.ndarray) -> Path:
         case ".feather":
             pyarrow.feather.write_feather(pa.table({"a": values}), path, compression="zstd")
         case ".mat":
-            scipy.io.savemat(path, {"a": values[:, None]}, do_compression=True)
+            savemat(path, {"a": values[:, None]}, do_compression=True)
         case ".h5":
             with h5py.File(path, "w") as archive:
                 archive.create_dataset("a", data=values, chunks=values.shape, compression="gzip")
