@@ -67,7 +67,7 @@ DRIVING = (  # options which a log replaces
 )
 LENGTH = ("duration", "steps")  # of an excitation
 READING = ("quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # of tables that are replayed
-TOLERANCE = 1e-3  # relative difference of costs due to rounding
+TOLERANCE = 1e-3  # difference of costs due to rounding: relative, and in standard deviations of the noise
 
 Partial = Callable[[FitResult], None]
 
@@ -349,7 +349,8 @@ class _Run:
             if weighted.cost <= with_noise(search.own, weighted.noise).cost:
                 search.best = weighted
         self._reporter.progress("stages of the fit", 1, 1)
-        if search.best.cost > with_noise(search.own, search.best.noise).cost * (1 + TOLERANCE):
+        own = with_noise(search.own, search.best.noise)
+        if search.best.cost > max(own.cost, TOLERANCE) * (1 + TOLERANCE):
             raise UnimprovedFitError(
                 "no values explain the fitted part of the log better than those of the model\n"
                 f"try narrower bounds with {option('free')}, or more {option('starts')}; nothing was written"
