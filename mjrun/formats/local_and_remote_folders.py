@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
-from mjrun.errors import FileError, UsageError, clean, file_errors, option
+from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
 from mjrun.formats.destinations import Destination, StagedFile
 from mjrun.formats.input_file import is_file, is_folder, opened
 from mjrun.formats.parent_folders import require_no_dangling_link
@@ -294,20 +294,22 @@ def folder_at(path: "str | Path | Folder", delays: Sequence[float] = DELAYS) -> 
     return LocalFolder(Path(path))
 
 
-def require_own_folder(folder: Folder, manifest: str, content: str, parts: Collection[str] = ()) -> None:
-    """Refuses a folder that contains anything but `content`, whose files may be replaced.
+def require_own_folder(folder: Folder, manifest: str, content: str, replaced: Collection[str] | None = None) -> None:
+    """Refuses a folder in which `content` would replace files of others.
 
     Args:
-      parts: names of what the folder may contain before its manifest is written.
+      replaced: names of the files that it may replace; by default, the folder must not contain any other file.
 
     Raises:
-      FileError: it has other files and no manifest, or cannot be read.
+      FileError: it has such files and no manifest, or cannot be read.
     """
     if folder.has(manifest):
         return
-    if any(name not in parts and not NAME.fullmatch(name) for name in folder.names("")):
+    others = [name for name in folder.names("") if not NAME.fullmatch(name) and (replaced is None or name in replaced)]
+    if others:
+        found = "other files" if replaced is None else listing(others)
         hint = f"{option('output')} names a folder that is new, empty, or of an earlier {content}"
-        raise FileError(folder.path(), f"contains other files, but no {content}: it has no {manifest}", hint)
+        raise FileError(folder.path(), f"contains {found}, but no {content}: it has no {manifest}", hint)
 
 
 def destination_at(path: str | Path) -> Destination:

@@ -34,7 +34,7 @@ from mjrun.formats.study_reader import read_study
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
-from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, PARTS, ExecutionOptions, StudyOptions
+from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.physics.warp_device import COMPILES
 from mjrun.platform.cores import available_cores
 from mjrun.probe.verdict import Verdict
@@ -185,11 +185,11 @@ class Study(StudyOptions, ExecutionOptions):
         """Reports the keys of the document, files, code and versions that have changed since the last run.
 
         Raises:
-          FileError: the folder has other files and no manifest, or the results of another command, whose manifest has
+          FileError: the folder has tables and no manifest, or the results of another command, whose manifest has
             another `schema`.
         """
         ours = _command_of(schema)
-        require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", (PARTS,))
+        require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", TABLES)  # logs and plans may be there
         try:
             with prepared.folder.open(MANIFEST) as stream:
                 before = json.loads(stream.read())
