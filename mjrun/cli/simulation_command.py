@@ -384,7 +384,7 @@ def _image(result: "ImageResult") -> str:
 
 def _trace(result: "TraceResult") -> str:
     size = f"{counted(result.rows, 'row')}, {counted(result.columns, 'column')}"
-    pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
+    pace = f"{result.simulated:.6g} s in {counted(result.steps, 'step')}; made in {result.wall:.2f} s"
     golden = f"\n{golden_summary(result.golden)}" if result.golden else ""
     path = f"{clean(result.path)}: " if result.path else ""
     return "\n".join([f"{path}{size}, {pace}{golden}", *_assertions(result.assertions)])

@@ -228,7 +228,7 @@ class OpenTrace(output.OpenBlockOutput[TraceResult]):
             rows=self._rows,
             columns=len(self._table.columns),
             contacts=self._contacts.rows if self._contacts else None,
-            simulated=float(timeline.duration),
+            simulated=float(timeline.time(timeline.steps)),
             steps=timeline.steps,
             assertions=verdicts,
             golden=comparison,

@@ -127,6 +127,15 @@ def test_time_may_be_asked_for_and_is_there_once(tmp_path: Path) -> None:
     assert {name: list(values) for name, values in alone.items()} == {"time": [0, 0.002, 0.004, 0.006]}
 
 
+@pytest.mark.parametrize(("timestep", "last"), [("0.03", 0.09), ("2", 0.0)])
+def test_the_simulated_time_is_that_of_the_last_row(tmp_path: Path, timestep: str, last: float) -> None:
+    result = Trace(
+        Simulation(SCENES / "pendulum.xml", duration="0.1", timestep=timestep), str(tmp_path / "t.csv")
+    ).run()
+    *_, row = (tmp_path / "t.csv").read_text().splitlines()
+    assert (result.simulated, float(row.split(",")[0])) == (last, last)
+
+
 @pytest.mark.parametrize(("rate", "told"), [(3000, True), ("500.1", True), (500, False), (60, False), (None, False)])
 def test_a_rate_above_that_of_the_steps_is_reported(tmp_path: Path, rate: float | None, told: bool) -> None:
     with warnings.catch_warnings(record=True) as heard:
