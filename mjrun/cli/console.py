@@ -133,6 +133,7 @@ class Console:
         self._stdout: TextIO | None = None
         self._document: Mapping[str, object] | None = None
         self._failure: Mapping[str, object] | None = None
+        self._noted = set[str]()
 
     def guard_stdout(self) -> None:
         """Reserves standard output for the payload: output of native libraries goes to stderr."""
@@ -213,7 +214,9 @@ class Console:
             self._line(text)
 
     def note(self, text: str) -> None:
-        if self.verbosity >= 0:
+        """Prints a remark, once although several outputs make it."""
+        if self.verbosity >= 0 and text not in self._noted:
+            self._noted.add(text)
             self.ask(text)
 
     def warn(self, text: str) -> None:
