@@ -328,6 +328,9 @@ class FigurePlan:
         if panels is not None:
             return list(panels)
         names = [name for name in self._units if not (self.x and name == self.x.column)]
+        if "" in names:
+            names.remove("")
+            self.notes.append(f"a column without a name is left out; choose with {option('y')}")
         if not names:
             raise UsageError(f"nothing to plot: the only column is {listing(list(self._units))}")
         panels = panels_by_unit(names, self._units, apart=len(self.tables) > 1)

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, option
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_data import DrawnFigure
 from mjrun.plotting.figure_plan import EVENTS, PANELS, FigurePlan, TableColumns
@@ -103,6 +103,14 @@ def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
 def test_a_column_without_values_is_reported() -> None:
     values = {**rows(), "qpos/b": np.full(10, np.nan)}
     assert drawn(FigureOptions(), values)[1] == ["qpos/b: no values to draw"]
+
+
+def test_a_column_without_a_name_is_drawn_if_chosen() -> None:  # the numbers of rows, or an empty last column
+    values = {"": np.arange(10.0), **rows()}
+    drawing, notes = drawn(FigureOptions(), values)
+    assert [panel.label for panel in drawing.panels] == ["qpos [rad]", "contact/ncon"]
+    assert notes == [f"a column without a name is left out; choose with {option('y')}"]
+    assert len(drawn(FigureOptions(y=["''"]), values)[0].panels) == 1
 
 
 def test_tables_have_their_colours_and_a_panel_for_each_column() -> None:
