@@ -177,7 +177,9 @@ def number_blocks(
         except ValueError:
             cells = ((line, name, row[key]) for line, row in chunk for name, key in keys.items())
             line, name, cell = next(cell for cell in cells if not is_number(cell[2], convert))
-            raise CellError(f"{path}:{line}", f"column {shown(name)}: {_described(cell)} is not a number") from None
+            is_decimal = isinstance(cell, str) and cell.count(",") == 1 and is_number(cell.replace(",", "."), convert)
+            reason = f"is not a number{'; decimals need a point' if is_decimal else ''}"
+            raise CellError(f"{path}:{line}", f"column {shown(name)}: {_described(cell)} {reason}") from None
         yield side_by_side(columns, len(chunk))
 
 

@@ -125,7 +125,7 @@ TEXTS: list[Broken] = [
     ("t.csv", text("time,x\n0,1\n1,abc\nd,2\n"), "{}:3: column 'x': 'abc' is not a number"),
     ("t.csv", text("time,x\n0,1\nd,e\n"), "{}:3: column 'time': 'd' is not a number"),
     ("t.csv", text("time,x\n0,1\n1,\n"), "{}:3: column 'x': an empty cell is not a number"),
-    ("t.csv", text('time,x\n0,1\n1,"2,5"\n'), "{}:3: column 'x': '2,5' is not a number"),
+    ("t.csv", text('time,x\n0,1\n1,"2,5"\n'), "{}:3: column 'x': '2,5' is not a number; decimals need a point"),
     ("t.csv", text("time,x\n0,1_000\n"), "{}:2: column 'x': '1_000' is not a number"),
     ("t.csv", text("time,x\n0,１\n"), "{}:2: column 'x': '１' is not a number"),
     ("t.csv", text("time,x\n0,0x10\n"), "{}:2: column 'x': '0x10' is not a number"),
