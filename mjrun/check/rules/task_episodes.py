@@ -80,7 +80,7 @@ def _at_once(episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Iterator[Fi
 
 
 def _not_finite(fault: "NonFiniteOccurrence", episodes: "TaskEpisodeFaults", places: "TaskPlaces") -> Finding:
-    message = f"{quoted(fault.name)} is {fault.value} {fault.time:.6g} s into the episode of seed {fault.seed}"
+    message = f"{fault.value} {fault.time:.6g} s into the episode of seed {fault.seed}"
     remedy = f"with {episodes.acting}; guard it in the expression: where(isfinite(x), x, 0)"
     if fault.kind == "rewards":
         return NOT_FINITE.finding(message, remedy, places.at("rewards", fault.name, "value"), f"reward '{fault.name}'")
