@@ -1,6 +1,9 @@
 """Archives of Stable-Baselines3: refused until their normalization is said; played as its own `predict` plays them."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +32,24 @@ def test_without_the_library_the_error_says_what_to_install(tmp_path: Path) -> N
     (tmp_path / "walk.zip").write_bytes(b"PK\3\4")
     with pytest.raises(MissingExtraError, match=r"needs stable-baselines3, .*\npip install stable-baselines3"):
         load_policy(str(tmp_path / "walk.zip"), trust=True, normalize="none")
+
+
+@pytest.mark.parametrize("library", ["libLLVM.so.1", "libother.so"])
+def test_it_is_refused_where_triton_would_crash(tmp_path: Path, library: str) -> None:
+    for name in ("triton", "stable_baselines3"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('imported')")
+    (tmp_path / "torch.py").write_text("import triton")  # as PyTorch does in the end
+    (tmp_path / "walk.zip").write_bytes(b"PK\3\4")
+    (tmp_path / library).write_text("stands for Mesa's LLVM, by its name")
+    code = f"""import mmap
+file = open({str(tmp_path / library)!r}, "rb")
+mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+from mjrun.policy.load import load_policy
+load_policy({str(tmp_path / "walk.zip")!r}, trust=True, normalize="none")"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    expected = "software OpenGL was used in this process" if library.startswith("libLLVM") else "imported"
+    assert expected in done.stderr
 
 
 @pytest.mark.skipif(not INSTALLED, reason="Stable-Baselines3 is large, and not installed")

@@ -1,5 +1,8 @@
 """Stable-Baselines3 archives (.zip): the models that it saves."""
 
+import sys
+from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +20,8 @@ class StableBaselinesPolicy(Policy):
     """The policy of an archive. It acts without noise, and clips and scales its actions as in training.
 
     Raises:
-      UsageError: it is not trusted, its normalization is unspecified, or its spaces are not vectors of numbers.
+      UsageError: it is not trusted, its normalization is unspecified, its spaces are not vectors of numbers, or this
+        process has used software OpenGL.
       FileError: it cannot be read.
       MissingExtraError: Stable-Baselines3 is not installed.
     """
@@ -59,6 +63,7 @@ def _is_continuous(policy: "BasePolicy") -> bool:
 
 def _read(path: Path) -> "BasePolicy":
     require("a policy of Stable-Baselines3", "", "stable_baselines3")
+    _require_no_llvm()
     import torch  # pyright: ignore[reportMissingImports]
     from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
 
@@ -75,6 +80,18 @@ def _read(path: Path) -> "BasePolicy":
         kind = type(error).__name__
         raise FileError(path, f"is not a readable archive of Stable-Baselines3: {kind}: {clean(str(error))}") from error
     return policy
+
+
+def _require_no_llvm() -> None:
+    """Raises UsageError where PyTorch's import of Triton would crash this process, which has loaded Mesa's LLVM."""
+    if "triton" in sys.modules or find_spec("triton") is None:
+        return
+    with suppress(OSError):  # no such file on other systems
+        if "/libLLVM" in Path("/proc/self/maps").read_text():
+            raise UsageError(
+                "software OpenGL was used in this process, which PyTorch's Triton would now crash\n"
+                "import stable_baselines3 before the first image is drawn"
+            )
 
 
 FORMAT = PolicyFormat(
