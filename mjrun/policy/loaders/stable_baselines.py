@@ -90,7 +90,7 @@ def _require_no_llvm() -> None:
         if "/libLLVM" in Path("/proc/self/maps").read_text():
             raise UsageError(
                 "software OpenGL was used in this process, which PyTorch's Triton would now crash\n"
-                "import stable_baselines3 before the first image is drawn"
+                "run `import triton` before the first image is drawn"
             )
 
 
