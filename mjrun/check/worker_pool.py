@@ -232,8 +232,7 @@ class CheckProcess:
     def _watch(self, memory: int, has_ended: threading.Event) -> None:
         """Kills the process when its time is over or it holds more than `memory` [bytes], until a check has ended."""
         while not has_ended.wait(max(0.0, min(self._deadline - time.monotonic(), POLL_INTERVAL))):
-            if time.monotonic() > self._deadline:
-                return self._worker.process.kill("time")
-            if resident_memory(self._checking) > memory:
-                return self._worker.process.kill("memory")
-        return None
+            is_late = time.monotonic() > self._deadline
+            if is_late or resident_memory(self._checking) > memory:
+                self._worker.process.kill("time" if is_late else "memory")
+                return

@@ -157,7 +157,7 @@ class CommandDeclaration:
 
 
 class DeclaredCommand(click.Command):
-    """A command whose help shows its options by section."""
+    """A command with declared options, which help shows by section."""
 
     context_class = HelpContext
     declaration = CommandDeclaration()

@@ -214,7 +214,7 @@ class Console:
             self._line(text)
 
     def note(self, text: str) -> None:
-        """Prints a remark, once although several outputs make it."""
+        """Prints a remark, once even if several outputs make it."""
         if self.verbosity >= 0 and text not in self._noted:
             self._noted.add(text)
             self.ask(text)
@@ -362,7 +362,8 @@ def _opened(paths: Sequence[str]) -> str:
     from mjrun.formats import codecs
 
     existing = [path for path in paths if Path(path).exists()]
-    ranked = [path for suffixes in (HTML, codecs.FILES, IMAGES) for path in existing if path.lower().endswith(suffixes)]
+    kinds = (HTML, codecs.VIDEO_SUFFIXES, IMAGES)
+    ranked = [path for suffixes in kinds for path in existing if path.lower().endswith(suffixes)]
     chosen = next(iter([*ranked, *existing]), None)
     if chosen is None:
         return f"{option('open')}: no file was made"

@@ -287,9 +287,10 @@ def is_study(path: str) -> bool:
 def refuse_assignments(model: str, assignments: Sequence[str]) -> None:
     """Raises UsageError for KEY=VALUE after a model that is not a document."""
     if assignments:
+        is_assignment = "=" in assignments[0]
         fault = f"{clean(model)} is not a document, so KEY=VALUE cannot change it"
-        fault += further_value_hint(assignments[0], click.get_current_context())
-        raise UsageError(f"{clean(assignments[0])}: {fault if '=' in assignments[0] else 'unexpected argument'}")
+        hint = further_value_hint(assignments[0], click.get_current_context())
+        raise UsageError(f"{clean(assignments[0])}: {fault if is_assignment else 'unexpected argument'}{hint}")
 
 
 @contextmanager

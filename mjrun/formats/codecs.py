@@ -132,7 +132,7 @@ CONTAINERS = {
     "png": Container("image2", "", ("png", "png-gray16"), ("-start_number", "0"), None),
     "rgb": Container("rawvideo", "", ("raw",)),
 }
-FILES = tuple(f".{name}" for name, known in CONTAINERS.items() if known.demuxers)  # suffixes of videos in one file
+VIDEO_SUFFIXES = tuple(f".{name}" for name, known in CONTAINERS.items() if known.demuxers)  # of one file each
 # Lossless codecs, which keep the colours of a segmentation; and codecs for numbers of 16 bits.
 LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
 EXACT = ("ffv1-gray16", "png-gray16")

@@ -209,7 +209,7 @@ class PathKind(Kind[str | PathLike[str], str]):
       written: True for an output; inputs are relative to the document's folder, outputs to the output folder.
       stored: whether an output may be in a store, given by its URL.
       streamed: whether an output may be standard output, written `-`.
-      unlike: suffixes of files that an output with any other suffix would replace by mistake.
+      unlike: suffixes that an output must not have, since it would replace what users write, by mistake.
     """
 
     metavar = "FILE"

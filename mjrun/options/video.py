@@ -10,7 +10,7 @@ from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
 
 PLOT_SIDES = ("under", "beside")
-FPS, GIF_FPS = Fraction(30), Fraction(25)  # without the option
+FPS, GIF_FPS = Fraction(30), Fraction(25)  # by default
 
 
 @options

@@ -250,7 +250,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
 def _image_file(request: Image, file: VideoOrImageFile) -> FormattedImageFile:
     """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     suffix = Path(file.path).suffix.lower()
-    if suffix in codecs.FILES and suffix not in COLOUR_SUFFIXES:  # a WebP may be an image
+    if suffix in codecs.VIDEO_SUFFIXES and suffix not in COLOUR_SUFFIXES:  # a WebP may be an image
         raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
     if len(file.panels) > 1 and request.style == "exact":
         exact_style = f"{option('style')} exact"

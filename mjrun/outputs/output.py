@@ -9,8 +9,8 @@ The pass in `perform` calls, in this order:
 - of each request, `files`, `inputs` and `check`, `renderer_options` to detect a backend while the model loads (requests
   for videos and images are these options themselves), and then `plan` with the compiled model;
 - of each plan, `open`, which makes the output with its files and starts encoders, before the first step;
-- in the simulation, the `taps` of each output, or `simulate` of a single one that reads blocks of steps; outputs that
-  wait for events first `choose_taps`;
+- in the simulation, the `taps` of each output, or `simulate` of a single one that reads blocks of steps; an
+  output that waits for events calls `choose_taps` first;
 - of each output, `finish`, which draws what the taps recorded, ends the encoders, and returns the finished output.
 """
 

@@ -56,7 +56,7 @@ class InputSnapshot:
         """
         stack = ExitStack()
         root = stack.enter_context(scratch_folder())
-        owner = _SnapshotLease()
+        owner = _KeepAlive()
         weakref.finalize(owner, stack.close)
         return cls(root, {}, os.getcwd(), frozenset(), owner)  # noqa: PTH109
 
@@ -183,8 +183,8 @@ class InputSnapshot:
         return original if original.exists() else self._copy(path)
 
 
-class _SnapshotLease:
-    """An owner of the folder of a snapshot, while the snapshot, or one derived from it, is in use."""
+class _KeepAlive:
+    """A token that keeps the folder of a snapshot while the snapshot, or one derived from it, is in use."""
 
 
 @lru_cache(1024)

@@ -161,7 +161,7 @@ class IsolatedSimulator:
             status, code = _ending(error)
             message = f"the process that simulated it {error}" if isinstance(error, WorkerEndedError) else str(error)
             if status == "timeout" and math.isfinite(time_limit):
-                message = f"it took longer than its time limit, {time_limit:g} s"
+                message = f"it took longer than the time limit of {time_limit:g} s"
             yield PointResult(point.index, status, no_metrics, 0, code, message, time.perf_counter() - start)
 
     def _simulated(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:

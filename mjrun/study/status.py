@@ -166,7 +166,7 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
 
 def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
     """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
-    ahead: float | None = None
+    is_corrected, ahead = False, 0.0
     for name in files.ranges.names(SUFFIX):
         try:
             lease = Lease.of(name)
@@ -176,11 +176,11 @@ def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
         if lease is None or lease.study != files.ranges.study or lease.is_request:
             continue
         if not system.has_ended(content.process):
-            if silent > EXPIRY and ahead is None:
-                ahead = 0.0
+            if silent > EXPIRY and not is_corrected:
+                is_corrected = True
                 with suppress(FileError):  # of a folder that can only be read
                     ahead = _seconds_ahead(files.ranges.folder)
-            yield lease, content, max(0.0, silent - (ahead or 0.0))
+            yield lease, content, max(0.0, silent - ahead)
 
 
 def _seconds_ahead(folder: Folder) -> float:

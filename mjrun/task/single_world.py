@@ -108,9 +108,9 @@ class SingleWorld(TaskWorlds):
           ValueError: the action is not finite or has the wrong shape, or the episode is over or has not begun.
         """
         action = np.asarray(action, float)
-        if action.shape != self._shape or self._over[0] or not math.isfinite(sum(action.tolist())):
-            if action.shape != self._shape:
-                raise ValueError(f"actions must have the shape {self._shape}, not {action.shape}")
+        if action.shape != self._shape:
+            raise ValueError(f"actions must have the shape {self._shape}, not {action.shape}")
+        if self._over[0] or not math.isfinite(sum(action.tolist())):
             self._begin(action[None], None)
             return
         self._action[:] = action

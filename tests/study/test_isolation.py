@@ -82,7 +82,7 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
     simulator.close()
     assert [results[i].status for i in range(3)] == ["ok", "timeout", "ok"]
     assert results[1].exit_code == 124
-    assert results[1].message == "it took longer than its time limit, 0.6 s"
+    assert results[1].message == "it took longer than the time limit of 0.6 s"
 
 
 def test_an_error_ends_threads_and_processes_that_simulate(spec: StudySpec) -> None:

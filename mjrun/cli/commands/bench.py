@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mjrun.cli.bench_report import bench_page, bench_report, markdown
 from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
@@ -14,9 +13,6 @@ from mjrun.errors import UsageError, counted, file_errors, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 from mjrun.options.every_command import opened_file
-
-if TYPE_CHECKING:
-    pass
 
 SLOWER, PARTLY = 1, 8  # exit codes
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
+from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command, further_value_hint
 from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import (
     import_mujoco,
@@ -19,7 +19,7 @@ from mjrun.cli.simulation_command import (
     varied_controllers,
 )
 from mjrun.errors import FailedAssertionError, FileError, UsageError, listing, option, quoted
-from mjrun.formats.input_file import is_folder
+from mjrun.formats.input_file import exists, is_folder
 from mjrun.formats.tables import format_of_suffix
 from mjrun.options.option import options_of
 from mjrun.options.output import SimulationCommandOptions
@@ -123,17 +123,13 @@ def _plot_tables(console: Console, command_line: ParsedCommandLine, tables: Sequ
     is_piped = payload_on_stdout(command_line)
     if command_line.value("y") is None:  # a study's table, which has texts, means the study
         tables = [folder_of_results(table) or table for table in tables]
+    for table in tables:
+        if not exists(table) and (hint := further_value_hint(table, click.get_current_context())):
+            raise FileError(table, f"no such file{hint}")
     is_study = any(is_folder(table) or (is_url(table) and not format_of_suffix(Path(table).suffix)) for table in tables)
     request = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
-    try:
-        with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
-            result = request.run(console)
-    except FileError as error:
-        if len(tables) > 1 and command_line.value("y"):
-            error.add_note(
-                f"{option('y')} takes one value; for several, repeat it, as in {option('y')} A {option('y')} B"
-            )
-        raise
+    with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
+        result = request.run(console)
     console.answer(_report(result, is_piped))
 
 

@@ -89,7 +89,7 @@ def _require_no_llvm() -> None:
     with suppress(OSError):  # no such file on other systems
         if "/libLLVM" in Path("/proc/self/maps").read_text():
             raise UsageError(
-                "software OpenGL was used in this process, which PyTorch's Triton would now crash\n"
+                "this process has used software OpenGL, and importing PyTorch's Triton would now crash it\n"
                 "run `import triton` before the first image is drawn"
             )
 
