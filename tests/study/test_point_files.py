@@ -150,12 +150,10 @@ def test_names_are_checked_before_the_first_point(study: dict[str, object]) -> N
 
 
 def test_a_file_that_cannot_be_made_is_told_and_costs_nothing_else(study: dict[str, object], tmp_path: Path) -> None:
-    study |= {"vary": {"qpos/ball/z": "0.2,0.5"}}
-    Study(**study).run()  # type: ignore[arg-type]
-    (tmp_path / "study" / "points").mkdir()
+    (tmp_path / "study" / "points").mkdir(parents=True)
     (tmp_path / "study" / "points" / "000001").write_text("in the way")
     with pytest.raises(UnmadeFilesError, match="files of point 1") as failure:
-        Study(**study, keep=("trace",)).run()  # type: ignore[arg-type]
+        Study(**{**study, "vary": {"qpos/ball/z": "0.2,0.5"}}, keep=("trace",)).run()  # type: ignore[arg-type]
     assert failure.value.exit_code == 8
     assert len(failure.value.results[0].kept.files) == 1
 

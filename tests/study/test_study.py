@@ -97,7 +97,7 @@ def test_a_study_on_warp_says_why_its_first_points_take_so_long(
     monkeypatch.setattr(PreparedStudy, "simulate", lambda *_: SimpleNamespace(total=lambda: 0))
     reporter = RecordingReporter()
     with pytest.raises(FailedPointsError, match="2 missing"):
-        study(simulation, tmp_path / "study", engine="warp", vary={"qpos/ball/z": "0.3,0.5"}).run(reporter)
+        study(simulation, tmp_path, engine="warp", vary={"qpos/ball/z": "0.3,0.5"}).run(reporter)
     assert reporter.texts == ["warp compiles kernels that are not cached, which may take minutes"]
 
 
