@@ -33,6 +33,7 @@ STRANGER = (AuthenticationError, EOFError, OSError)  # what a connection of anot
 GRACE = 1.0  # [s] from when the parent hangs up until a busy worker ends
 DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
 MESSAGE_LIMIT = 2**24  # bytes of a message in JSON
+GARBAGE = 700  # objects between two searches for garbage, as Python's default; a copy of a command has more
 
 Encoding = Literal["pickle", "json"]
 
@@ -307,6 +308,7 @@ def _serve(server: str, encoding: Encoding, parent: Connection, lifeline: int, d
     if isinstance(methods, ItemServer):
         methods.send_item = lambda item: send((item, None, (), False))
     gc.freeze()
+    gc.set_threshold(GARBAGE)
     gc.enable()
     with contextlib.suppress(EOFError, ConnectionError), parent:
         while True:

@@ -37,6 +37,7 @@ ON_FILES = (OpenWhenDoneOptions, ConfinementOptions)  # of commands that may rea
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
 SHORT_DEFAULT = 24  # characters that are kept on one line
+MODULE_OBJECTS = 100_000  # more than any command imports: they are not garbage
 WORDS = f"{__name__}.words"  # the key in a context of the words on the command line
 
 
@@ -168,6 +169,8 @@ class DeclaredCommand(click.Command):
         """Calls the body of the command; standard output is reserved for what it prints."""
         console, command_line = cast("Console", ctx.obj), ParsedCommandLine(ctx.params)
         gc.freeze()
+        if not (command_line.value("controller") or command_line.value("policy")):  # whose garbage may be large
+            gc.set_threshold(MODULE_OBJECTS)
         gc.enable()
         _set_verbosity(console, command_line)
         console.page = cast("str | None", command_line.value("html"))

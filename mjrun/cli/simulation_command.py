@@ -1,6 +1,5 @@
 """Parts shared by commands that simulate: the simulation, the cameras, and the making of outputs."""
 
-import gc
 import os
 import sys
 from collections.abc import Callable, Generator, Sequence
@@ -57,17 +56,13 @@ def import_mujoco() -> None:
       WrongVersionError: MuJoCo or NumPy has a version that mjrun does not support.
     """
     if "mujoco" in sys.modules:
-        return  # garbage that exists by now would be frozen too
+        return
     from mjrun.child_process import ENVIRONMENT
 
     before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
-    gc.disable()  # modules are not garbage, and scanning them is slower than importing some of them
     import_module("mujoco")
     from mjrun.packages import require_computing
-
-    gc.freeze()
-    gc.enable()
 
     for name, value in before.items():
         if value is None:
