@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from tests.cases import cases
@@ -13,6 +14,7 @@ MODEL = """
 </mujoco>
 """
 CODE = """
+import gc
 import helper_of_policy
 from dataclasses import dataclass
 
@@ -44,6 +46,9 @@ class Unmade:
 
 def one(data):
     pass
+
+def collected(model, data):
+    data.ctrl[0] = gc.isenabled() and gc.get_threshold()[0]
 """
 
 
@@ -96,3 +101,13 @@ def test_options_that_do_not_go_together_are_refused(mjrun_here, policy: Path, o
     done = mjrun_here("trace", "m.xml", "--steps", "2", *options)
     assert (done.returncode, done.stdout) == (2, b"")
     assert said in done.stderr.decode()
+
+
+def test_garbage_of_a_controller_is_collected_as_usual(mjrun, policy: Path) -> None:  # type: ignore[no-untyped-def]
+    code = f"{policy}:collected"
+    done = mjrun("trace", "m.xml", "--steps", "1", "--probe", "ctrl", "--controller", code)
+    assert 0 < float(done.stdout.decode().splitlines()[-1].split(",")[1]) < 10_000, done.stderr
+    metric = "often=last(ctrl/m)"
+    mjrun("sweep", "m.xml", "--steps", "1", "--vary", f"controller={code}", "--metric", metric, "-o", "study")
+    often = pd.read_csv(mjrun.folder / "study" / "results.csv").loc[0, "often"]
+    assert 0 < float(often) < 10_000

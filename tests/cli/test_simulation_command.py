@@ -1,6 +1,5 @@
 """What commands that simulate share: one use of standard output, and options that exclude each other."""
 
-import gc
 import json
 import os
 import subprocess
@@ -11,7 +10,7 @@ import pytest
 
 from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.console import CommandReport, Console, flag
-from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, reported_failures, with_camera_scripts
+from mjrun.cli.simulation_command import payload_on_stdout, reported_failures, with_camera_scripts
 from mjrun.errors import FailureReport, FileError, PartlyDoneError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
@@ -28,14 +27,6 @@ def test_standard_output_has_one_use() -> None:
     with pytest.raises(UsageError) as error:
         payload_on_stdout(ParsedCommandLine({"output": "-", "json": True}))
     assert error.value.spelled(flag).startswith("--json and the output both print to standard output")
-
-
-def test_mujoco_that_is_imported_already_is_left_alone() -> None:
-    """What is garbage at that moment stays garbage, and not in memory for ever."""
-    before = gc.get_freeze_count()
-    import_mujoco()
-    assert gc.get_freeze_count() <= before  # some of the objects that the tests have frozen may go
-    assert gc.isenabled()
 
 
 @pytest.mark.skipif(not system.CAN_FORK_LATE, reason="no copies of processes")
