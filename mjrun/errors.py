@@ -448,12 +448,14 @@ class ModelError(MjrunError):
     exit_code = 3
 
 
+LESS_MEMORY = "look for a large <size memory>, count or resolution in the model, or raise the limit of this process"
+
+
 class OutOfMemoryError(ModelError):
     """A simulation that needs more memory than is available; `reason` is the message of the system or of MuJoCo."""
 
     def __init__(self, reason: str) -> None:
-        advice = "look for a large <size memory>, count or resolution in the model, or raise the limit of this process"
-        super().__init__(f"memory ran out{f': {clean(reason)}' if reason else ''}\n{advice}")
+        super().__init__(f"memory ran out{f': {clean(reason)}' if reason else ''}\n{LESS_MEMORY}")
 
 
 class ModelNotFoundError(ModelError):

@@ -13,7 +13,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, field
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, cast
 
 from mjrun.child_process import ENVIRONMENT, POLL_INTERVAL, ExitStatus, resident_memory
 from mjrun.dataclass import dataclass
@@ -29,6 +30,17 @@ MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC
 TRIAL = 0.1  # [s] of checking from which the time of other models is estimated
 END_GRACE = 1.0  # [s] for an idle process to end, so that its computing time is counted
 TASK_MARK = "\0\n"  # on standard error, before the messages of each task
+# The types in messages of a process, by name.
+MESSAGE_TYPES: Mapping[str, type | tuple[type, ...]] = {
+    "pid": int,
+    "stage": str,
+    "is_slow": bool,
+    "finding": dict,
+    "loaded": bool,
+    "suppressed": int,
+    "changes": (list, NoneType),
+    "done": bool,
+}
 
 
 @dataclass(frozen=True)
@@ -205,6 +217,8 @@ class CheckProcess:
             self._worker.send("check", asdict(task))
             while not (reply := self._worker.receive()).is_last:
                 message = reply.value
+                if not _is_message(message):
+                    return CheckProcessOutput(messages, ExitStatus(1), "its process sent an invalid message")
                 self.ready = self.ready or time.monotonic()
                 self._checking = message.get("pid", self._checking)
                 messages.append(message)
@@ -236,3 +250,11 @@ class CheckProcess:
             if is_late or resident_memory(self._checking) > memory:
                 self._worker.process.kill("time" if is_late else "memory")
                 return
+
+
+def _is_message(value: object) -> bool:
+    """Returns whether a process sent what `mjrun.check.worker.CheckServer` sends."""
+    if not isinstance(value, dict):
+        return False
+    items = cast("dict[str, object]", value).items()
+    return all(isinstance(each, MESSAGE_TYPES.get(name, ())) for name, each in items)

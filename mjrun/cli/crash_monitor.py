@@ -248,13 +248,13 @@ def _explain_death(killer: int, status: ProcessStatus, *, limited: bool) -> "Fai
       limited: the process had limits set by mjrun.
     """
     from mjrun.child_process import ExitStatus
-    from mjrun.errors import FailureReport, OutOfMemoryError, clean, flag, option, spelled
+    from mjrun.errors import LESS_MEMORY, FailureReport, OutOfMemoryError, clean, flag, option, spelled
 
     name = ExitStatus(-killer).signal
     during = f" while {status.activity} {clean(status.model)}" if status.activity else ""
     if killer == signal.SIGKILL:
-        reason = f"the process was killed{during}, which the system does when memory runs out"
-        return FailureReport.of(OutOfMemoryError(reason))
+        likely = f"the system does that when memory runs out; if nobody else did, {LESS_MEMORY}"
+        return FailureReport("Killed", f"killed{during} ({name})\n{likely}", OutOfMemoryError.exit_code)
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
         message = f"ended{during}: {reason} its limit allows ({name})\n{option('limit')} {limit}=… allows more"

@@ -11,6 +11,7 @@ from typing import Any, cast
 import pytest
 
 from mjrun.check import worker_pool
+from mjrun.check.check import ModelCheck
 from mjrun.check.worker_pool import FIX_TIME, CheckProcess, CheckProcessPool, CheckQueue, CheckRequest
 from mjrun.platform import system
 from mjrun.worker import Reply, Request
@@ -124,6 +125,18 @@ def test_a_slow_fix_is_reported_and_has_more_time_than_a_check() -> None:
         assert earliest <= process._deadline <= time.monotonic() + seconds
     assert notes == ["a.xml: decomposing mesh 'm'"]
     assert process.ready >= process.created
+    process.end()
+
+
+@pytest.mark.parametrize("value", [[1], "loaded", None, {"pid": "1"}, {"suppressed": "1"}, {"unknown": 1}])
+def test_a_process_that_sends_an_invalid_message_has_failed_and_checks_no_other_model(value: object) -> None:
+    process, request = CheckProcess(), Request("check", ())
+    items = [Reply(request, each, is_last=False) for each in ({"stage": "loading it"}, value)]
+    process._worker.receive = iter(items).__next__  # type: ignore[method-assign]
+    output = process.run(CheckRequest("a.xml", (), 0, PATIENCE, 1024))
+    assert (output.messages, output.exit.code, process.is_reusable) == ([{"stage": "loading it"}], 1, False)
+    finding = ModelCheck(["a.xml"])._failure(Path("a.xml"), output)
+    assert finding.message == "mjrun failed while loading it: its process sent an invalid message"
     process.end()
 
 

@@ -67,7 +67,7 @@ def test_the_exit_code_of_the_child_is_that_of_the_command(tmp_path: Path, code:
         ("simulating", "SIGBUS", 4, "MuJoCo crashed while simulating robot.xml"),
         ("drawing", "SIGFPE", 5, "MuJoCo crashed while drawing robot.xml"),
         ("", "SIGSEGV", 70, "mjrun, or a library that it uses, crashed: "),
-        ("compiling", "SIGKILL", 3, "memory ran out: the process was killed while compiling robot.xml"),
+        ("compiling", "SIGKILL", 3, "killed while compiling robot.xml"),
         ("simulating", "SIGXCPU", 128 + signal.SIGXCPU, "ended by SIGXCPU while simulating robot.xml"),
     ],
 )
@@ -78,7 +78,7 @@ def test_a_death_is_reported_with_what_died_and_what_to_do(
     first, *rest = message.splitlines()
     assert ended == code
     assert first.startswith(f"mjrun: error: {said}")
-    assert number in first or number == "SIGKILL"
+    assert number in first
     assert bool(rest) == (number != "SIGXCPU")
 
 
@@ -86,7 +86,7 @@ def test_a_death_is_reported_with_what_died_and_what_to_do(
     ("work", "code", "kind"),
     [
         ("with doing('reading', 'robot.xml'): die(signal.SIGSEGV)", 3, "Crash"),
-        ("die(signal.SIGKILL)", 3, "OutOfMemoryError"),
+        ("die(signal.SIGKILL)", 3, "Killed"),
         ("die(signal.SIGXCPU)", 128 + signal.SIGXCPU, "TerminatedError"),
     ],
 )

@@ -89,6 +89,6 @@ def _judged(ended: Ended, form: Form, codes: Codes) -> tuple[Ended, list[str]]:
             faults.append(f"a forged line on {stream}")
     names = (clean(Path(name).name)[:60] for name in (form.model, *form.files))
     names_file = any(name in ended.output for name in names)
-    if ended.code == 3 and not names_file and "memory ran out" not in ended.output:  # of the machine
+    if ended.code == 3 and not names_file and "memory r" not in ended.output:  # of the machine
         faults.append("the refusal names no file")
     return ended, faults
