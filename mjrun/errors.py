@@ -275,7 +275,7 @@ class UsageError(MjrunError):
 
 
 class UnrelatedTableError(UsageError):
-    """A golden table that mjrun has not made, and that has no measured column."""
+    """A golden table of another model; or one that mjrun has not made, and that has no measured column."""
 
 
 class DeviceMemoryError(UsageError):

@@ -5,6 +5,7 @@ Possible reasons are the versions, machines, options and models that differ, as 
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
+from pathlib import PurePath
 from typing import Any, cast
 
 from mjrun.diff.result import (
@@ -364,6 +365,14 @@ def _model_note(a: Mapping[str, Any], b: Mapping[str, Any], *, is_overridden: bo
     if names[0] == names[1]:
         return [f"the model {names[0]}, or a file that it refers to, has changed{but}"]
     return [f"the models {names[0]} and {names[1]} differ{but}"]
+
+
+def other_model(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
+    """Returns the model of the manifest `a` if that of `b` has both another name and another content; else nothing."""
+    one, other = manifest_part(a, "model"), manifest_part(b, "model")
+    names = [PurePath(str(each.get("path") or "")).name for each in (one, other)]
+    is_other = all(names) and names[0] != names[1] and one.get("sha256") != other.get("sha256")
+    return _shown(one["path"]) if is_other else ""
 
 
 def manifest_part(manifest: Mapping[str, Any], key: str) -> Mapping[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.diff.result import TableDifference
-from mjrun.diff.sentences import manifest_part, provenance_notes
+from mjrun.diff.sentences import manifest_part, other_model, provenance_notes
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
 from mjrun.errors import (
@@ -344,6 +344,7 @@ class GoldenComparison:
       path: the path of the golden table.
       columns: the columns of the measured rows.
       tolerances: the tolerances within which numbers agree.
+      replacement: the manifest of the rows if they are to replace the golden table.
 
     Attributes:
       manifest: the manifest of the golden table, in it or next to it, or None.
@@ -351,10 +352,16 @@ class GoldenComparison:
     Raises:
       FileError: the golden table cannot be read.
       UsageError: it has no column except time in common with the rows, or a tolerance applies to none of them.
-      UnrelatedTableError: it has no such column, and no manifest.
+      UnrelatedTableError: it has no such column and no manifest, or is to be replaced by rows of another model.
     """
 
-    def __init__(self, path: str, columns: Sequence[Column], tolerances: Tolerances) -> None:
+    def __init__(
+        self,
+        path: str,
+        columns: Sequence[Column],
+        tolerances: Tolerances,
+        replacement: Mapping[str, Any] | None = None,
+    ) -> None:
         golden_names: list[str] = []
         names = {*(column.name for column in columns), *(clean(column.name) for column in columns)}
 
@@ -365,6 +372,8 @@ class GoldenComparison:
         self._table = open_table(path, is_common, exact=True)
         try:
             self.manifest = self._table.manifest or read_sidecar(Path(path))
+            if replacement and (other := other_model(self.manifest or {}, replacement)):
+                raise UnrelatedTableError(f"the golden table {clean(path)} was made from another model: {other}")
             self._rows = _ComingRows(columns, golden_names)
             self._names = golden_names, list(self._rows.names)
             self._key = TIME if TIME in golden_names else None

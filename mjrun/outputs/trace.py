@@ -382,7 +382,8 @@ class _OpenGoldenTable:
 
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
         try:
-            self._comparison = GoldenComparison(self._path, columns, tolerances)
+            replacement = self._facts if self._update else None
+            self._comparison = GoldenComparison(self._path, columns, tolerances, replacement)
         except (FileError, UsageError) as error:
             if self._update and isinstance(error, UnrelatedTableError):
                 error.add_note(f"{option('update')} does not replace it: remove it, or give another file")

@@ -133,6 +133,24 @@ def test_an_update_replaces_a_table_of_other_columns_only_if_a_manifest_belongs_
     assert facts(compared(test_of(model, update=True, probe="energy"))).updated
 
 
+def test_an_update_replaces_the_table_of_a_model_that_was_changed_or_renamed_but_not_that_of_another(
+    model: Path,
+) -> None:
+    test_of(model, update=True)
+    renamed = model.rename("arm.xml")
+    assert facts(compared(test_of(renamed, update=True))).updated
+    renamed.write_text(xml().replace("8.907", str(8.907 + GRAM)))
+    assert facts(compared(test_of(renamed, update=True))).updated
+    files = {path: path.read_bytes() for path in Path().iterdir()}
+    model.write_text(xml())
+    for probe in ("energy", "time"):
+        with pytest.raises(
+            UsageError, match=r"made from another model: arm\.xml\nupdate does not replace it: remove it"
+        ):
+            test_of(model, update=True, probe=probe)
+    assert {**files, model: model.read_bytes()} == {path: path.read_bytes() for path in Path().iterdir()}
+
+
 def test_a_missing_one_is_not_made_by_itself(model: Path) -> None:
     with pytest.raises(FileError, match="does not exist\nupdate creates it from this simulation") as error:
         test_of(model)
