@@ -119,6 +119,12 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def described_type(value: object) -> str:
+    """Returns the type of a value that code has returned, with those of the elements of a tuple: `a str`."""
+    inner = listing([type(each).__name__ for each in cast("tuple[object, ...]", value)]) if type(value) is tuple else ""
+    return f"a {clean(type(value).__name__)}{f' ({inner})' if inner else ''}"
+
+
 def suggestion(name: str, valid: Iterable[str], *meant: str) -> str:
     """Returns ` (did you mean 'x'?)`, or an empty text if no valid name is similar; for `qpso/*`, groups are valid
     too.

@@ -10,7 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from mjrun.gym.environment import TaskLike, action_space, draw_seed, ending_info, observation_space, task_of
 from mjrun.task.expressions import RUNNING
-from mjrun.task.worlds import TaskStep, TaskWorlds
+from mjrun.task.worlds import TaskStep, TaskWorlds, action_array
 
 MASK = "reset_mask"
 
@@ -73,7 +73,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._over.any():
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise ValueError("an episode is over: reset its world with the option reset_mask")
-            return self._step_after_end(np.asarray(actions, float))
+            return self._step_after_end(action_array(actions, self.action_space.shape or ()))
         step = self.worlds.step(actions)
         terms, over = step.reward_terms.T, step.over
         if not over.any():

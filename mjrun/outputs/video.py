@@ -162,9 +162,9 @@ class OpenVideo(output.OpenOutput[VideoResult]):
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in request.encoded_files:
             size, tags = frames.size_of(file), output.metadata_tags(file.target, self._facts)
-            self._note_padding(file.encoding, size)
             writer = VideoWriter(file.target, file.encoding, size, request.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
+            self._note_padding(file.encoding, size)
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
         self._calibration: CalibrationFile | None = None
         if request.calibration is not None:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import ControllerError, UsageError, clean, listing, option
+from mjrun.errors import ControllerError, UsageError, clean, described_type, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.physics.controller_analysis import access_of
@@ -170,10 +170,8 @@ class PeriodicController:
         try:
             ctrl = np.asarray(controls, float)
         except (TypeError, ValueError):
-            kind = type(controls).__name__
-            raise ControllerError(
-                f"the controller {self.name} returned a {kind} {_when(data, step)}, not numbers"
-            ) from None
+            value = f"{described_type(controls)} {_when(data, step)}"
+            raise ControllerError(f"the controller {self.name} returned {value}, not numbers") from None
         if ctrl.shape == (model.nu,) or (ctrl.shape == () and model.nu == 1):
             return ctrl
         actuators = listing(control_names(model))

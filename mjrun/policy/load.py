@@ -90,9 +90,7 @@ class PythonPolicy(Policy):
         try:
             return copy.deepcopy(self._thing)
         except Exception as error:
-            raise ControllerError.of(
-                f"{option('policy')} {quoted(self.name)}: copying it for an episode", error
-            ) from error
+            raise ControllerError.of(f"policy {quoted(self.name)}: copying it for an episode", error) from error
 
     def _guarded(self, function: Callable[..., object]) -> Callable[..., object]:
         redirected = RedirectedFunction(function)
@@ -101,7 +99,7 @@ class PythonPolicy(Policy):
             try:
                 return redirected(*arguments, **keywords)
             except (Exception, SystemExit) as error:
-                raise ControllerError.of(f"{option('policy')} {quoted(self.name)}", error) from error
+                raise ControllerError.of(f"policy {quoted(self.name)}", error) from error
 
         return guarded
 

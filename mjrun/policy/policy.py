@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
-from mjrun.errors import ControllerError, MjrunError, UsageError, clean, counted, listing, option
+from mjrun.errors import ControllerError, MjrunError, UsageError, clean, counted, described_type, listing, option
 from mjrun.formats.input_file import require_file
 from mjrun.task.episode import Actor
 
@@ -92,6 +92,9 @@ class ActionSpace:
     high: np.ndarray = field(compare=False)
 
 
+POLICY = ("policy",)  # path of the option, in errors at run time, which do not name it
+
+
 class Policy(ABC):
     """A policy.
 
@@ -126,20 +129,23 @@ class Policy(ABC):
           UsageError: the action has the wrong size.
           ControllerError: the policy failed.
         """
+        policy, takes = f"policy {clean(self.name)}", f"{counted(len(names), 'action')}: {listing(names)}"
         try:
             answer = cast("object", actor(observation))
-            if answer is None:  # NumPy would convert it to NaN
-                raise TypeError("it returned None")
-            action = np.array(answer, np.float64).reshape(-1)  # a copy, as the policy may write into its array again
         except MjrunError:
             raise
         except (TypeError, ValueError) as error:
-            raise ControllerError.of(f"{option('policy')} {clean(self.name)}", error) from error
+            raise ControllerError.of(policy, error) from error
+        try:
+            if answer is None:  # NumPy would convert it to NaN
+                raise TypeError
+            action = np.array(answer, np.float64).reshape(-1)  # a copy, as the policy may write into its array again
+        except (TypeError, ValueError):
+            kind = described_type(answer)
+            raise ControllerError(f"{policy} returned {kind}, not numbers\nthe task takes {takes}", POLICY) from None
         if len(action) != len(names):
-            raise UsageError(
-                f"{option('policy')} {clean(self.name)} returned {counted(len(action), 'number')}, "
-                f"and the task takes {counted(len(names), 'action')}: {listing(names)}"
-            )
+            numbers = counted(len(action), "number")
+            raise UsageError(f"{policy} returned {numbers}, and the task takes {takes}", POLICY)
         return action
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 QUANTILES = ("Min", "5 %", "25 %", "Median", "75 %", "95 %", "Max")
 FACTS = ("command", "model", "mjrun", "mujoco", "numpy", "engine", "wall")
+ENGINES = {"c": "MuJoCo", "warp": "MuJoCo Warp, in single precision"}
 
 
 def write_study_page(
@@ -43,6 +44,7 @@ def write_study_page(
     figures, notes = study_figures(result.path)
     statuses = status_counts(result.statuses)
     failed = result.points - result.statuses.get("ok", 0)
+    shown = {"model": {"path": model, "sha256": facts["model"]}, "engine": ENGINES[str(facts["engine"])]}
     page = Page(
         title=f"{clean(Path(result.path).name)}: study of {clean(model)}",
         maker=MAKER,
@@ -57,9 +59,7 @@ def write_study_page(
         ],
         figures=figures,
         files=shown_files([path for path in result.kept.files if Path(path).suffix in VIDEOS], options),
-        manifests=[
-            origin(f"{result.path}/{MANIFEST}", {**facts, "model": {"path": model, "sha256": facts["model"]}}, FACTS)
-        ],
+        manifests=[origin(f"{result.path}/{MANIFEST}", {**facts, **shown}, FACTS)],
         notes=notes,
     )
     write_page(options.html, page)

@@ -19,7 +19,7 @@ from mjrun.task.batch_columns import ALL, NONE, BatchColumns, MeasurementPlan, R
 from mjrun.task.expressions import RUNNING, ExpressionInputs, Fill, Judge
 from mjrun.task.mjdata_batch import SingleMjData
 from mjrun.task.task import Task
-from mjrun.task.worlds import TaskStep, TaskWorlds
+from mjrun.task.worlds import TaskStep, TaskWorlds, action_array
 
 NO_COMMANDS = np.zeros(0)
 
@@ -107,9 +107,7 @@ class SingleWorld(TaskWorlds):
         Raises:
           ValueError: the action is not finite or has the wrong shape, or the episode is over or has not begun.
         """
-        action = np.asarray(action, float)
-        if action.shape != self._shape:
-            raise ValueError(f"actions must have the shape {self._shape}, not {action.shape}")
+        action = action_array(action, self._shape)
         if self._over[0] or not math.isfinite(sum(action.tolist())):
             self._begin(action[None], None)
             return

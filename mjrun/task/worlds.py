@@ -15,7 +15,7 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
-from mjrun.errors import ModelError, UsageError, clean
+from mjrun.errors import ModelError, UsageError, clean, described_type
 from mjrun.file_version import file_version
 from mjrun.model import state
 from mjrun.model.fingerprint import model_fingerprint
@@ -257,10 +257,7 @@ class TaskWorlds:
     def _begin(self, actions: np.ndarray, ids: Ids | None) -> None:
         """Applies actions `(k, nact)`; raises the errors of `step`."""
         rows = ALL if ids is None else np.asarray(ids, int)
-        actions = np.asarray(actions, float)
-        shape = (self.count if ids is None else len(ids), *self._actions.shape[1:])
-        if actions.shape != shape:
-            raise ValueError(f"actions must have the shape {shape}, not {actions.shape}")
+        actions = action_array(actions, (self.count if ids is None else len(ids), *self._actions.shape[1:]))
         if self._over[rows].any():
             raise ValueError("an episode is over, or has not begun: reset it")
         self._require_finite(actions, rows)
@@ -486,6 +483,21 @@ class TaskWorlds:
         value = actions[row, self.action_names.index(name)]
         where = f" in world {self._all[rows][row]}" if self.count > 1 else ""
         raise ValueError(f"actions must be finite: {name} is {value}{where}")
+
+
+def action_array(actions: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Returns actions as an array of float64.
+
+    Raises:
+      ValueError: they are not numbers, or have another shape.
+    """
+    try:
+        values = np.asarray(actions, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"actions must be numbers of the shape {shape}, not {described_type(actions)}") from None
+    if values.shape != shape:
+        raise ValueError(f"actions must have the shape {shape}, not {values.shape}")
+    return values
 
 
 def _sorted(ids: Ids | None) -> np.ndarray | None:

@@ -121,6 +121,7 @@ def test_where_all_episodes_fail_no_table_is_written(tmp_path: Path) -> None:
     with pytest.raises(FailedEpisodesError, match=r'policies\.py", line \d+, in raising\n') as caught:
         evaluation(tmp_path, name="raising").run()
     assert str(caught.value).count("Traceback") == 1  # of the first of nine
+    assert "--policy" not in str(caught.value)
     evaluation(tmp_path).run()
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     with pytest.raises(FailedEpisodesError):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mjrun
-from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
+from mjrun.errors import BadValueError, MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
 from mjrun.outputs import frame_drawing, perform
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
@@ -146,6 +146,11 @@ def test_software_rendering_is_reported_once_with_its_cost(
     assert sum("software rendering" in text and "ms per frame" in text for text in reporter.texts) == result.software
     assert "h264 needs even sides: the video is padded from 63x48 to 64x48" in reporter.texts
     assert result.size == (64, 48)
+
+    refused = RecordingReporter()
+    with pytest.raises(BadValueError, match="size: '1x1' is not at least 16x16"):
+        replace(job, size=(1, 1)).run(refused)
+    assert not any("padded" in text for text in refused.texts)
 
 
 def test_warnings_of_mujoco_reach_the_result_and_no_log_is_written(

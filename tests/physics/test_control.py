@@ -269,6 +269,7 @@ def test_returned_controls_count() -> None:
             r"returned shape \(3,\) at step 0, time 0 s; the model takes \(2,\)\nactuators: m",
         ),
         (lambda model, data: "up", "returned a str at step 0, time 0 s, not numbers"),
+        (lambda model, data: ([1, 2], None), r"returned a tuple \(list, NoneType\) at step 0, time 0 s, not numbers"),
         (lambda model, data: [0, math.nan], "set g to nan at step 0"),
         (lambda model, data: data.qvel.fill(1), "changed the state at step 0"),
         (lambda model, data: 1 / 0, "(?s)at step 0, time 0 s, raised ZeroDivisionError: .*in <lambda>"),

@@ -48,9 +48,19 @@ def test_another_number_of_numbers_shows_both_sides(answer: object) -> None:
         Constant(answer).episode(0, NAMES)(np.zeros(3))
 
 
-@pytest.mark.parametrize("answer", ["left", None, {"a": 1}, [[1], [2, 3]]])
-def test_what_is_no_number_is_refused(answer: object) -> None:
-    with pytest.raises(ControllerError, match=r"^policy con\\x1bstant raised (Type|Value)Error"):
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [
+        ("left", "a str"),
+        (None, "a NoneType"),
+        ({"a": 1}, "a dict"),
+        ([[1], [2, 3]], "a list"),
+        ((np.zeros(2), None), "a tuple (ndarray, NoneType)"),
+    ],
+)
+def test_what_is_no_number_is_refused(answer: object, kind: str) -> None:
+    message = rf"^policy con\\x1bstant returned {re.escape(kind)}, not numbers\nthe task takes 2 actions: left, "
+    with pytest.raises(ControllerError, match=message):
         Constant(answer).episode(0, NAMES)(np.zeros(3))
 
 

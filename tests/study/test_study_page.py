@@ -32,6 +32,7 @@ def test_the_page_shows_the_numbers_of_the_table_and_how_it_was_made(ball: Simul
     expected = [5, *np.quantile(low, (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)), low.mean()]
     np.testing.assert_allclose(shown, expected, rtol=1e-4)
     assert "0.2, 0.4, 0.6, 0.8, 1" in cells
+    assert "<dt>Engine</dt><dd><code>MuJoCo</code></dd>" in text
     assert "max(low) &lt; 9" in text
     assert "mjrun sweep &lt;ball&gt;" in text
     assert text.count("<svg") == 1

@@ -104,6 +104,8 @@ def test_actions_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="reset it"):
         single.act(np.zeros(2))
     single.start(1)
+    with pytest.raises(ValueError, match=r"shape \(2,\), not a tuple \(list, NoneType\)"):
+        single.act(([0, 0], None))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"shape \(2,\), not \(3,\)"):
         single.act(np.zeros(3))
     with pytest.raises(ValueError, match=r"push is nan$"):

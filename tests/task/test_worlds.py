@@ -263,6 +263,8 @@ def test_actions_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="reset it"):
         worlds.step(np.zeros((2, 2)))
     worlds.reset([1, 2])
+    with pytest.raises(ValueError, match=r"shape \(2, 2\), not a tuple \(list, NoneType\)"):
+        worlds.step(([0, 0], None))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"shape \(2, 2\), not \(2, 3\)"):
         worlds.step(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="push is nan in world 1"):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import FileError, UsageError, clean, counted, listing, option
+from mjrun.errors import FileError, UsageError, clean, counted, listing
 from mjrun.options.task import POSITION, TORQUE, VELOCITY
 from mjrun.policy.leapp_package import LeappNetwork, LeappTensorSpec, files_beside, find_package, read_package
 from mjrun.policy.loaders.onnx import FORMAT as ONNX
 from mjrun.policy.loaders.onnx import OnnxModel
-from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyFormat
+from mjrun.policy.policy import POLICY, ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyFormat
 from mjrun.suffixes import YAML
 
 TARGETS = {
@@ -84,9 +84,9 @@ class LeappPolicy(Policy):
         inputs = self.package.inputs
         sizes = [tensor.size for tensor in inputs]
         if sum(sizes) != len(observation):
-            what = f"{option('policy')} {clean(self.name)} observes {counted(sum(sizes), 'number')}"
+            what = f"policy {clean(self.name)} observes {counted(sum(sizes), 'number')}"
             parts = listing([f"{tensor.name} ({tensor.size})" for tensor in inputs])
-            raise UsageError(f"{what}, and the task has {len(observation)}: {parts}")
+            raise UsageError(f"{what}, and the task has {len(observation)}: {parts}", POLICY)
         pieces = np.split(observation, np.cumsum(sizes)[:-1])
         return {
             tensor.place: piece.astype(tensor.type).reshape(tensor.shape)

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, NoReturn, Protocol, TypeVar, cast
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UsageError, clean, counted, listing, option, quoted
+from mjrun.errors import FileError, UsageError, clean, counted, listing, quoted
 from mjrun.formats.input_file import decoding, is_file, require_file
 from mjrun.options.task import POSITION
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyFormat
+from mjrun.policy.policy import POLICY, ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyFormat
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -246,8 +246,8 @@ class OnnxPolicy(Policy):
         """
         size = self.facts.observation_size
         if size is not None and size != len(observation):
-            what = f"{option('policy')} {clean(self.name)} observes {counted(size, 'number')}"
-            raise UsageError(f"{what}, and the task has {len(observation)}: {names_of(self.inputs)}")
+            what = f"policy {clean(self.name)} observes {counted(size, 'number')}"
+            raise UsageError(f"{what}, and the task has {len(observation)}: {names_of(self.inputs)}", POLICY)
         return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self.places}
 
     def _action_of(self, outputs: Sequence[TensorSpec]) -> TensorSpec:

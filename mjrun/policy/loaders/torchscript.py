@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjrun.errors import FileError, UsageError, clean, option
+from mjrun.errors import FileError, UsageError, clean
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFormat, require_trusted_file
+from mjrun.policy.policy import POLICY, ActionSpace, Actor, Policy, PolicyFormat, require_trusted_file
 
 if TYPE_CHECKING:
     from torch.jit import ScriptModule  # pyright: ignore[reportMissingImports]
@@ -60,7 +60,7 @@ class TorchScriptPolicy(Policy):
                 action = network(torch.from_numpy(observation.astype(np.float32))[None])
             except RuntimeError as error:
                 reason = clean(str(error).strip().splitlines()[-1])
-                raise UsageError(f"{option('policy')} {clean(self.name)} cannot be computed: {reason}") from error
+                raise UsageError(f"policy {clean(self.name)} cannot be computed: {reason}", POLICY) from error
         return action.numpy().astype(np.float64).reshape(-1)
 
 
