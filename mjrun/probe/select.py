@@ -5,9 +5,11 @@ from collections.abc import Container, Iterable, Sequence
 from fnmatch import fnmatchcase
 
 import mujoco
+import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, option, quoted
+from mjrun.model.names import object_names
 from mjrun.model.table_column import Column
 from mjrun.options.trace import PROBES
 from mjrun.probe.contacts import pair
@@ -156,7 +158,8 @@ def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> 
     if field in UNMEASURABLE:
         raise UsageError(f"{option('probe')}: {field} cannot be measured at an instant: {UNMEASURABLE[field]}")
     if field not in extents():
-        meant = EVERYDAY_NAMES.get(name.lower().removesuffix("s"), ())
+        called = re.fullmatch(r"(\w+)\((.+)\)", name)  # as in expressions
+        meant = (f"{called[1]}[{called[2]}]",) if called else EVERYDAY_NAMES.get(name.lower().removesuffix("s"), ())
         raise UnknownNameError("probe", name, [*dict.fromkeys([*PROBES, *DERIVED, *offered(model)])], meant=meant)
     return field_probe(model, field, name)
 
@@ -172,7 +175,8 @@ def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, p
                 return probe.only(indices)
             patterns = [missing[0]]
     objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, episode, name).columns))
-    raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}")
+    joints = _joints_of(model, patterns[0], objects)
+    raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}", meant=joints)
 
 
 def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, rest: str) -> Probe:
@@ -185,9 +189,16 @@ def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, re
             return probe.only(indices)
     if group == PAIRS:
         return pair(rest, model)
-    raise UnknownNameError(
-        "column", f"{group}/{rest}", [column.name for column in _whole(model, episode, group).columns]
-    )
+    columns = [column.name for column in _whole(model, episode, group).columns]
+    joints = _joints_of(model, rest, {object_of(name) for name in columns})
+    raise UnknownNameError("column", f"{group}/{rest}", columns, meant=[f"{group}/{joint}" for joint in joints])
+
+
+def _joints_of(model: mujoco.MjModel, body: str, objects: Container[str]) -> list[str]:
+    """Returns the joints of the body of this name, if it exists, that are among `objects`."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
+    joints = object_names(model, "joint", np.flatnonzero(model.jnt_bodyid == index).tolist())
+    return [joint for joint in joints if joint in objects]
 
 
 def _matches(column: Column, pattern: str) -> bool:

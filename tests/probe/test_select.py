@@ -50,6 +50,15 @@ def test_a_wrong_probe_is_refused_with_what_is_right(asked: list[str], message: 
     assert message in str(caught.value)
 
 
+def test_the_name_of_a_body_suggests_its_unnamed_joint() -> None:
+    body = '<mujoco><worldbody><body name="a/car"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(body)
+    for asked, meant in (("qvel[a/car]", "joint:0"), ("qvel/a/car", "qvel/joint:0")):
+        with pytest.raises(UnknownNameError, match=rf"\(did you mean '{meant}'\?\)"):
+            select(model, [asked])
+        select(model, [asked.replace("a/car", "joint:0")])
+
+
 def test_a_column_of_a_site_or_geom_may_be_asked_for_as_a_body_s() -> None:
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body name="b"><geom name="g" size=".1"/><site name="s"/></body></worldbody></mujoco>'
