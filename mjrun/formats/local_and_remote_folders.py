@@ -6,6 +6,8 @@ renamed. An error of a store is tried again a few times before it is raised.
 
 import errno
 import os
+import secrets
+import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -88,6 +90,11 @@ class LocalFolder:
         """
         with file_errors(self.path(name), unless=FileNotFoundError):
             return time.time() - (self._path / name).stat().st_mtime
+
+    def seconds_ahead(self) -> float:
+        """Returns how far the clock of this machine is ahead of the clock that dates the files in the folder [s]."""
+        with file_errors(self.path(), "written"), tempfile.TemporaryFile(dir=self._path) as probe:  # without a name
+            return time.time() - os.fstat(probe.fileno()).st_mtime
 
     def open(self, name: str) -> BinaryIO:
         """Opens a file for reading at any place.
@@ -187,6 +194,13 @@ class RemoteFolder:
     def age(self, name: str) -> float:
         with file_errors(self.path(name), unless=FileNotFoundError):
             return time.time() - self._call(lambda: self._store.modified(self._place(name))).timestamp()
+
+    def seconds_ahead(self) -> float:
+        probe = f".{secrets.token_hex(8)}.probe"
+        self.create_file(probe, b"")
+        ahead = self.age(probe)
+        self.remove(probe)
+        return ahead
 
     def open(self, name: str) -> BinaryIO:
         with file_errors(self.path(name), unless=FileNotFoundError), scratch_folder() as folder:

@@ -175,7 +175,7 @@ def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, p
                 return probe.only(indices)
             patterns = [missing[0]]
     objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, episode, name).columns))
-    joints = _joints_of(model, patterns[0], objects)
+    joints = joints_of(model, patterns[0], objects)
     raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}", meant=joints)
 
 
@@ -190,11 +190,11 @@ def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, re
     if group == PAIRS:
         return pair(rest, model)
     columns = [column.name for column in _whole(model, episode, group).columns]
-    joints = _joints_of(model, rest, {object_of(name) for name in columns})
+    joints = joints_of(model, rest, {object_of(name) for name in columns})
     raise UnknownNameError("column", f"{group}/{rest}", columns, meant=[f"{group}/{joint}" for joint in joints])
 
 
-def _joints_of(model: mujoco.MjModel, body: str, objects: Container[str]) -> list[str]:
+def joints_of(model: mujoco.MjModel, body: str, objects: Container[str]) -> list[str]:
     """Returns the joints of the body of this name, if it exists, that are among `objects`."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
     joints = object_names(model, "joint", np.flatnonzero(model.jnt_bodyid == index).tolist())

@@ -11,7 +11,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, q
 from mjrun.probe.contacts import identify_party, pair
 from mjrun.probe.episode_columns import EPISODE_GROUPS, no_episode
 from mjrun.probe.scanner import ProbeReference, SourceText, Token, Vocabulary, spelled
-from mjrun.probe.select import PAIRS, TIME, aliases, available_columns, object_of
+from mjrun.probe.select import PAIRS, TIME, aliases, available_columns, joints_of, object_of
 
 _GROUP = re.compile(r"(\w+)/")  # at the beginning of a name
 
@@ -124,7 +124,8 @@ class ModelVocabulary(Vocabulary):
         if group.text == PAIRS:
             return source.fault(group.start, f"{PAIRS} of one object", f"{PAIRS} of two")
         known = dict.fromkeys(object_of(name) for name in self.names if name.startswith(f"{group.text}/"))
-        return source.unknown(token.start, "object", token.text, list(known))
+        meant = joints_of(self._model, token.text, known)
+        return source.unknown(token.start, "object", token.text, list(known), meant=meant)
 
 
 class TraceVocabulary(Vocabulary):

@@ -5,7 +5,6 @@ Unused files are those that the table does not use, and that no process will nee
 
 import json
 import re
-import secrets
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -166,7 +165,7 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
 
 def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
     """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
-    is_corrected, ahead = False, 0.0
+    is_corrected, ahead = not isinstance(files.folder, LocalFolder), 0.0  # in a store, that would leave a trace
     for name in files.ranges.names(SUFFIX):
         try:
             lease = Lease.of(name)
@@ -179,17 +178,8 @@ def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
             if silent > EXPIRY and not is_corrected:
                 is_corrected = True
                 with suppress(FileError):  # of a folder that can only be read
-                    ahead = _seconds_ahead(files.ranges.folder)
+                    ahead = files.folder.seconds_ahead()
             yield lease, content, max(0.0, silent - ahead)
-
-
-def _seconds_ahead(folder: Folder) -> float:
-    """Returns how far the clock of this machine is ahead of the clock that dates the files in a folder [s]."""
-    probe = f".{secrets.token_hex(8)}.probe"
-    folder.create_file(probe, b"")
-    ahead = folder.age(probe)
-    folder.remove(probe)
-    return ahead
 
 
 def write_status_page(path: str, status: StudyStatus) -> None:
@@ -321,7 +311,7 @@ def _ended_leases(ranges: RangeFolders) -> list[str]:
     folder, names = ranges.folder, [name for name in ranges.names(SUFFIX) if Lease.of(name)]
     if not names:
         return []
-    ahead = _seconds_ahead(folder)
+    ahead = folder.seconds_ahead()
     ended = list[str]()
     for name in names:
         with suppress(OSError):  # its owner has released it

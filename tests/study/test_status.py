@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FailedPointsError, FileError
+from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.leases import Leases
 from mjrun.study.part_files import PartFiles
@@ -65,6 +66,7 @@ def test_running_ranges_have_a_machine_a_rate_and_a_time_that_remains(
         with monkeypatch.context() as patch:
             now = time.time
             patch.setattr(time, "time", lambda: now() + 7200)  # the clock of this machine is two hours ahead
+            patch.delattr(LocalFolder, "create_file")  # a status writes no file with a name
             assert [age(each) for each in study_status(folder).running] == ["", ""]
             os.utime(lease, (now() - 9000, now() - 9000))
             assert [age(each) for each in study_status(folder).running] == ["", "not renewed for 2.5 h"]
