@@ -25,7 +25,7 @@ from mjrun.check.worker_pool import (
 )
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
+from mjrun.errors import BadValueError, FileError, Spelling, UsageError, clean, option, spelled
 from mjrun.formats.input_file import files_below, is_file, is_folder
 from mjrun.model.xml_source import scan
 from mjrun.options.check import EXTRAS, CheckOptions
@@ -181,10 +181,11 @@ class ModelCheck(PolicyOptions, CheckOptions):
 
         Raises:
           UsageError: `models` are folders without any model.
+          FileError: one of them is a folder that cannot be read.
         """
         reporter = reporter or PythonApiReporter()
         known = self._known_findings()
-        paths, skipped = find_models(self.models, skip_other=self.skip_other)
+        paths, skipped = find_models(self.models, skip_other=self.skip_other, warn=reporter.warn)
         if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("no model to check: give model files, or folders that contain some")
         found = len(paths)
@@ -438,7 +439,9 @@ def _of_original(finding: Finding, task: CheckRequest) -> Finding:
     return replace(finding, **texts, fixes=tuple(fixes))
 
 
-def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tuple[list[str], int]:
+def find_models(
+    paths: Sequence[str | Path], *, skip_other: bool = False, warn: Callable[[str], object] = lambda text: None
+) -> tuple[list[str], int]:
     """Returns the models among files and folders, each once and in order, and the number of files that are not models.
 
     The latter are files in folders whose root element is not that of a model, and parts that models include. Links to
@@ -446,6 +449,10 @@ def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tup
 
     Args:
       skip_other: Whether files given by name are not models either if their root element is another one.
+      warn: a function called with a sentence about each folder in a folder that cannot be read.
+
+    Raises:
+      FileError: one of `paths` is a folder that cannot be read.
     """
     models: dict[str, str] = {}  # by the real path of the folder, and the name in it
     skipped = 0
@@ -454,7 +461,14 @@ def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tup
         folder, name = os.path.split(path)
         models.setdefault(os.path.join(os.path.realpath(folder), name), path)  # noqa: PTH118
 
-    for path in map(_path, paths):
+    def report(error: OSError) -> None:
+        unread = FileError(str(error.filename), f"cannot be read: {error.strerror}")
+        if error.filename in given:
+            raise unread
+        warn(f"{unread}; models in it are not checked")
+
+    given = [_path(path) for path in paths]
+    for path in given:
         if not is_folder(path):
             tag = root_tag(Path(path))
             if tag == FRAGMENT or (skip_other and tag not in ("", *ROOTS)):
@@ -462,7 +476,7 @@ def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tup
             else:
                 add(path)
             continue
-        for file in files_below(Path(path)):
+        for file in files_below(Path(path), report):
             if not file.name.endswith(CHECKED):
                 continue
             if file.suffix not in XML or _may_be_model(file):

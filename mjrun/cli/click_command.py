@@ -432,4 +432,4 @@ def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     return tuple(values)
 
 
-MODEL = ModelArgument("model", type=click.Path())
+MODEL = ModelArgument("model", type=click.Path(readable=False))

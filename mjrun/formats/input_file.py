@@ -5,7 +5,7 @@ import errno
 import os
 import stat
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -31,9 +31,13 @@ def exists(path: str | Path) -> bool:
     return os.path.exists(path)  # noqa: PTH110
 
 
-def files_below(folder: Path) -> Iterator[Path]:
-    """Yields the files below a folder, sorted, those of each folder first; skips hidden and linked folders."""
-    for parent, folders, files in os.walk(folder):
+def files_below(folder: Path, unreadable: Callable[[OSError], object] = lambda error: None) -> Iterator[Path]:
+    """Yields the files below a folder, sorted, those of each folder first; skips hidden and linked folders.
+
+    Args:
+      unreadable: a function called with the error of each folder that cannot be read.
+    """
+    for parent, folders, files in os.walk(folder, onerror=unreadable):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         yield from (Path(parent) / name for name in sorted(files))
 
@@ -51,6 +55,8 @@ def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "
     """
     with _readable(path, suffixes, hint):
         _check(path, path.stat().st_mode, what, hint)
+        if not os.access(path, os.R_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
 
 @contextlib.contextmanager

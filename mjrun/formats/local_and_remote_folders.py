@@ -7,6 +7,7 @@ renamed. An error of a store is tried again a few times before it is raised.
 import errno
 import os
 import secrets
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -17,7 +18,7 @@ from typing import Any, BinaryIO, TypeVar
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
 from mjrun.formats.destinations import Destination, StagedFile
-from mjrun.formats.input_file import is_file, is_folder, opened
+from mjrun.formats.input_file import is_folder, opened
 from mjrun.formats.parent_folders import require_no_dangling_link
 from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder
 from mjrun.packages import require
@@ -68,7 +69,13 @@ class LocalFolder:
 
     def has(self, name: str) -> bool:
         """Returns whether a file exists."""
-        return is_file(self._path / name)
+        with file_errors(self.path(name)):
+            try:
+                return stat.S_ISREG((self._path / name).stat().st_mode)
+            except PermissionError:
+                raise
+            except (OSError, ValueError):  # as of a name that is too long
+                return False
 
     def names(self, suffix: str | tuple[str, ...]) -> list[str]:
         """Returns the names of files and folders that end with `suffix`, sorted; none if the folder does not exist."""

@@ -9,6 +9,7 @@ file `/home/someone/robosuite/robosuite/models/assets/robots/panda/link0.stl` is
 a folder with `robosuite/models/assets/robots/panda/link0.stl`, or any shorter end of the path.
 """
 
+import errno
 import importlib.util
 import io
 import math
@@ -206,7 +207,7 @@ class _NamedFiles:
 def require_regular_files(
     path: Path, text: bytes | None, member: str = "", overrides: "Iterable[Override]" = ()
 ) -> dict[str, os.stat_result]:
-    """Checks that no file named in the MJCF or URDF `text`, or in its includes, is a pipe, a socket or a device.
+    """Checks that each file named in the MJCF or URDF `text`, or in its includes, is a regular file, and readable.
 
     In a confined process, no such file may be outside the readable folders either, whether it exists or not.
 
@@ -219,7 +220,7 @@ def require_regular_files(
       The status of each file that exists, by its path.
 
     Raises:
-      BrokenModelError: a file is of such a kind, or outside.
+      BrokenModelError: a file is a pipe, a socket or a device, cannot be read, or is outside.
     """
     named = _collect(path, _with_files_of(overrides, text), member)
     if confinement():
@@ -451,6 +452,10 @@ def _check(file: _NamedFile, place: str) -> os.stat_result | None:
     """Returns the status of a file that MuJoCo can read; None if it does not exist."""
     try:
         status = os.stat(place)  # noqa: PTH116
+        if not os.access(place, os.R_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except PermissionError as error:  # MuJoCo would call it empty
+        raise BrokenModelError(file.by, f"{quoted(file.name)} cannot be read: {error.strerror}", file.line) from None
     except (OSError, ValueError):  # it does not exist, or no file can have this name
         return None
     if kind := KINDS.get(stat.S_IFMT(status.st_mode)):

@@ -18,7 +18,7 @@ from mjrun.diff.result import ColumnDifference, DiffResult, FrameDifference
 from mjrun.diff.sentences import frame_facts, model_sentences, percent, picture_sentences, table_sentences
 from mjrun.diff.table_files import compare_tables, is_results
 from mjrun.diff.tolerances import Tolerance, Tolerances
-from mjrun.errors import UsageError, clean, option
+from mjrun.errors import UsageError, clean, file_errors, option
 from mjrun.formats import codecs, image_reader, tables
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.formats.image_format import image_format
@@ -198,7 +198,8 @@ def kind_of(name: str) -> str:
     if suffix in tables.suffixes():
         return TABLE
     if is_folder(path):
-        return TABLE if is_results(path) else VIDEO
+        with file_errors(name), os.scandir(name):  # a folder that cannot be read is neither
+            return TABLE if is_results(path) else VIDEO
     if suffix in image_reader.SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
         return IMAGE
     return VIDEO if suffix in codecs.suffixes() else MODEL

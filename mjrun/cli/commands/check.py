@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 REPORT_SUFFIXES = (".sarif", ".json", ".jsonl", ".md", ".txt")  # of files that are no models
 FIXED_BY = {"safe": "--fix", "unsafe": "--fix --unsafe-fixes"}
-MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
+MODELS = ModelArgument("models", nargs=-1, type=click.Path(readable=False), metavar="MODEL...")
 # The sections of files with defaults, by file, in order of precedence.
 SECTIONS = {"mjrun.toml": ("check",), "pyproject.toml": ("tool", "mjrun", "check")}
 LARGEST_CONFIG = 2**20  # bytes

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 SHOWN = 40  # points
 ARGUMENTS = (
-    ModelArgument("task", metavar="TASK|EVALUATION.yaml", type=click.Path()),
+    ModelArgument("task", metavar="TASK|EVALUATION.yaml", type=click.Path(readable=False)),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
 )
 

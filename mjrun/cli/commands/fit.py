@@ -25,7 +25,7 @@ CORRELATED = 0.95  # of parameters that are listed
 SHOWN = 40  # rows of a table
 ARGUMENTS = (
     ModelArgument("model", metavar="MODEL|FIT.yaml"),
-    click.Argument(["tables"], nargs=-1, type=click.Path(), metavar="DATA...|[KEY=VALUE]..."),
+    click.Argument(["tables"], nargs=-1, type=click.Path(readable=False), metavar="DATA...|[KEY=VALUE]..."),
 )
 
 

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from mjrun.outputs.plot import Plot, PlotResult
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
-TABLES = ModelArgument("tables", tables=True, nargs=-1, required=True, type=click.Path(), metavar="TABLE...|MODEL")
+TABLES = ModelArgument(
+    "tables", tables=True, nargs=-1, required=True, type=click.Path(readable=False), metavar="TABLE...|MODEL"
+)
 OF_TABLES = ("html", "include", "assert", "label")
 OF_MODELS = ("probe", "every", "rate", "manifest")
 OF_ONE = ("recording", "save_key", "print_document")  # options that do not apply if parameters vary

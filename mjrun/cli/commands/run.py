@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mjrun.outputs.perform import PassPreview, PublishedOutput
 
 ARGUMENTS = (
-    ModelArgument("document", type=click.Path()),
+    ModelArgument("document", type=click.Path(readable=False)),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
 )
 

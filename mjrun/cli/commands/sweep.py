@@ -57,7 +57,7 @@ WITH_RESULTS = (
 )
 UNFINISHED = 1  # exit code of --status
 ARGUMENTS = (
-    ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
+    ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path(readable=False)),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
 )
 

@@ -1,5 +1,7 @@
 """Model files as sources: MJCF, URDF, archives of these, and compiled models."""
 
+import errno
+import os
 import shlex
 import stat
 import zipfile
@@ -105,6 +107,8 @@ class FileSource(ModelSource):
             raise ModelNotFoundError(path, "is a folder, not a model file", *_models_in(path))
         if not stat.S_ISREG(mode):
             raise ModelNotFoundError(path, "is not a regular file")
+        if not os.access(path, os.R_OK):
+            raise ModelNotFoundError(path, os.strerror(errno.EACCES))
         try:
             str(path).encode()
         except UnicodeEncodeError:  # surrogates represent bytes that are not UTF-8
