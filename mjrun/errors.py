@@ -121,8 +121,10 @@ def counted(count: int, noun: str) -> str:
 
 def described_type(value: object) -> str:
     """Returns the type of a value that code has returned, with those of the elements of a tuple: `a str`."""
-    inner = listing([type(each).__name__ for each in cast("tuple[object, ...]", value)]) if type(value) is tuple else ""
-    return f"a {clean(type(value).__name__)}{f' ({inner})' if inner else ''}"
+    kind = type(value).__name__
+    elements = cast("tuple[object, ...]", value) if kind == "tuple" else ()
+    inner = f" ({listing([type(each).__name__ for each in elements])})" if elements else ""
+    return f"a {clean(kind)}{inner}"
 
 
 def suggestion(name: str, valid: Iterable[str], *meant: str) -> str:

@@ -73,7 +73,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._over.any():
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise ValueError("an episode is over: reset its world with the option reset_mask")
-            return self._step_after_end(action_array(actions, self.action_space.shape or ()))
+            return self._step_after_end(action_array(actions, (self.num_envs, len(self.worlds.action_names))))
         step = self.worlds.step(actions)
         terms, over = step.reward_terms.T, step.over
         if not over.any():

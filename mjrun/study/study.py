@@ -33,6 +33,7 @@ from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
+from mjrun.options.evaluation import MANIFEST as EVALUATION
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.physics.warp_device import COMPILES
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "mjrun-sweep-1"
 TABLES = (*FILES, *REPEAT_FILES, *sensitivity.FILES)
+FOREIGN = (*TABLES, EVALUATION)  # files that a folder without a study must not have
 OPTIONS = ("simulation", "metrics", "every", "engine", "task", "product")  # parts of an identity; the others are read
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 SHOWN = 3  # points at each end of the study
@@ -189,7 +191,7 @@ class Study(StudyOptions, ExecutionOptions):
             another `schema`.
         """
         ours = _command_of(schema)
-        require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", TABLES)  # logs and plans may be there
+        require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", FOREIGN)  # logs and plans may be there
         try:
             with prepared.folder.open(MANIFEST) as stream:
                 before = json.loads(stream.read())
