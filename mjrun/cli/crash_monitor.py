@@ -253,7 +253,7 @@ def _explain_death(killer: int, status: ProcessStatus, *, limited: bool) -> "Fai
     name = ExitStatus(-killer).signal
     during = f" while {status.activity} {clean(status.model)}" if status.activity else ""
     if killer == signal.SIGKILL:
-        likely = f"the system does that when memory runs out; if nobody else did, {LESS_MEMORY}"
+        likely = f"the system does that when memory runs out; if so, {LESS_MEMORY}"
         return FailureReport("Killed", f"killed{during} ({name})\n{likely}", OutOfMemoryError.exit_code)
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
