@@ -29,13 +29,18 @@ if TYPE_CHECKING:
     import mujoco
 
     from mjrun.hdf5.demonstration_list import DemonstrationList
-    from mjrun.model.description.actuators_sensors import Actuator
-    from mjrun.model.description.assets import Asset
-    from mjrun.model.description.bodies import Body, Camera, Geom, Light
-    from mjrun.model.description.constraints import Tendon, TendonPathElement
-    from mjrun.model.description.declaration import ModelObject
-    from mjrun.model.description.non_default_settings import NonDefaultSetting, Value
-    from mjrun.model.info import ModelDescription, ModelStatistics, ModelSummary
+    from mjrun.model.description import (
+        Actuator,
+        Body,
+        Camera,
+        Geom,
+        Light,
+        ModelObject,
+        Tendon,
+        TendonPathElement,
+    )
+    from mjrun.model.info import Asset, ModelDescription, ModelStatistics, ModelSummary
+    from mjrun.model.non_default_settings import NonDefaultSetting, Value
     from mjrun.task.description import TaskDescription, TaskSummary
 
 ROWS = 24  # of a section, unless it is requested

@@ -24,13 +24,6 @@ from mjrun.diff.result import (
     XmlPlace,
 )
 from mjrun.diff.tolerances import Tolerance, Tolerances
-from mjrun.model.description.non_default_settings import (
-    VISUAL,
-    NonDefaultSetting,
-    option_differences,
-    statistic_differences,
-    visual_differences,
-)
 from mjrun.model.fields import (
     SIZES,
     STRETCHES,
@@ -45,6 +38,13 @@ from mjrun.model.fields import (
 )
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import PLURALS, QUATERNION, VECTOR
+from mjrun.model.non_default_settings import (
+    VISUAL,
+    NonDefaultSetting,
+    option_differences,
+    statistic_differences,
+    visual_differences,
+)
 from mjrun.model.source import ModelSource
 from mjrun.model.units import field_unit
 from mjrun.model.xml_source import Element, read_xml

@@ -40,6 +40,7 @@ ACTUATORS = (
     *("orientation", "pid", "dcmotor", "plugin"),
 )
 # The tags of elements in defaults that concern elements of other tags, too.
+CUBE_FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")  # attributes of textures
 SHARED = (ACTUATORS, ("tendon", "spatial", "fixed"))
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mjrun.model.description.declaration import limited_ranges, without_trailing_zeros
+from mjrun.model.description import limited_ranges, without_trailing_zeros
 from mjrun.model.fields import (
     COMPUTED,
     REFERENCES,

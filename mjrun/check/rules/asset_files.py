@@ -10,7 +10,6 @@ from mjrun.check.rule import SAFE, Finding, Fix, Rule
 from mjrun.errors import clean, listing, near, quoted
 from mjrun.formats.input_file import files_below
 from mjrun.model import xml_source
-from mjrun.model.description.assets import FACES
 from mjrun.model.text_edits import ElementEditor
 
 MISSING_FILE = Rule("MJ107", "error", "missing file", fix=SAFE)
@@ -112,7 +111,7 @@ def file_attributes(element: xml_source.Element) -> tuple[str, ...]:
     """Returns the attributes of `element` that name files."""
     if element.tag not in (*FOLDER_ATTRIBUTES, "include", "model"):
         return ()
-    return ("file", *FACES) if element.tag == "texture" else ("file", "filename")  # the latter in URDF
+    return ("file", *xml_source.CUBE_FACES) if element.tag == "texture" else ("file", "filename")  # the latter in URDF
 
 
 def _paths(element: xml_source.Element, name: str, source: xml_source.XmlSource, folders: dict[str, str]) -> list[Path]:

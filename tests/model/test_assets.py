@@ -8,8 +8,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.model.description.assets import referenced_files
-from mjrun.model.info import ModelDescription
+from mjrun.model.info import ModelDescription, referenced_files
 
 CUBE = """<texture name="box" type="cube" fileright="{0}" fileleft="{0}" fileup="{0}" filedown="{0}" filefront="{0}"
     fileback="{1}"/>"""

@@ -23,7 +23,7 @@ from tests.cases import mjcf
 from tests.document.schema_oracle import fits
 
 SCHEMA = json.loads((Path(__file__).parent / "info_schema.json").read_text("utf-8"))
-SCENES = sorted((Path(__file__).parents[3] / "scenes").glob("*.xml"))
+SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
 
 # One of everything that a section can list.
 WHOLE = mjcf("one_of_each")

@@ -1,1 +1,0 @@
-"""Descriptions of compiled models as typed plain values, one module per kind of object."""
