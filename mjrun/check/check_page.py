@@ -13,7 +13,7 @@ from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import SEVERITIES, Finding, FixedModelCopy, ModelCheckResult, without_repeats
 from mjrun.check.rule_runner import RULES
-from mjrun.check.rules.body_sizes import INFINITE
+from mjrun.check.rules.bodies import INFINITE
 from mjrun.errors import ModelError, NoRendererError, clean, counted
 from mjrun.formats.image_encoding import ImageData, jpeg
 from mjrun.model.names import COUNTS

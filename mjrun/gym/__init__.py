@@ -9,8 +9,7 @@ from mjrun.packages import cause_of, require, require_computing
 try:
     import gymnasium
 
-    from mjrun.gym.environment import TaskEnv, make
-    from mjrun.gym.vector import TaskVectorEnv, make_vec
+    from mjrun.gym.environments import TaskEnv, TaskVectorEnv, make, make_vec
 except Exception as error:
     require("mjrun.gym", "gym", "gymnasium")
     raise cause_of(error) or error from None
@@ -20,6 +19,6 @@ __all__ = ["TaskEnv", "TaskVectorEnv", "make", "make_vec"]
 
 gymnasium.register(  # pyright: ignore[reportUnknownMemberType]
     "mjrun/Task-v0",
-    entry_point="mjrun.gym.environment:TaskEnv",
-    vector_entry_point="mjrun.gym.vector:TaskVectorEnv",
+    entry_point="mjrun.gym.environments:TaskEnv",
+    vector_entry_point="mjrun.gym.environments:TaskVectorEnv",
 )

@@ -11,8 +11,7 @@ from gymnasium.vector import AutoresetMode
 from rsl_rl.env import VecEnv  # pyright: ignore[reportMissingImports]
 from tensordict import TensorDict  # pyright: ignore[reportMissingImports]
 
-from mjrun.gym.environment import TaskLike
-from mjrun.gym.vector import TaskVectorEnv
+from mjrun.gym.environments import TaskLike, TaskVectorEnv
 
 
 class TaskVecEnv(VecEnv):

@@ -10,8 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMissingImports]
 
-from mjrun.gym.environment import TaskLike
-from mjrun.gym.vector import TaskVectorEnv
+from mjrun.gym.environments import TaskLike, TaskVectorEnv
 
 Indices = int | Iterable[int] | None
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
+from mjrun.model.additions import add_ground, add_servos, add_to_stage
 from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_index
-from mjrun.model.position_control import add_servos
-from mjrun.model.stage import add_ground, add_to_stage
 from mjrun.options.model import ModelOptions, ServoOptions
 from mjrun.options.number_kinds import UNITS as NUMBER_UNITS
 from mjrun.options.setting_kinds import UNITS as SETTING_UNITS

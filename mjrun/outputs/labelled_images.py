@@ -14,10 +14,10 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import SegmentMask, regions
+from mjrun.model.additions import FLOOR, GROUND
 from mjrun.model.camera_images import CameraCalibration, CameraImages
-from mjrun.model.flex_and_skin_bodies import carriers, flex_owners, skin_owners
+from mjrun.model.fields import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
-from mjrun.model.stage import FLOOR, GROUND
 from mjrun.options.image_dataset import LabelledImageOptions
 from mjrun.options.rendering import ViewOptions
 from mjrun.probe.row_expression import Condition, parse_condition

@@ -8,6 +8,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.model.additions import servos
 from mjrun.model.names import (
     KINDS,
     QPOS_COMPONENTS,
@@ -18,7 +19,6 @@ from mjrun.model.names import (
     matching,
     names,
 )
-from mjrun.model.position_control import servos
 from mjrun.options.setting_kinds import AngleWithUnit, LengthWithUnit
 
 Values = float | Sequence[float]

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.probe.expression import START, AggregateCall, NumericExpression
-from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.expression import START, AggregateCall, KnownValues, NumericExpression, evaluate, evaluate_truth
 
 CHUNK = 512  # rows evaluated at once: the sum of 512 products of two 27-bit numbers fits 63 bits
 

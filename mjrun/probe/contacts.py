@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
-from mjrun.model.flex_and_skin_bodies import carriers
+from mjrun.model.fields import carriers
 from mjrun.model.names import identify, names
 from mjrun.model.table_column import Column
 from mjrun.probe.fields import MjDataProbe

@@ -10,8 +10,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from mjrun.probe.aggregate import AggregateEvaluator, ChunkBuffer, RowChunk
-from mjrun.probe.expression import OF_CONDITIONS, AggregateCall, ParsedExpression, walk
-from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.expression import (
+    OF_CONDITIONS,
+    AggregateCall,
+    KnownValues,
+    ParsedExpression,
+    evaluate,
+    evaluate_truth,
+    walk,
+)
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 

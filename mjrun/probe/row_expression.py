@@ -21,12 +21,14 @@ from mjrun.probe.expression import (
     START,
     AggregateCall,
     ColumnReference,
+    KnownValues,
     NumericExpression,
     ParsedExpression,
     TextMatch,
+    evaluate,
+    evaluate_truth,
     walk,
 )
-from mjrun.probe.expression_evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 

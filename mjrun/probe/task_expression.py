@@ -21,12 +21,14 @@ from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
 from mjrun.probe.expression import (
     CONSTANTS,
     BooleanExpression,
+    KnownValues,
     NumericExpression,
     ParsedExpression,
     PreviousValue,
+    evaluation,
+    truth_evaluation,
     walk,
 )
-from mjrun.probe.expression_evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 from mjrun.probe.vocabularies import ModelVocabulary

@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BrokenModelError, CompiledOverrideError, file_errors, option
+from mjrun.model.additions import FLOOR, GROUND, LIGHT, SLANT
 from mjrun.model.fields import arrays, is_layout
 from mjrun.model.override import Override
 from mjrun.model.source import ModelSource
-from mjrun.model.stage import FLOOR, GROUND, LIGHT, SLANT
 from mjrun.model.state import restore, sizes, widened
 from mjrun.options.rendering import SceneOptions
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError
 from mjrun.model.camera_images import SegmentedObject
-from mjrun.model.flex_and_skin_bodies import flex_owners, skin_owners
+from mjrun.model.fields import flex_owners, skin_owners
 from mjrun.model.names import KINDS, names
 
 NOTHING = -1

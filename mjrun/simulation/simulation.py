@@ -17,10 +17,10 @@ from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN
 from mjrun.model import known_bugs, state
+from mjrun.model.additions import servo_sentence
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
-from mjrun.model.position_control import sentence
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike, demonstration_in, source_of
 from mjrun.options.kinds import AnyKind
@@ -336,7 +336,7 @@ class Simulation(SimulationOptions):
     def notes(self, model: mujoco.MjModel) -> list[str]:
         """Returns information for the user before the simulation runs."""
         gains = self.position_control
-        return [] if gains is None or {*parse_gains(gains)} == {*GAINS} else [sentence(model)]
+        return [] if gains is None or {*parse_gains(gains)} == {*GAINS} else [servo_sentence(model)]
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks for the user before the simulation runs."""

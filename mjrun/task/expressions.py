@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjrun.errors import concerning
-from mjrun.probe.expression_evaluation import ColumnLayout, ColumnMatrix
+from mjrun.probe.expression import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
 from mjrun.task.batch_columns import NumberSource
 from mjrun.task.episode import Endings

@@ -2,7 +2,7 @@
 
 On single numbers, an operation of NumPy takes about 1 µs and one of Python a fortieth of that. A program is a function
 with one line for each value; common parts of several expressions are computed once. Its numbers are bit for bit those
-that `mjrun.probe.expression_evaluation` computes on many rows. No text of a document gets into the source: names become
+that `mjrun.probe.expression` computes on many rows. No text of a document gets into the source: names become
 places in an array, and functions are passed as objects.
 """
 

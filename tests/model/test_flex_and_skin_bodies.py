@@ -2,7 +2,7 @@
 
 import mujoco
 
-from mjrun.model.flex_and_skin_bodies import carriers, flex_owners
+from mjrun.model.fields import carriers, flex_owners
 from tests.cases import cases
 
 FLEX = """<mujoco><worldbody><body name="arm"><geom size=".1"/><flexcomp name="c" type="grid" dim="3" count="2 2 2"

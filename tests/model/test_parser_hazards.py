@@ -8,7 +8,7 @@ import pytest
 
 from mjrun import load
 from mjrun.errors import BrokenModelError
-from mjrun.model.parser_hazards import MOST_INCLUDES, MOST_KEYFRAMES, MOST_LINKS, MOST_MODELS, require_finite_nesting
+from mjrun.model.sources.file import MOST_INCLUDES, MOST_KEYFRAMES, MOST_LINKS, MOST_MODELS, require_finite_nesting
 
 BALL = '<worldbody><body name="ball"><geom size="1"/></body></worldbody>'
 

@@ -143,7 +143,6 @@ MODULES = (
     "row_expression",
     "aggregate",
     "expression",
-    "expression_evaluation",
     "parser",
     "scanner",
 )

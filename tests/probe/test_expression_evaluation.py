@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjrun.probe.expression_evaluation import ColumnLayout, ColumnMatrix, evaluate, evaluate_truth, evaluation
+from mjrun.probe.expression import ColumnLayout, ColumnMatrix, evaluate, evaluate_truth, evaluation
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import Place, Violation, rule
-from mjrun.check.rules.body_sizes import INFINITE
+from mjrun.check.rules.bodies import INFINITE
 from mjrun.errors import option
 
 DIGITS = 6  # of positions and sizes in m that are compared

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, MakeFix, Place, Rule, short_path
-from mjrun.check.rules import asset_files, keywords, limits, mjcf_schema
+from mjrun.check.rules import asset_files, limits, mjcf_schema
 from mjrun.check.rules.check_itself import OUT_OF_MEMORY
 from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_message
-from mjrun.check.rules.keywords import BAD_VALUE
-from mjrun.check.rules.mjcf_schema import REMOVED
+from mjrun.check.rules.mjcf_schema import BAD_VALUE, REMOVED
 from mjrun.errors import BrokenModelError, ModelError, clean, listing, near, option, quoted, spelled, suggestion
 from mjrun.model.sources import load
 from mjrun.model.text_edits import ElementEditor
@@ -198,7 +197,7 @@ def _syntax(error: CompileFailure, match: re.Match[str]) -> Findings:
 
 def _invalid_xml(source: XmlSource) -> Findings:
     """Yields findings for all elements, attributes and keywords in the XML that MuJoCo does not know."""
-    findings = [*mjcf_schema.violations(source), *keywords.invalid_keywords(source)]
+    findings = [*mjcf_schema.violations(source), *mjcf_schema.invalid_keywords(source)]
     own = short_path(source.path)
     yield from sorted(findings, key=lambda finding: (finding.file != own, finding.file, finding.line or 0))
 

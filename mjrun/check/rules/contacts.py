@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import Place, Violation, rule
-from mjrun.check.rules.body_sizes import INFINITE
+from mjrun.check.rules.bodies import INFINITE
 from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
 from mjrun.model.names import FREE
 

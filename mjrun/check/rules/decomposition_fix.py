@@ -20,8 +20,8 @@ import numpy as np
 from mjrun.check.context import CheckContext, declared_name
 from mjrun.check.rule import GENERATED, Fix
 from mjrun.check.rules.asset_files import asset_folders, file_of
+from mjrun.check.rules.bodies import bodies_with_inferred_mass
 from mjrun.check.rules.contacts import deep_penetrations
-from mjrun.check.rules.masses import bodies_with_inferred_mass
 from mjrun.check.rules.meshes import MESH, Surface, geom_mass
 from mjrun.child_process import limit_this_process
 from mjrun.errors import MissingExtraError, WrongVersionError

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
-from mjrun.check.rules.body_sizes import INFINITE
+from mjrun.check.rules.bodies import INFINITE
 from mjrun.errors import option
 from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS
 from mjrun.model.text_edits import ElementEditor, number_word

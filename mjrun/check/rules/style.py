@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.check.context import CheckContext
 from mjrun.check.rule import SAFE, Fix, Place, Violation, rule
 from mjrun.check.rules.asset_files import FOLDER_ATTRIBUTES, asset_folders, file_attributes
-from mjrun.check.rules.body_sizes import flex_bodies
+from mjrun.check.rules.bodies import flex_bodies
 from mjrun.errors import quoted
 from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.text_edits import number_word

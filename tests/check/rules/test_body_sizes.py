@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjrun.check.rules import body_sizes
+from mjrun.check.rules import bodies
 from tests.cases import cases
 from tests.check.models import lint, mjcf
 
@@ -85,7 +85,7 @@ def test_a_body_may_be_20_m_long(side: float, reported: bool) -> None:
 
 @pytest.mark.parametrize(("share", "reported"), [(0.19, True), (0.21, False)])
 def test_visual_and_colliding_geoms_share_a_fifth_of_their_box(share: float, reported: bool) -> None:
-    side = 1 - 2 * body_sizes.TOLERANCE  # boxes are made larger by the tolerance
+    side = 1 - 2 * bodies.TOLERANCE  # boxes are made larger by the tolerance
     cube, shift = np.full(3, side), 1 - share
     visual = box(cube, f'{VISUAL} pos="{shift} 0 0"')
     assert found("MJ507", body(box(cube) + visual)) == [("body 'b'", "note")] * reported

@@ -56,5 +56,5 @@ ELSEWHERE = {
 
 def test_every_other_rule_has_a_case() -> None:
     assert {case["rule"] for case in CASES} == {code for code in RULES if not code.startswith("MJ8")} - ELSEWHERE
-    modules = ("mjrun.check.rules.masses", "mjrun.check.rules.style")
+    modules = ("mjrun.check.rules.bodies", "mjrun.check.rules.style")
     assert {RULES[code].violations.__module__ for code in ("MJ203", "MJ201")} == set(modules)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mjrun.check.context import CheckContext
 from mjrun.check.rule_catalogue import Thresholds
-from mjrun.check.rules import masses
+from mjrun.check.rules import bodies
 from mjrun.model.xml_source import read_xml
 from tests.check.models import lint, lint_file, mjcf
 
@@ -50,7 +50,7 @@ def test_an_inertia_of_a_box_is_possible_within_its_bounds(sides: tuple[float, f
     geom, inertia = box(sides)
     if any(abs(factor / bound - 1) < 1e-3 for bound in BOUNDS):
         return
-    is_placeholder = np.ptp(inertia) <= masses.EQUAL * inertia.max() and max(
+    is_placeholder = np.ptp(inertia) <= bodies.EQUAL * inertia.max() and max(
         sides
     ) > Thresholds.placeholder_slenderness * min(sides)
     possible = BOUNDS[0] < factor < BOUNDS[1] and not is_placeholder

@@ -1,5 +1,6 @@
 """Theorems about MuJoCo's schema, and about what MJCF no longer has: the installed MuJoCo does not have it either."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -8,19 +9,21 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjrun.check.rules import mjcf_schema
-from mjrun.check.rules.keywords import SEVERAL, SINGLE, invalid_keywords
 from mjrun.check.rules.mjcf_schema import (
     FOREIGN_ELEMENTS,
     REMOVED_ATTRIBUTES,
     REMOVED_ELEMENTS,
     REMOVED_PLUGINS,
     REMOVED_VALUES,
+    SEVERAL,
+    SINGLE,
     SYNONYMS,
+    invalid_keywords,
     valid_parents,
     violations,
 )
-from mjrun.model.xml_source import read_xml
-from tests.check.models import mjcf, write
+from mjrun.model.xml_source import Element, read_xml
+from tests.check.models import lint, mjcf, write
 
 NODES = {tag: node for tag, places in mjcf_schema.valid_parents().items() for _, node in places}
 
@@ -104,3 +107,71 @@ def test_elements_of_other_formats_are_not_children_of_mujoco_or_of_bodies() -> 
 
 def test_synonyms_stand_for_keywords_of_mjcf() -> None:
     assert set(SYNONYMS) <= KEYWORDS
+
+
+def test_keywords_are_told_beside_what_else_the_xml_has_wrong() -> None:
+    findings = lint(mjcf('<geom typ="box"/>\n<geom type="Box"/>'))
+    assert [(f.line, f.code) for f in findings] == [(4, "MJ104"), (5, "MJ110")]
+
+
+# MuJoCo would open the file of a <model>.
+HOMES = {tag: places for tag, places in mjcf_schema.valid_parents().items() if tag != "model"}
+
+
+NEEDED = {
+    "flexcomp": {"type": "grid", "count": "3 3 3", "spacing": "1 1 1", "name": "f"},
+    "connect": {"site1": "s", "site2": "s"},
+    "weld": {"site1": "s", "site2": "s"},
+    "rangefinder": {"site": "s"},
+    **{tag: {"geom1": "g", "geom2": "g"} for tag in ("distance", "normal", "fromto")},
+}
+
+
+HOLDING = {"flex": {"body": "b", "dim": "1", "element": "0 1", "vertex": "0 0 0 1 1 1"}}  # that hold something else
+
+
+def chain(parent: str) -> list[str]:
+    """The tags from the root to `parent`, not through frames or defaults if there is another way."""
+    if parent == "mujoco":
+        return [parent]
+    above = [home for home, _ in HOMES[parent] if home not in (parent, "frame", "replicate")]
+    return [*chain("body" if "body" in above else above[0]), parent]
+
+
+def mujocos_word_on(path: list[str], attribute: str, value: str) -> str:
+    """What MuJoCo says of `value`, after all that the elements on `path` need is given."""
+    given = [{**NEEDED.get(tag, {}), **HOLDING.get(tag, {})} for tag in path]
+    given[-1] = {**NEEDED.get(path[-1], {}), attribute: value}
+    if attribute == "reftype":
+        given[-1] |= {"objtype": "site", "objname": "s", "refname": "s"}
+    while True:
+        attributes = [" ".join(f'{name}="{said}"' for name, said in each.items()) for each in given]
+        text = "".join(f"<{tag} {said}>" for tag, said in zip(path, attributes, strict=True))
+        try:
+            mujoco.MjSpec.from_string(text + "".join(f"</{tag}>" for tag in reversed(path)))
+        except ValueError as error:
+            needed = re.search(r"required attribute missing: '(\w+)'", str(error))
+            if not needed or needed[1] in given[-1]:
+                return str(error)
+            given[-1][needed[1]] = "1"
+        else:
+            return ""
+
+
+def test_keywords_are_those_of_mujoco_wherever_it_takes_any() -> None:
+    homes = [(parent, tag, node) for tag, places in HOMES.items() for parent, node in places]
+    known = set[tuple[str, str, tuple[str, ...]]]()  # keywords that MuJoCo reads in another home
+    for parent, tag, node in homes:
+        if parent in ("worldbody", "frame", "replicate"):  # which hold what a body holds
+            continue
+        path = [*chain(parent), tag]
+        for attribute in node.attributes:
+            choices = mjcf_schema.valid_keywords(Element(tag, {}, Path(), 1), attribute)
+            refused = re.search(r"invalid keyword: '(zzz|\(null\))'", mujocos_word_on(path, attribute, "zzz"))
+            assert bool(choices) == bool(refused), (path, attribute)
+            if (keywords_there := (tag, attribute, tuple(choices))) in known:
+                continue
+            known.add(keywords_there)
+            for choice in choices:
+                sentence = f"invalid keyword: '{choice}'"
+                assert sentence not in mujocos_word_on(path, attribute, choice), (path, attribute)

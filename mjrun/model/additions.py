@@ -1,4 +1,7 @@
-"""Position control of models with motors, or without actuators: servos in their place, by MjSpec."""
+"""Additions to bare models, by MjSpec: servos in place of motors, a ground that collides, and a stage for images.
+
+The parts of a ground and a stage come last in the model, so that the ids of everything else stay the same.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, counted, option
+from mjrun.errors import UsageError, clean, counted, option
 from mjrun.model.names import SCALAR_JOINTS
 from mjrun.options.model import AUTO, parse_gains
 
@@ -15,6 +18,12 @@ FREQUENCY = 2 * math.pi * 5  # natural frequency of a servo without load [rad/s]
 SAG = {HINGE: 0.3, SLIDE: 0.1}  # error at the full force [rad, m]
 GRAVITY_SAG = {HINGE: 0.1, SLIDE: 0.05}  # largest error under the weight of what the joint carries [rad, m]
 STIFFEST = 0.1  # share of the inertia per squared timestep: beyond, the damping is unstable
+GROUND, FLOOR, LIGHT, SKY = "ground", "stage floor", "stage light", "stage sky"
+UP, DOWN = (0.45, 0.56, 0.70), (0.86, 0.89, 0.92)  # colours of the sky
+TILES = (0.50, 0.53, 0.57), (0.44, 0.47, 0.51)  # colours of the floor
+SAME = 1e-6  # [m] between the heights of two planes that are one
+PIXELS = 512  # width of the sky and of the floor's texture
+SLANT = np.array((-0.25, 0.3, -1.0))  # direction of the light
 
 
 def add_servos(spec: mujoco.MjSpec, gains: str) -> None:
@@ -57,7 +66,7 @@ def servos(model: mujoco.MjModel) -> list[int]:
     ]
 
 
-def sentence(model: mujoco.MjModel) -> str:
+def servo_sentence(model: mujoco.MjModel) -> str:
     """Describes the servos of a model and their gains."""
     found = servos(model)
     kp, kd = (np.abs(prm[found, i]) for prm, i in ((model.actuator_gainprm, 0), (model.actuator_biasprm, 2)))
@@ -132,3 +141,92 @@ def _weight(model: mujoco.MjModel, joint: int, kind: mujoco.mjtJoint) -> float:
     force = model.body_subtreemass[body] * float(np.linalg.norm(model.opt.gravity))
     arm = np.linalg.norm(data.subtree_com[body] - data.xanchor[joint]) if kind == HINGE else 1
     return force * float(arm)
+
+
+def add_ground(spec: mujoco.MjSpec, height: str) -> None:
+    """Adds a static body with a horizontal plane at `height` [m] that collides with everything that can collide.
+
+    Raises:
+      UsageError: the model already has a body or a geom of its name, or a floor at this height, whose contacts would
+        count twice.
+    """
+    if spec.body(GROUND) or spec.geom(GROUND):
+        raise UsageError(f"{option('ground')}: the model already has a body or a geom called {GROUND}")
+    if floor := next((geom for geom in spec.worldbody.geoms if _is_floor(geom, float(height))), None):
+        name = clean(floor.name or "a plane")
+        raise UsageError(f"{option('ground')} is not needed: the model has a floor at this height already, {name}")
+    body = spec.worldbody.add_body(name=GROUND, pos=(0, 0, float(height)))
+    body.add_geom(name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
+
+
+def _is_floor(geom: mujoco.MjsGeom, height: float) -> bool:
+    """Returns whether a geom of the world is a horizontal plane at this height [m]."""
+    is_plane = geom.type == mujoco.mjtGeom.mjGEOM_PLANE
+    is_level = geom.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT and np.isclose(abs(geom.quat[0]), 1)
+    return bool(is_plane and is_level and abs(geom.pos[2] - height) < SAME)
+
+
+def add_to_stage(spec: mujoco.MjSpec, part: str) -> None:
+    """Adds a part of a stage that physics does not notice: `floor`, `light` or `sky`."""
+    _reduce(spec)
+    {"floor": _add_floor, "light": _add_light, "sky": _add_sky}[part](spec)
+
+
+def _reduce(spec: mujoco.MjSpec) -> None:
+    """Fuses static bodies and discards visual geoms now, if the compiler would, so that it keeps what is added next."""
+    if spec.compiler.fusestatic or spec.compiler.discardvisual:
+        spec.compile()
+        spec.compiler.fusestatic = spec.compiler.discardvisual = False
+
+
+def _add_floor(spec: mujoco.MjSpec) -> None:
+    """Adds a horizontal plane that collides with nothing, with tiles; a ground that the model has gets the tiles."""
+    first, second = TILES
+    spec.add_texture(
+        name=FLOOR,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=first,
+        rgb2=second,
+        width=PIXELS,
+        height=PIXELS,
+    )
+    material = spec.add_material(name=FLOOR, texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = FLOOR
+    if ground := spec.geom(GROUND):
+        ground.material = FLOOR
+        return
+    spec.worldbody.add_body(name=FLOOR).add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(0, 0, 0.05),
+        material=FLOOR,
+        contype=0,
+        conaffinity=0,
+        group=0,
+    )
+
+
+def _add_light(spec: mujoco.MjSpec) -> None:
+    """Adds a directional light that follows the first body; `place` sets its direction and its distance."""
+    body = spec.worldbody.first_body() or spec.worldbody
+    body.add_light(
+        name=LIGHT,
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM,
+        diffuse=(0.6, 0.6, 0.6),
+        ambient=(0.2, 0.2, 0.2),
+        specular=(0.2, 0.2, 0.2),
+    )
+
+
+def _add_sky(spec: mujoco.MjSpec) -> None:
+    spec.add_texture(
+        name=SKY,
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=UP,
+        rgb2=DOWN,
+        width=PIXELS,
+        height=6 * PIXELS,
+    )
