@@ -47,7 +47,7 @@ LIBRARIES = {
     "click": ("cli",),
     "rich": ("cli",),
     "pytest": ("pytest_plugin",),
-    "yaml": ("document", "policy.leapp_package"),  # the latter reads files of other programs
+    "yaml": ("document", "policy.loaders.leapp"),  # the latter reads files of other programs
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": (

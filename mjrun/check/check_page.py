@@ -19,8 +19,7 @@ from mjrun.formats.image_encoding import ImageData, jpeg
 from mjrun.model.names import COUNTS
 from mjrun.model.sources import source_of
 from mjrun.model.xml_source import XmlSource
-from mjrun.plotting.html_page import Page, PageCard, PageFactTable, data_uri
-from mjrun.plotting.page_writer import MAKER, origin, write_page
+from mjrun.plotting.html_page import MAKER, Page, PageCard, PageFactTable, data_uri, origin, write_page
 from mjrun.rendering.single_render import render
 from mjrun.rendering.visual import Visual
 from mjrun.reporter import Reporter

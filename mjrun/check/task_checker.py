@@ -25,7 +25,7 @@ from mjrun.model.xml_source import read_xml
 from mjrun.options.policy import RANDOM
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Policy
-from mjrun.policy.task_agreement import check_agreement
+from mjrun.policy.task_facts import check_agreement
 from mjrun.suffixes import YAML
 from mjrun.task.episode import ask
 from mjrun.task.task import UNSTABLE, Task

@@ -356,8 +356,7 @@ def phases_of(phase: "StepPhase | None", above: str = "", depth: int = 0) -> Ite
 
 def bench_page(result: "BenchResult", command: str) -> "Page":
     """Returns the page about a benchmark: the tables of its report, the verdict, and how it was measured."""
-    from mjrun.plotting.html_page import FileManifest, Page, PageFactTable
-    from mjrun.plotting.page_writer import MAKER
+    from mjrun.plotting.html_page import MAKER, FileManifest, Page, PageFactTable
 
     facts = [PageFactTable("Step", "Cost of a step", ("", ""), rows)] if (rows := single_point(result)) else []
     for title, (heads, *cells) in sections(result):

@@ -204,7 +204,7 @@ class _Builder(DocumentValueBuilder):
         values |= {name: value for name, value in overriding.items() if value is not None}
         page = self.attempt((), lambda: page_options(**values)) or PageOptions()
         if page.html is not None and self._options.html is None:
-            from mjrun.plotting.page_writer import check_page_name
+            from mjrun.plotting.html_page import check_page_name
 
             self.attempt((), partial(check_page_name, page.html))
             self._reserve_file("html", page.html, ())

@@ -27,7 +27,7 @@ from mjrun.options.policy import is_code
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.policy.task_agreement import check_agreement
+from mjrun.policy.task_facts import check_agreement
 from mjrun.probe.metric import MetricEvaluator
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.policy_episode import UNLIMITED, require_undisturbed
@@ -262,7 +262,7 @@ def player_of(spec: EpisodeGroupSpec) -> EpisodePlayer:
     elif isinstance(task, Task):
         player = TaskPlayer(task.with_disturbances(spec.disturbances), policy)
     else:
-        from mjrun.policy.task_inference import inferred_task
+        from mjrun.policy.task_facts import inferred_task
 
         player = TaskPlayer(inferred_task(policy, task).with_disturbances(spec.disturbances), policy)
     return _MeasuringPlayer(player, spec, policy) if spec.metrics else player

@@ -20,8 +20,7 @@ from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
-from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, number
-from mjrun.plotting.page_writer import MAKER, write_page
+from mjrun.plotting.html_page import MAKER, Page, PageFactTable, PageFigure, number, write_page
 
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import EvaluationResult

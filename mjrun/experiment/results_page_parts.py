@@ -12,8 +12,15 @@ from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
-from mjrun.plotting.html_page import FileManifest, PageFactTable, PageFigure, ShownFile, number, page_file
-from mjrun.plotting.page_writer import check_page_name
+from mjrun.plotting.html_page import (
+    FileManifest,
+    PageFactTable,
+    PageFigure,
+    ShownFile,
+    check_page_name,
+    number,
+    page_file,
+)
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure

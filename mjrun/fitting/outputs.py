@@ -43,8 +43,7 @@ from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
-from mjrun.plotting.html_page import Page, PageFactTable, PageFigure, number
-from mjrun.plotting.page_writer import MAKER, PageWriter, check_page_name
+from mjrun.plotting.html_page import MAKER, Page, PageFactTable, PageFigure, PageWriter, check_page_name, number
 from mjrun.probe.fields import field_probe
 from mjrun.probe.scanner import spelled
 from mjrun.reporter import PythonApiReporter, Reporter

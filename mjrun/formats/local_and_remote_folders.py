@@ -17,9 +17,8 @@ from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
-from mjrun.formats.destinations import Destination, StagedFile
+from mjrun.formats.destinations import Destination, StagedFile, require_no_dangling_link
 from mjrun.formats.input_file import is_folder, opened
-from mjrun.formats.parent_folders import require_no_dangling_link
 from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder
 from mjrun.packages import require
 from mjrun.suffixes import URL, is_url

@@ -32,7 +32,7 @@ from mjrun.formats.calibration_writer import centered_matrix
 from mjrun.model.camera_images import CameraCalibration
 from mjrun.model.names import distinct
 from mjrun.model.table_column import Column
-from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
+from mjrun.scene_graph.meshes import LineSegments, TriangleSurface
 from mjrun.version import __version__
 
 FIXED64, LENGTH = 1, 2  # wire types of a double, and of a text or a message

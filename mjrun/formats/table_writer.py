@@ -3,6 +3,9 @@
 Rows arrive in blocks. For formats that hold a table by column, they are transposed in groups of bounded size. Parquet
 and Feather write one group after another; npz, mat and hdf5 need whole columns, so their groups wait in an unnamed file
 beside the table.
+
+The units of `run.csv`, and the meanings of its columns, are in `run.csv-metadata.json`, as in "CSV on the Web" of the
+W3C: https://www.w3.org/TR/tabular-metadata/. They belong to the titles of columns, whatever program wrote them.
 """
 
 import contextlib
@@ -10,13 +13,14 @@ import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 
+from mjrun.errors import FileError, clean
 from mjrun.formats import tables
-from mjrun.formats.csv_sidecar import metadata, metadata_path
 from mjrun.formats.destinations import StandardOutput
+from mjrun.formats.input_file import is_file, opened, parse_manifest
 from mjrun.formats.local_and_remote_folders import destination_at
 from mjrun.formats.output_writer import OutputWriter, written_file
 from mjrun.model.table_column import Column
@@ -24,6 +28,9 @@ from mjrun.options.trace import COMMENT, METADATA
 
 GROUP = 2**21  # values in a group: 16 MiB
 FIRST_ROWS = 2**9  # rows that fit at first: a short table needs little memory
+CONTEXT = "http://www.w3.org/ns/csvw"
+UNIT, MEANING = "schema:unitText", "dc:description"
+MOST_METADATA = 2**24  # bytes that are read, at most
 
 
 class RowWriter:
@@ -250,3 +257,45 @@ class TableWriter(OutputWriter):
 
 def _json(manifest: Mapping[str, Any] | None) -> str:
     return json.dumps(dict(manifest or {}), default=str)
+
+
+def metadata_path(table: Path) -> Path:
+    """Returns the path of the metadata of a table."""
+    return table.with_name(f"{table.name}-metadata.json")
+
+
+def metadata(table: Path, columns: Sequence[Column]) -> bytes:
+    """Returns the metadata of a table with these columns."""
+    described: list[dict[str, str]] = []
+    for column in columns:
+        facts = {UNIT: column.unit, MEANING: column.meaning}
+        described.append({"titles": clean(column.name), **{key: text for key, text in facts.items() if text}})
+    document = {"@context": CONTEXT, "url": table.name, "tableSchema": {"columns": described}}
+    return f"{json.dumps(document, indent=2, ensure_ascii=False)}\n".encode()
+
+
+def units_beside(table: Path) -> dict[str, str]:
+    """Returns the units in the metadata of a table, by column; empty if they are missing or are not metadata."""
+    path = metadata_path(table)
+    if not is_file(path):
+        return {}
+    try:
+        with opened(path, "metadata file", ()) as file:
+            document = parse_manifest(file.read(MOST_METADATA))
+    except FileError:
+        return {}
+    columns = _entry(_entry(document, "tableSchema"), "columns")
+    known = [
+        column for column in cast("list[Any]", columns if isinstance(columns, list) else []) if _entry(column, UNIT)
+    ]
+    return {title: column[UNIT] for column in known for title in _titles(column) if isinstance(column[UNIT], str)}
+
+
+def _entry(node: object, key: str) -> object:
+    """Returns an entry of an object in a document, which is untrusted; None if it is missing."""
+    return cast("dict[str, object]", node).get(key) if isinstance(node, dict) else None
+
+
+def _titles(column: dict[str, object]) -> Iterator[str]:
+    titles = column.get("titles", column.get("name"))
+    yield from (title for title in (titles if isinstance(titles, list) else [titles]) if isinstance(title, str))

@@ -33,8 +33,19 @@ from mjrun.options.option import is_given, options, options_of
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import VIDEOS, ImageSlider, Page, PageFactTable, PageFigure, data_uri, page_file
-from mjrun.plotting.page_writer import MAKER, check_page_name, origin, write_page
+from mjrun.plotting.html_page import (
+    MAKER,
+    VIDEOS,
+    ImageSlider,
+    Page,
+    PageFactTable,
+    PageFigure,
+    check_page_name,
+    data_uri,
+    origin,
+    page_file,
+    write_page,
+)
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write

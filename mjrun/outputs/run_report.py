@@ -21,8 +21,16 @@ from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import FileManifest, Page, PageFigure, ShownFile, TableStatistics, page_file
-from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.html_page import (
+    MAKER,
+    FileManifest,
+    Page,
+    PageFigure,
+    PageWriter,
+    ShownFile,
+    TableStatistics,
+    page_file,
+)
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_statistics import TableSummarizer
 from mjrun.probe.verdict import Verdict

@@ -12,11 +12,10 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UnrelatedTableError, UsageError, clean, concerning, listing, option
-from mjrun.formats.csv_sidecar import metadata_path
 from mjrun.formats.input_file import exists
 from mjrun.formats.manifest import TableManifestWriter, sidecar_path
 from mjrun.formats.output_writer import OutputWriter
-from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.table_writer import TableWriter, metadata_path
 from mjrun.formats.tables import FORMATS, input_format, output_format
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.table_column import Column

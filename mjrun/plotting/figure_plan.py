@@ -19,8 +19,17 @@ from mjrun.model.units import DATA_UNITS
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
 from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel
-from mjrun.plotting.envelope import CurvePoints, Envelope, XRangeFilter
-from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, PanelGrid, panel_grid
+from mjrun.plotting.figure_data import (
+    MARGIN,
+    CurvePoints,
+    DrawnCurve,
+    DrawnFigure,
+    DrawnPanel,
+    Envelope,
+    PanelGrid,
+    XRangeFilter,
+    panel_grid,
+)
 from mjrun.probe.fields import DOF_UNITS
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary

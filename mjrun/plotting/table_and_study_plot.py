@@ -14,10 +14,9 @@ from mjrun.formats.study_reader import RESULTS, read_study
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
-from mjrun.plotting import page_writer
+from mjrun.plotting import html_page
 from mjrun.plotting.figure_writer import FigureWriter, page_svg, require_matplotlib
-from mjrun.plotting.html_page import FileManifest, Page, PageFigure, TableStatistics, media_html
-from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.html_page import MAKER, FileManifest, Page, PageFigure, PageWriter, TableStatistics, media_html
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
@@ -97,9 +96,9 @@ class TablePlot(TablePlotOptions):
         self, figure: TableFigure, summaries: Sequence[TableSummarizer], verdicts: Sequence[tuple[str, Verdict]]
     ) -> Page:
         assert self.html
-        files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)
+        files, manifests = html_page.included(self.include, self.html, self.embed_up_to)
         known = {(path, verdict.text) for path, verdict in verdicts}
-        recorded = page_writer.recorded_verdicts(manifests)
+        recorded = html_page.recorded_verdicts(manifests)
         embedded = [each for each in figure.manifests if not any(each.is_part_of(other) for other in manifests)]
         return Page(
             title=self.title or listing(self.paths),
@@ -149,7 +148,7 @@ class StudyPlot(TablePlot):
                 page = stack.enter_context(PageWriter(self.html))
                 in_page = grid if self.size else study_grid(drawing, None, self.font_size, in_page=True)
                 figure = PageFigure(page_svg(drawing, in_page, self.style), listing(labels), plan.notes)
-                files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)
+                files, manifests = html_page.included(self.include, self.html, self.embed_up_to)
                 own = _origin(self, [str(Path(folder, RESULTS))])
                 shown = Page(self.title or folder, MAKER, [figure], files=files, manifests=[own, *manifests])
                 page.write(shown)
@@ -203,7 +202,7 @@ def _check_outputs(plot: TablePlot) -> None:
 
 
 def _origin(plot: TablePlot, files: Iterable[str]) -> FileManifest:
-    return page_writer.origin("This page", plot.command, files, {"numpy": np.__version__})
+    return html_page.origin("This page", plot.command, files, {"numpy": np.__version__})
 
 
 def _target(plot: TablePlot) -> str | None:

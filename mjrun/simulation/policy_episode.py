@@ -202,7 +202,7 @@ class TaskEpisode(Episode):
 
     def __init__(self, task: "Task", policy: "Policy", seed: int) -> None:
         super().__init__(policy, seed)
-        from mjrun.policy.task_agreement import check_agreement
+        from mjrun.policy.task_facts import check_agreement
 
         check_agreement(task, policy)
         self._task = task
@@ -246,7 +246,7 @@ class TaskEpisode(Episode):
         return ActionSpace(world.action_names, world.actions.low, world.actions.high)
 
     def _start(self, actor: Actor) -> EpisodeStepper:
-        from mjrun.task.task_stepper import TaskStepper
+        from mjrun.task.single_world import TaskStepper
 
         return TaskStepper(self._world, actor, self.seed, self.policy.name)
 
@@ -341,7 +341,7 @@ def episode_of(
     if isinstance(source, GymSource):
         require_undisturbed(disturbances)
         return EnvironmentEpisode(source, policy, seed)
-    from mjrun.policy.task_inference import inferred_task
+    from mjrun.policy.task_facts import inferred_task
 
     task = inferred_task(policy, source, control_dt, duration)
     return TaskEpisode(task.with_disturbances(disturbances), policy, seed)

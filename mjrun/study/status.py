@@ -17,8 +17,7 @@ from mjrun.formats.study_reader import HINT
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
-from mjrun.plotting.html_page import Page, PageFactTable
-from mjrun.plotting.page_writer import MAKER, write_page
+from mjrun.plotting.html_page import MAKER, Page, PageFactTable, write_page
 from mjrun.study.clusters import FOLDER as SLURM
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent

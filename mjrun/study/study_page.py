@@ -16,8 +16,7 @@ from mjrun.experiment.results_page_parts import (
 from mjrun.model.table_column import with_unit
 from mjrun.options.report import PageOptions
 from mjrun.options.sweep import MANIFEST
-from mjrun.plotting.html_page import VIDEOS, Page, PageFactTable, number
-from mjrun.plotting.page_writer import MAKER, write_page
+from mjrun.plotting.html_page import MAKER, VIDEOS, Page, PageFactTable, number, write_page
 from mjrun.study.results import SEED, status_counts
 
 if TYPE_CHECKING:

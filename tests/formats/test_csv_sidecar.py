@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.formats.csv_sidecar import metadata, metadata_path, units_beside
 from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import metadata, metadata_path, units_beside
 from mjrun.model.table_column import Column
 from tests.formats.table_files import put
 

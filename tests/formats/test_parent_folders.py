@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import parent_folders
+from mjrun.formats import destinations
 from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFramePattern
 from mjrun.formats.temporary_output import TemporaryOutput
 from tests.formats.outputs import fill, names
@@ -136,7 +136,7 @@ def test_links_are_followed_and_a_folder_is_where_they_lead(tmp_path: Path) -> N
 def test_a_folder_that_another_process_removes_meanwhile_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make, removed = parent_folders._make, list[Path]()
+    make, removed = destinations._make, list[Path]()
 
     def make_and_lose(folder: Path) -> None:
         make(folder)
@@ -144,7 +144,7 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(
             folder.rmdir()
             removed.append(folder)
 
-    monkeypatch.setattr(parent_folders, "_make", make_and_lose)
+    monkeypatch.setattr(destinations, "_make", make_and_lose)
     staged = StagedFile(tmp_path / "a/b/film")
     assert len(removed) == 5
     staged.cleanup()

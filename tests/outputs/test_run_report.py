@@ -14,7 +14,7 @@ from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.run_report import RESULTS, RunResult, run_page
 from mjrun.outputs.trace import Trace
-from mjrun.plotting.page_writer import PageWriter
+from mjrun.plotting.html_page import PageWriter
 from mjrun.simulation.simulation import Simulation
 from tests.plotting.test_html_page import external_references, read
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.plotting.envelope import GROUP, GROUPS, CurvePoints, Envelope, XRangeFilter
+from mjrun.plotting.figure_data import GROUP, GROUPS, CurvePoints, Envelope, XRangeFilter
 
 BINS = 64
 

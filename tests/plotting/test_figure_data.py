@@ -7,8 +7,7 @@ import pytest
 
 from mjrun.errors import BadValueError
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.envelope import CurvePoints
-from mjrun.plotting.figure_data import MARGIN, DrawnCurve, DrawnFigure, DrawnPanel, ParameterAxis, scale
+from mjrun.plotting.figure_data import MARGIN, CurvePoints, DrawnCurve, DrawnFigure, DrawnPanel, ParameterAxis, scale
 from mjrun.plotting.study.figure_data import (
     DrawnStudyFigure,
     GraphPanel,

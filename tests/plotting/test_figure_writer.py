@@ -12,8 +12,7 @@ from PIL import Image
 
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, FileError, MissingExtraError
-from mjrun.plotting.envelope import CurvePoints
-from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, panel_grid
+from mjrun.plotting.figure_data import CurvePoints, DrawnCurve, DrawnFigure, DrawnPanel, panel_grid
 from mjrun.plotting.figure_writer import FigureWriter, encoded, require_matplotlib, svg_text
 
 SIZE = (480, 320)

@@ -18,18 +18,20 @@ from mjrun.plotting.html_page import (
     Page,
     PageFactTable,
     PageFigure,
+    PageWriter,
     ShownFile,
     TableStatistics,
     element,
     flat,
     html_page,
+    included,
     inline_svg,
     joined,
     manifest_articles,
     page_file,
+    recorded_verdicts,
     table_element,
 )
-from mjrun.plotting.page_writer import PageWriter, included, recorded_verdicts
 from mjrun.plotting.table_statistics import ColumnStatistics
 from mjrun.probe.verdict import Verdict
 

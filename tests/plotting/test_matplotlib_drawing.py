@@ -11,8 +11,7 @@ import pytest
 
 from mjrun.options.plot import STYLES
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.envelope import CurvePoints, Envelope
-from mjrun.plotting.figure_data import DrawnCurve, DrawnFigure, DrawnPanel, panel_grid
+from mjrun.plotting.figure_data import CurvePoints, DrawnCurve, DrawnFigure, DrawnPanel, Envelope, panel_grid
 from mjrun.plotting.matplotlib_drawing import BESIDE, SMALLEST, CurveLabel, arranged, paint
 from mjrun.plotting.matplotlib_layout import MatplotlibFigure, settings
 from mjrun.plotting.theme import THEMES

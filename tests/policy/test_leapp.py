@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.policy.leapp_package import find_package, read_package, read_safetensors
 from mjrun.policy.load import load_policy
-from mjrun.policy.loaders.leapp import LeappPolicy
+from mjrun.policy.loaders.leapp import LeappPolicy, find_package, read_package, read_safetensors
 from tests.cases import cases
 from tests.policy.action_spaces import unbounded
 from tests.policy.leapp_packages import GAIN, INITIAL, package, tensors

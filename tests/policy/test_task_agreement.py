@@ -13,7 +13,7 @@ from mjrun.errors import UsageError
 from mjrun.policy.load import ZeroPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
-from mjrun.policy.task_agreement import check_agreement
+from mjrun.policy.task_facts import check_agreement
 from mjrun.task.task import Action, Command, Observation, Task
 from tests.policy.networks import linear
 

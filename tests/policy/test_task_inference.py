@@ -15,8 +15,7 @@ from mjrun.model.sources import source_of
 from mjrun.policy.loaders.leapp import LeappPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ActionSpace, Policy
-from mjrun.policy.task_agreement import check_agreement
-from mjrun.policy.task_inference import inferred_task
+from mjrun.policy.task_facts import check_agreement, inferred_task
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskWorlds
 from tests.policy.leapp_packages import package

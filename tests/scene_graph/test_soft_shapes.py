@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.scene_graph.soft_shapes import LineSegments, SoftShapes, TriangleSurface
+from mjrun.scene_graph.meshes import LineSegments, SoftShapes, TriangleSurface
 
 
 def shapes(xml: str, steps: int = 0, **options: int) -> tuple[mujoco.MjData, list[TriangleSurface | LineSegments]]:

@@ -11,8 +11,7 @@ from mjrun.physics.recorded_states import SPILL, ReplayStepper, StateBuffer
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, EpisodeReplayStepper, recorded
-from mjrun.task.single_world import SingleWorld
-from mjrun.task.task_stepper import TaskStepper
+from mjrun.task.single_world import SingleWorld, TaskStepper
 from tests.task.test_task_stepper import MODEL, Wave, arm
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.probe.task_expression import TaskExpression, TaskVocabulary, parse_task_condition, parse_task_value
-from mjrun.task.single_world_expressions import RowFunctionBuilder
+from mjrun.task.expressions import RowFunctionBuilder
 from tests.task.test_worlds import MODEL
 
 NAMES = [*(f"action/{i}" for i in range(20)), "command/goal/0", "command/goal/1", "qpos/slide", "qpos/hinge"]

@@ -15,9 +15,8 @@ from mjrun.options.disturbance import Push
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.task.episode import Ending
-from mjrun.task.single_world import SingleWorld
+from mjrun.task.single_world import SingleWorld, TaskStepper
 from mjrun.task.task import TIMED_OUT, Action, Command, Observation, Reset, Task, Termination
-from mjrun.task.task_stepper import TaskStepper
 from mjrun.task.worlds import TaskWorlds
 from tests.task.test_single_world import FORCED
 from tests.task.test_worlds import CART, DISTURBED, cart, replace_model

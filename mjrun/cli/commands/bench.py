@@ -10,7 +10,7 @@ from mjrun.cli.click_command import MODEL, ON_FILES, ParsedCommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, counted, file_errors, option
-from mjrun.formats.parent_folders import ParentFolders
+from mjrun.formats.destinations import ParentFolders
 from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 from mjrun.options.every_command import opened_file
 
@@ -45,7 +45,7 @@ def bench(console: Console, command_line: ParsedCommandLine) -> None:
     forms = command_line.make(BenchReportOptions)
     command_line.require(opened_file(), forms)
     if forms.html is not None:
-        from mjrun.plotting.page_writer import check_page_name
+        from mjrun.plotting.html_page import check_page_name
 
         check_page_name(forms.html)
     with _summary(forms.summary) as append:
@@ -56,7 +56,7 @@ def bench(console: Console, command_line: ParsedCommandLine) -> None:
         console.answer(bench_report(result), form)
         append(markdown(result))
         if forms.html is not None:
-            from mjrun.plotting.page_writer import write_page
+            from mjrun.plotting.html_page import write_page
 
             write_page(forms.html, bench_page(result, console.command))
     comparison, failed = result.comparison, sum(bool(row.failure) for row in result.rows)

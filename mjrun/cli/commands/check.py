@@ -125,7 +125,7 @@ def _require_outputs(options: CheckReportOptions) -> None:
 
         output_format(options.table)
     if options.html:
-        from mjrun.plotting.page_writer import check_page_name
+        from mjrun.plotting.html_page import check_page_name
 
         check_page_name(options.html)
     for path in filter(None, (options.table, options.html)):

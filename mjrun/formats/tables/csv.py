@@ -28,10 +28,9 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
-from mjrun.formats.csv_sidecar import units_beside
 from mjrun.formats.number_text import ROW_END, WholeLinePieces
 from mjrun.formats.table_read_stream import EXACT, AcceptedCells, ColumnFilter, TableReadStream, select, shown
-from mjrun.formats.table_writer import RowWriter
+from mjrun.formats.table_writer import RowWriter, units_beside
 from mjrun.model.table_column import Column
 
 FORMULA = ("=", "+", "-", "@")  # first characters of a cell that a spreadsheet reads as a formula

@@ -32,7 +32,7 @@ from mjrun.outputs.export import Export, SceneToExport
 from mjrun.probe.contacts import RecordedContacts, contact_columns, contact_rows
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import Node, SceneGraph
-from mjrun.scene_graph.soft_shapes import SoftShapes
+from mjrun.scene_graph.meshes import SoftShapes
 from mjrun.scene_graph.walk import matrix_quaternion
 from mjrun.timeline import nanoseconds
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mjrun.formats import mcap
 from mjrun.formats.mcap import Schema
 from mjrun.model.camera_images import CameraCalibration
-from mjrun.scene_graph.soft_shapes import LineSegments, TriangleSurface
+from mjrun.scene_graph.meshes import LineSegments, TriangleSurface
 from tests.formats.mcap.files import decoded
 
 LATE = 3 * 10**9 + 123_456_789
