@@ -29,7 +29,7 @@ from mjrun.model.info import InfoResult as InfoResult
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
 from mjrun.model.sources import load as load
-from mjrun.options.disturbance import Push
+from mjrun.options.simulation import Push
 from mjrun.outputs.diff import Diff as _Diff
 from mjrun.outputs.export import Export as _Export
 from mjrun.outputs.export import ExportResult as ExportResult

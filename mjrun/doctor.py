@@ -21,7 +21,7 @@ from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
-from mjrun.options import check, episode_dataset, evaluation, fit, image_dataset, sweep, task
+from mjrun.options import check, datasets, evaluation, fit, sweep, task
 from mjrun.outputs import exports
 from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
@@ -135,7 +135,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
         if table.extra:
             extras.setdefault(table.extra, ([table.library], []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = ([figure_writer.LIBRARY], ["plots"])
-    rooms = (check, sweep, image_dataset, episode_dataset, fit, evaluation, task)
+    rooms = (check, sweep, datasets, fit, evaluation, task)
     declared = {name: facts for room in rooms for name, facts in room.EXTRAS.items()}
     return {
         **extras,

@@ -41,7 +41,7 @@ from mjrun.camera.script import CameraScript, ConditionEvent
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike
-from mjrun.options.disturbance import Push
+from mjrun.options.simulation import Push
 '''
 ARGUMENTS = {
     "model": "ModelLike | Task | _Simulation",

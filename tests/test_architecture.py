@@ -397,7 +397,7 @@ def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
     unused = (
         "probe.parser",
         "probe.row_expression",
-        "simulation.column_map",
+        "simulation.mapped_table",
         "physics.kinematic_samples",
         "formats.codecs",
     )

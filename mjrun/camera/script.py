@@ -16,8 +16,7 @@ import mujoco
 from mjrun import errors
 from mjrun.camera import rigs
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.settings import BLENDS, EASINGS, EasedNumber, ObjectNameKind, RampKind, Shake, ShotBlend
+from mjrun.camera.rigs.rig import BLENDS, EASINGS, EasedNumber, ObjectNameKind, RampKind, Rig, Shake, ShotBlend
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, near
 from mjrun.model.names import identify, names

@@ -8,9 +8,8 @@ import numpy as np
 
 from mjrun.camera.pose import EMPTY_FRUSTUM, CameraPose, Frustum, fitted, rotation
 from mjrun.camera.rigs.auto import BoundAutoRig, OutermostPoints
-from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShotTime, compute_positions
+from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShakeNoise, ShotTime, blend_weight, compute_positions
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.camera.settings import ShakeNoise, blend_weight
 from mjrun.camera.targets import BoundingBoxes, object_bounds
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning, option

@@ -41,7 +41,6 @@ from mjrun.document.tree import (
 )
 from mjrun.errors import FaultyRequestsError, UsageError, flag
 from mjrun.options.export import ExportOptions
-from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import PathKind, ReadingContext
 from mjrun.options.option import Options, document_key, options
 from mjrun.options.output import KeyframeOptions, OutputOptions
@@ -52,7 +51,7 @@ from mjrun.options.schema_validation import Schema
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.structured_kinds import ListKind, OneOfKind, OptionsMappingKind
 from mjrun.options.trace import RecordingOptions, TraceOptions
-from mjrun.options.video import VideoOptions
+from mjrun.options.video import ImageOptions, VideoOptions
 from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.simulation.simulation import Simulation
 

@@ -22,8 +22,8 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import ModelSource
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
-from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import is_code
+from mjrun.options.simulation import NO_DISTURBANCES, Disturbances
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy

@@ -15,10 +15,10 @@ from mjrun.experiment.results_table import check_metric_names, plain_metrics, wr
 from mjrun.experiment.samplers import SAMPLES
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of, paths_of_field
 from mjrun.model.source import ModelSource
-from mjrun.options.disturbance import NOISE_REQUIREMENT, DisturbanceOptions, Disturbances
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.simulation import NOISE_REQUIREMENT, DisturbanceOptions, Disturbances
 from mjrun.options.task import TaskOptions
 from mjrun.packages import require_all
 from mjrun.python_code import edit_remarks, memory_warning, module_sources

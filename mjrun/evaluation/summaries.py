@@ -14,8 +14,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodePlayer, EpisodeRecord, PlayedEpisodes
 from mjrun.experiment import statistics
-from mjrun.experiment.design import Design
-from mjrun.experiment.design_points import DesignColumn
+from mjrun.experiment.design import Design, DesignColumn
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, plain_metrics
 from mjrun.experiment.statistics import NO_INTERVAL, Doubt, Interval, NumberSummary, Proportion
 from mjrun.formats.study_reader import NO_UNITS

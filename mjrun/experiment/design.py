@@ -1,28 +1,27 @@
-"""Points of an experiment: the values that each of them has, and their order."""
+"""Points of an experiment: the values that each of them has, and their order.
 
+Points are computed from their index: a design of millions of points needs little memory. Conditions on their parameters
+choose points, and decide where a parameter exists.
+"""
+
+import hashlib
+import json
+import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal, localcontext
 from fnmatch import fnmatchcase
 from fractions import Fraction
-from functools import cache
+from functools import cache, cached_property
 from math import lcm, prod
 from pathlib import Path
+from typing import overload
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, listing, option
-from mjrun.experiment.design_points import (
-    LARGEST_INTEGER,
-    Design,
-    GridPoints,
-    NumberTexts,
-    chosen,
-    numbers,
-    parameter_names,
-    with_conditional,
-)
+from mjrun.dataclass import dataclass
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.experiment.samplers import SAMPLERS, SAMPLES, correlated, rank_correlations
 from mjrun.formats.input_file import decoding, opened
 from mjrun.model.names import names
@@ -32,7 +31,14 @@ from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.physics.random_distribution import Distribution, parse_distribution
+from mjrun.probe.expression import TextMatch, walk
+from mjrun.probe.row_expression import parse_condition
+from mjrun.probe.scanner import Vocabulary
 
+Values = tuple[str, ...]
+ABSENT = ""  # in place of the value of a parameter that does not exist at a point; NaN among numbers
+BLOCK = 4096  # points that are made at once
+LARGEST_INTEGER = 2.0**53  # up to which floats are exact
 EACH = "each:"
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
 
@@ -41,6 +47,374 @@ SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<coun
 MOST_IN_SPAN = 1_000_000
 DRAWN = 2**16  # samples whose values are computed at once
 DIGITS = 50  # far more than a float has, so that 1e-4..1e-1:4 contains 0.001
+
+
+class NumberTexts(Sequence[str]):
+    """Numbers as texts, which are made on demand: `0.3`, and `2.0` or `2`.
+
+    Args:
+      numbers: float64 `(n,)`; NaN is `ABSENT`.
+      has_integers: whole numbers are written as integers.
+    """
+
+    def __init__(self, numbers: np.ndarray, *, has_integers: bool = False) -> None:
+        self.numbers, self.has_integers = numbers, has_integers
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        if isinstance(index, slice):
+            return self.at(np.arange(len(self))[index])
+        return self.at(np.array([index]))[0]
+
+    def __iter__(self) -> Iterator[str]:
+        for start in range(0, len(self), BLOCK):
+            yield from self[start : start + BLOCK]
+
+    def at(self, places: np.ndarray) -> list[str]:
+        """Returns the texts at these places."""
+        numbers = self.numbers[places].tolist()
+        if not self.has_integers:
+            texts = list(map(repr, numbers))
+        else:
+            texts = [str(int(number)) if number.is_integer() else repr(number) for number in numbers]
+        return [ABSENT if text == "nan" else text for text in texts]
+
+    def only(self, places: np.ndarray) -> "NumberTexts":
+        """Returns the numbers at these places."""
+        return NumberTexts(self.numbers[places], has_integers=self.has_integers)
+
+    @property
+    def content(self) -> bytes:
+        """Bytes that determine the texts."""
+        return bytes([self.has_integers]) + self.numbers.tobytes()
+
+
+@dataclass(frozen=True)
+class DesignColumn:
+    """The values of a parameter: point k has `texts[places[k]]`.
+
+    Attributes:
+      texts: different values.
+      places: whole numbers `(n,)`.
+    """
+
+    texts: Sequence[str]
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, texts: Sequence[str], places: np.ndarray) -> "DesignColumn":
+        """Returns the column with these places in `texts`, of which several may be equal."""
+        if isinstance(texts, NumberTexts):
+            bits = texts.numbers.view(np.int64)
+            if (np.diff(np.sort(bits)) != 0).all():
+                return cls(texts, places)
+            _, first, code = np.unique(bits, return_index=True, return_inverse=True)
+            return cls(texts.only(first), code[places])
+        code_of = {text: code for code, text in enumerate(dict.fromkeys(texts))}
+        if len(code_of) == len(texts):
+            return cls(texts, places)
+        return cls([*code_of], np.array([code_of[text] for text in texts], np.intp)[places])
+
+    @cached_property
+    def distinct(self) -> Sequence[str]:
+        """The values of points, in the order of `texts`."""
+        used = self._used
+        if len(used) == len(self.texts):
+            return self.texts
+        return self.texts.only(used) if isinstance(self.texts, NumberTexts) else texts_at(self.texts, used)
+
+    @property
+    def numbers(self) -> np.ndarray | None:
+        """The value of each point `(n,)`; None if they are not numbers."""
+        if isinstance(self.texts, NumberTexts):
+            return self.texts.numbers[self.places]
+        used = self._used
+        values = numbers(texts_at(self.texts, used))
+        if values is None:
+            return None
+        spread = np.empty(len(self.texts))
+        spread[used] = values
+        return spread[self.places]
+
+    @property
+    def _used(self) -> np.ndarray:
+        """The places of texts that a point has, ascending."""
+        is_used = np.zeros(len(self.texts), bool)
+        is_used[self.places] = True
+        return np.flatnonzero(is_used)
+
+
+class GridPoints(Sequence[Values]):
+    """Points that combine columns of texts: point k has `texts[k // repeat % len(texts)]` of each column.
+
+    Args:
+      columns: texts and `repeat` of each parameter.
+      count: number of points.
+      chosen: indices of the points to include, ascending; None for all.
+    """
+
+    def __init__(
+        self, columns: Sequence[tuple[Sequence[str], int]], count: int, chosen: np.ndarray | None = None
+    ) -> None:
+        self.columns, self._whole, self._chosen = tuple(columns), count, chosen
+
+    def __len__(self) -> int:
+        return self._whole if self._chosen is None else len(self._chosen)
+
+    @overload
+    def __getitem__(self, index: int) -> Values: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Values]: ...
+    def __getitem__(self, index: int | slice) -> Values | list[Values]:
+        if isinstance(index, slice):
+            return self.at(range(*index.indices(len(self))))
+        return self.at([range(len(self))[index]])[0]
+
+    def __iter__(self) -> Iterator[Values]:
+        for start in range(0, len(self), BLOCK):
+            yield from self[start : start + BLOCK]
+
+    def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
+        """Returns the values of these points."""
+        if not self.columns:
+            return [()] * len(indices)
+        columns = [texts_at(*self._places(number, np.asarray(indices, np.intp))) for number in range(len(self.columns))]
+        return list(zip(*columns, strict=True))
+
+    def column(self, number: int) -> DesignColumn:
+        """Returns the values of a parameter."""
+        texts, repeat = self.columns[number]
+        if self._chosen is not None:
+            return DesignColumn.of(*self._places(number, np.arange(len(self))))
+        cycle = np.repeat(np.arange(len(texts)), repeat)
+        return DesignColumn.of(texts, cycle if len(cycle) == self._whole else np.resize(cycle, self._whole))
+
+    def distinct(self, number: int) -> Sequence[str]:
+        """Returns the different values of a parameter; those of a whole grid without its points."""
+        texts, repeat = self.columns[number]
+        if self._chosen is None and repeat * len(texts) <= self._whole:
+            return DesignColumn.of(texts, np.arange(len(texts))).distinct
+        return self.column(number).distinct
+
+    def only(self, chosen: np.ndarray) -> "GridPoints":
+        """Returns the points with these indices."""
+        return GridPoints(self.columns, self._whole, chosen if self._chosen is None else self._chosen[chosen])
+
+    def replaced(self, number: int, function: Callable[[str], str]) -> "GridPoints":
+        """Returns the points with `function` of each value of a parameter."""
+        columns = list(self.columns)
+        texts, repeat = columns[number]
+        columns[number] = ([function(text) for text in texts], repeat)
+        return GridPoints(columns, self._whole, self._chosen)
+
+    @property
+    def digest(self) -> bytes:
+        """A hash of all values and their order."""
+        made = hashlib.sha256(json.dumps([self._whole, [repeat for _, repeat in self.columns]]).encode())
+        for texts, _ in self.columns:
+            made.update(texts.content if isinstance(texts, NumberTexts) else json.dumps([*texts]).encode())
+        made.update(b"" if self._chosen is None else self._chosen.tobytes())
+        return made.digest()
+
+    def _places(self, number: int, indices: np.ndarray) -> tuple[Sequence[str], np.ndarray]:
+        texts, repeat = self.columns[number]
+        indices = indices if self._chosen is None else self._chosen[indices]
+        return texts, indices // repeat % len(texts)
+
+
+@dataclass(frozen=True)
+class Design:
+    """The points of a study or an evaluation.
+
+    Attributes:
+      names: parameters that vary, as written: `geom/floor.friction[0]`, `seed`.
+      points: values of each point as texts, in the order of `names`; they may be made on demand. `ABSENT` represents a
+        parameter that does not exist at a point.
+    """
+
+    names: tuple[str, ...]
+    points: Sequence[Values]
+
+    @property
+    def grid(self) -> GridPoints:
+        """The points as columns."""
+        if isinstance(self.points, GridPoints):
+            return self.points
+        columns = [([values[number] for values in self.points], 1) for number in range(len(self.names))]
+        return GridPoints(columns, len(self.points))
+
+    def at(self, indices: Sequence[int] | np.ndarray) -> list[Values]:
+        """Returns the values of points."""
+        points = self.points
+        return points.at(indices) if isinstance(points, GridPoints) else [points[index] for index in indices]
+
+    def column(self, number: int) -> DesignColumn:
+        """Returns the values of a parameter, given by its place in `names`."""
+        return self.grid.column(number)
+
+    def distinct(self, number: int) -> Sequence[str]:
+        """Returns the different values of a parameter, given by its place in `names`."""
+        return self.grid.distinct(number)
+
+    def values(self, index: int) -> dict[str, str]:
+        """Returns the values of a point by parameter, of those that exist there."""
+        values = zip(self.names, self.points[index], strict=True)
+        return {name: text for name, text in values if text != ABSENT}
+
+
+def numbers(texts: Sequence[str]) -> np.ndarray | None:
+    """Converts the values of a parameter to numbers `(n,)`, NaN for `ABSENT`; returns None if they are not numbers.
+
+    Texts remain those that a float would round to another whole number, such as seeds of 64 bits.
+    """
+    if isinstance(texts, NumberTexts):
+        return texts.numbers
+    try:
+        values = np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
+        large = np.flatnonzero(np.abs(values) >= LARGEST_INTEGER)
+        is_exact = all(int(texts[place]) == int(values[place]) for place in large.tolist() if texts[place].isdecimal())
+    except ValueError:
+        return None
+    return values if is_exact else None
+
+
+def texts_at(texts: Sequence[str], places: np.ndarray) -> list[str]:
+    """Returns the texts at these places."""
+    if isinstance(texts, NumberTexts):
+        return texts.at(places)
+    return [texts[int(place)] for place in places]
+
+
+def parameter_names(paths: Sequence[str]) -> dict[str, str]:
+    """Returns the paths of parameters by their names: each path, and its last part (`mass`) where that is unique."""
+    short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
+    own = dict(zip(paths, paths, strict=True))
+    return {name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own
+
+
+class _PointConditionVocabulary(Vocabulary):
+    """The parameters of points, whose values may be texts."""
+
+    has_texts = True
+
+
+class PointCondition:
+    """A condition on the parameters of points, such as `mass < 10 and integrator == "rk4"`.
+
+    Attributes:
+      parameters: paths of the parameters that it compares.
+
+    Raises:
+      UsageError: the condition is malformed, or contains an unknown name.
+    """
+
+    def __init__(self, text: str, paths: Sequence[str], label: str) -> None:
+        self._condition = parse_condition(text, _PointConditionVocabulary(parameter_names(paths)), label)
+        nodes = [*walk(self._condition.root)]
+        self._matches = [node for node in nodes if isinstance(node, TextMatch)]
+        self.parameters = {*self._condition.columns, *(match.name for match in self._matches)}
+
+    def holds(self, points: Design) -> np.ndarray:
+        """Returns at which points it holds, `(n,)` bool. No comparison holds for a parameter that does not exist.
+
+        Raises:
+          UsageError: it compares texts with numbers.
+        """
+        columns = dict[str, np.ndarray]()
+        for path in self._condition.columns:
+            column = points.column(points.names.index(path))
+            if (values := column.numbers) is None:
+                texts = listing([f'"{clean(each)}"' for each in column.distinct[:4]])
+                raise UsageError(f"{quoted(path)} has values that are not numbers; compare it with one of {texts}")
+            columns[path] = values
+        known = {match: _matched(match, points.column(points.names.index(match.name))) for match in self._matches}
+        return np.broadcast_to(self._condition.holds(columns, known), len(points.points))
+
+
+def _matched(match: TextMatch, column: DesignColumn) -> np.ndarray:
+    """Returns the values of a match `(n,)`."""
+    if match.text not in column.texts:
+        texts = listing([clean(each) for each in column.texts if each != ABSENT])
+        raise UsageError(f"{quoted(match.name)} has no value {quoted(match.text)}; values: {texts}")
+    equal = np.array([np.nan if each == ABSENT else float(each == match.text) for each in column.texts])
+    return equal[column.places]
+
+
+def with_conditional(whole: Design, conditions: Sequence[tuple[str, str]]) -> Design:
+    """Returns the points without each conditional parameter where its condition does not hold; equal points are one.
+
+    Args:
+      conditions: parameters, and their conditions on other parameters, which may be conditional, too.
+
+    Raises:
+      UsageError: a parameter is unknown, or a condition is invalid.
+    """
+    if not conditions:
+        return whole
+    names, waiting = parameter_names(whole.names), dict[str, tuple[str, PointCondition]]()
+    for written, text in conditions:
+        with concerning("when", written):
+            if written not in names:
+                raise UnknownNameError("parameter", written, [*names])
+            waiting[names[written]] = written, PointCondition(text, whole.names, option("when"))
+    columns = [whole.column(number) for number in range(len(whole.names))]
+    while waiting:
+        ready = [path for path, (_, condition) in waiting.items() if not condition.parameters & waiting.keys()]
+        if not ready:
+            names_in_cycle = listing([clean(written) for written, _ in waiting.values()])
+            raise UsageError(
+                f"{option('when')}: the conditions of these parameters depend on themselves: {names_in_cycle}"
+            )
+        for path in ready:
+            written, condition = waiting.pop(path)
+            with concerning("when", written):
+                exists = condition.holds(_of_columns(whole.names, columns))
+            number = whole.names.index(path)
+            columns[number] = _present_where(columns[number], exists)
+    _, first = np.unique(np.stack([column.places for column in columns], axis=1), axis=0, return_index=True)
+    kept = np.sort(first)
+    return _of_columns(whole.names, [DesignColumn(column.texts, column.places[kept]) for column in columns])
+
+
+def chosen(whole: Design, conditions: Sequence[str]) -> Design:
+    """Returns the points for which all conditions hold.
+
+    Raises:
+      UsageError: a condition is invalid, or there are no such points.
+    """
+    if not conditions:
+        return whole
+    is_chosen = np.ones(len(whole.points), bool)
+    for index, text in enumerate(conditions):
+        with concerning("where", index):
+            is_chosen &= PointCondition(text, whole.names, option("where")).holds(whole)
+    if not is_chosen.any():
+        raise UsageError(f"{option('where')}: none of the {len(whole.points)} points satisfies it")
+    return Design(whole.names, whole.grid.only(np.flatnonzero(is_chosen)))
+
+
+def _present_where(column: DesignColumn, exists: np.ndarray) -> DesignColumn:
+    """Returns a parameter that is absent at the other points."""
+    texts = column.texts
+    if isinstance(texts, NumberTexts):
+        texts = NumberTexts(np.append(texts.numbers, np.nan), has_integers=texts.has_integers)
+    else:
+        texts = [*texts, ABSENT]
+    return DesignColumn(texts, np.where(exists, column.places, len(column.texts)))
+
+
+def _of_columns(names: Sequence[str], columns: Sequence[DesignColumn]) -> Design:
+    values = [
+        (each.texts.only(each.places) if isinstance(each.texts, NumberTexts) else texts_at(each.texts, each.places), 1)
+        for each in columns
+    ]
+    return Design(tuple(names), GridPoints(values, len(columns[0].places)))
 
 
 def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Design:

@@ -5,8 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjrun.errors import MissingExtraError, UsageError, clean, listing
-from mjrun.experiment.design import Design
-from mjrun.experiment.design_points import numbers
+from mjrun.experiment.design import Design, numbers
 from mjrun.experiment.statistics import Interval
 from mjrun.formats.study_reader import read_study
 from mjrun.options.plot import FigureOptions

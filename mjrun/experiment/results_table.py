@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
-from mjrun.experiment.design import Design, is_whole
-from mjrun.experiment.design_points import DesignColumn
+from mjrun.experiment.design import Design, DesignColumn, is_whole
 from mjrun.formats.local_and_remote_folders import Folder, folder_at
 from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter

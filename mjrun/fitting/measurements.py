@@ -16,8 +16,7 @@ from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
-from mjrun.simulation.column_map import TIME, ColumnMap, column_map, time_hint
-from mjrun.simulation.mapped_table import column_names, evaluated
+from mjrun.simulation.mapped_table import TIME, ColumnMap, column_map, column_names, evaluated, time_hint
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import ClassVar
 
-from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import IntegerKind, Numbers
@@ -14,6 +13,7 @@ from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
+from mjrun.options.simulation import DisturbanceOptions
 from mjrun.options.sweep import ConfidenceOptions, VariationOptions
 from mjrun.options.video import VIDEO_CLAUSES, PointOrEpisodeVideoOptions
 

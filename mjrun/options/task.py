@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import ClassVar, cast
 
-from mjrun.options.disturbance import DisturbanceOptions
 from mjrun.options.kinds import (
     ChoiceKind,
     Kind,
@@ -26,7 +25,7 @@ from mjrun.options.setting_kinds import (
     VariedSettingsKind,
     distribution_text,
 )
-from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
+from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES, DisturbanceOptions
 
 # The extras of policies and tasks, with the libraries that each installs and the feature that needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {

@@ -1,12 +1,21 @@
-"""Options of videos."""
+"""Options of videos, and of images, which are videos of one frame."""
 
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, ChoiceKind, NameOrIndexKind, OneOrMoreKind, PathKind, TextKind, optional
-from mjrun.options.number_kinds import AUTO, ExactNumberKind, IntegerKind, ProcessCountKind, SizeKind
+from mjrun.options.kinds import (
+    CameraKind,
+    ChoiceKind,
+    FlagKind,
+    NameOrIndexKind,
+    OneOrMoreKind,
+    PathKind,
+    TextKind,
+    optional,
+)
+from mjrun.options.number_kinds import AUTO, ExactNumberKind, InstantKind, IntegerKind, ProcessCountKind, SizeKind
 from mjrun.options.option import OptionExclusion, OptionRequirement, Options, option, options, required
-from mjrun.options.output import CODECS, VIDEOS, OutputOptions
+from mjrun.options.output import CODECS, DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, VIDEOS, OutputOptions
 from mjrun.options.rendering import QUALITIES, ViewOptions
 
 PLOT_SIDES = ("under", "beside")
@@ -107,4 +116,46 @@ class PointOrEpisodeVideoOptions(Options):
     fps: Fraction = option(converter=ExactNumberKind("FPS"), default=FPS, help="Frames per second of the videos [Hz].")
     speed: Fraction = option(
         converter=ExactNumberKind("FACTOR"), default=1, help="Simulated seconds per second of video."
+    )
+
+
+@options
+class ImageOptions(ViewOptions, OutputOptions):
+    """An image of one instant."""
+
+    section: ClassVar[str] = "Image"
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (OptionExclusion(("time", "step"), "both set the instant"),)
+
+    output: str = required(
+        converter=PathKind(written=True, streamed=True),
+        kw_only=False,
+        short="-o",
+        usual="MODEL.png",
+        help=f"{RGB_IMAGES}; depth as {DEPTH_IMAGES}; segmentation as {SEGMENTATION_IMAGES} (COCO); "
+        "or - for standard output.",
+    )
+    time: object = option(
+        converter=optional(InstantKind()),
+        default=None,
+        usual="0",
+        short="-t",
+        help="Time of the image [s]; documents also accept an event.",
+    )
+    step: int | None = option(
+        converter=optional(IntegerKind()), default=None, help="Time of the image, as a step number."
+    )
+    format: str | None = option(
+        converter=optional(TextKind("NAME")),
+        default=None,
+        usual="the output's suffix; png in a pipe",
+        help="File format; palette stores a segmentation as colours.",
+    )
+    legend: bool = option(
+        converter=FlagKind(negatable=True), default=True, help="List the objects of a coloured segmentation beside it."
+    )
+    pointcloud: str | None = option(
+        converter=optional(PathKind(written=True)),
+        default=None,
+        help="Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m]; --view seg adds "
+        "labels.",
     )

@@ -18,8 +18,8 @@ from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.model.camera_images import CameraImages
-from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
+from mjrun.options.video import ImageOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import CalibrationFile, VideoOrImageFile, camera_names, output_files, panel_files
 from mjrun.outputs.event_detection import time_of

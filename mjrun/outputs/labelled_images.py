@@ -18,7 +18,7 @@ from mjrun.model.additions import FLOOR, GROUND
 from mjrun.model.camera_images import CameraCalibration, CameraImages
 from mjrun.model.fields import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
-from mjrun.options.image_dataset import LabelledImageOptions
+from mjrun.options.datasets import LabelledImageOptions
 from mjrun.options.rendering import ViewOptions
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary

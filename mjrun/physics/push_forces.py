@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model.names import identify, names
-from mjrun.options.disturbance import Push
+from mjrun.options.simulation import Push
 from mjrun.physics.control import NEVER
 from mjrun.timeline import nearest
 

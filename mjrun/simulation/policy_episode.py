@@ -16,8 +16,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UsageError, clean, option
 from mjrun.formats.input_file import is_file
 from mjrun.model.source import ModelSource
-from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances
 from mjrun.options.policy import NONE, is_code, is_policy_file
+from mjrun.options.simulation import NO_DISTURBANCES, Disturbances
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.task.episode import Actor, EpisodeStepper, recorded
 from mjrun.timeline import Timeline, rational

@@ -217,7 +217,7 @@ class Simulation(SimulationOptions):
             is_table = not episode and not is_recording(self._stored(self.replay))
             files.append(("demonstration" if episode else "table" if is_table else "recording", Path(file)))
         if self.map:
-            from mjrun.simulation.column_map import map_files
+            from mjrun.simulation.mapped_table import map_files
 
             files += [("file of columns", Path(file)) for file in map_files(self.map)]
         if self.policy is not None:
@@ -400,9 +400,8 @@ class Simulation(SimulationOptions):
           FileError: the table cannot be read.
         """
         from mjrun.physics.kinematic_samples import Interpolation
-        from mjrun.simulation.column_map import with_files
         from mjrun.simulation.demonstration import names_demonstration, read_demonstrated_motion
-        from mjrun.simulation.mapped_table import read_motion
+        from mjrun.simulation.mapped_table import read_motion, with_files
 
         texts = with_files(self.map, self._stored) if texts is None else texts
         key = (path, tuple(texts), model.opt.timestep, *state.sizes(model).values())

@@ -10,7 +10,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.codecs import VideoEncoding
 from mjrun.model.names import distinct
-from mjrun.options.image_dataset import CAMERA, LabelledImageOptions
+from mjrun.options.datasets import CAMERA, LabelledImageOptions
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.simulation.manifest import plain
 

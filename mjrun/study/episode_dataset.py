@@ -33,7 +33,7 @@ from mjrun.formats.temporary_output import one_at_a_time, published_in
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
 from mjrun.model.sources.demonstration import errors_of_models, open_demonstrations
-from mjrun.options.episode_dataset import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
+from mjrun.options.datasets import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import PARTS, ExecutionOptions

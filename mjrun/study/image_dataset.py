@@ -22,7 +22,7 @@ from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
-from mjrun.options.image_dataset import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
+from mjrun.options.datasets import CAMERA, EXTRAS, DatasetOptions, LabelledImageOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, VariationOptions
@@ -76,7 +76,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
           MjrunError: nothing could be rendered.
         """
         reporter, start = reporter or PythonApiReporter(), time.perf_counter()
-        require_all(EXTRAS)
+        require_all({"dataset": EXTRAS["dataset"]})
         with reported_warnings(reporter):
             model = self.simulation.load()
             objects = labelled_objects(self, model)

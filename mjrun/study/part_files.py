@@ -22,7 +22,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError, PartlyDoneError, clean
-from mjrun.experiment.design_points import ABSENT, Design
+from mjrun.experiment.design import ABSENT, Design
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.model.fingerprint import content_fingerprint

@@ -17,7 +17,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.experiment.design_points import parameter_names
+from mjrun.experiment.design import parameter_names
 from mjrun.experiment.results_table import ColumnVocabulary
 from mjrun.formats.codecs import encoding
 from mjrun.formats.local_and_remote_folders import LocalFolder

@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.errors import UsageError, listing
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.model.variants import VariantLoader
-from mjrun.options.image_dataset import CAMERA
+from mjrun.options.datasets import CAMERA
 from mjrun.outputs.labelled_images import LabelledImage, LabelledImageRenderer, ObjectAnnotation, labelled_objects
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.simulation.simulation import Simulation

@@ -16,8 +16,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError, UsageError, clean, option
-from mjrun.experiment.design import SHORT_PATHS, Design, design
-from mjrun.experiment.design_points import numbers, texts_at
+from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers, texts_at
 from mjrun.experiment.results_table import (
     Requirements,
     check_metric_names,

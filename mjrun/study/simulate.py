@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import DeviceMemoryError, MjrunError, SimulationError, UsageError, option
-from mjrun.experiment.design_points import ABSENT
+from mjrun.experiment.design import ABSENT
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
 from mjrun.model.compiler_copied_fields import may_be_copied

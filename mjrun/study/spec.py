@@ -24,12 +24,11 @@ from mjrun.errors import (
     flag,
     option,
 )
-from mjrun.experiment.design import SHORT_PATHS, Design, simulation_kinds
-from mjrun.experiment.design_points import ABSENT, numbers
+from mjrun.experiment.design import ABSENT, SHORT_PATHS, Design, numbers, simulation_kinds
 from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply, paths_of_field
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
-from mjrun.options.image_dataset import CAMERA
+from mjrun.options.datasets import CAMERA
 from mjrun.options.option import is_given
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import RUN_REQUIREMENTS, SimulationOptions

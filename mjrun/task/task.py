@@ -17,10 +17,10 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
-from mjrun.options.disturbance import NO_DISTURBANCES, NOISE_REQUIREMENT, DisturbanceOptions, Disturbances, Push
 from mjrun.options.number_kinds import ExactNumberKind
 from mjrun.options.option import is_given, options
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.simulation import NO_DISTURBANCES, NOISE_REQUIREMENT, DisturbanceOptions, Disturbances, Push
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
 from mjrun.physics.random_distribution import parse_distribution
 from mjrun.task.episode import Ending, EndingKind

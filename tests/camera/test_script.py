@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from mjrun.camera.pose import CameraPose, pose_of
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.rig import EasedNumber, Shake, ShotBlend
 from mjrun.camera.script import LEVEL, CameraScript, ConditionEvent, FramedObject, Shot, parse_camera, shot_conflicts
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.camera.settings import EasedNumber, Shake, ShotBlend
 from mjrun.errors import MjrunError, UsageError
 from mjrun.model.state import save
 from tests.cases import cases, mjcf

@@ -15,10 +15,9 @@ from mjrun.camera.pose import CameraPose, pose_of, rotation
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.rigs.rig import BLENDS, EasedNumber, Rig, Shake, ShotBlend
 from mjrun.camera.script import CameraScript, FramedObject, Shot
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.camera.settings import BLENDS, EasedNumber, Shake, ShotBlend
 from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
 from tests.cases import mjcf

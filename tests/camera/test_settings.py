@@ -11,19 +11,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, Rig
-from mjrun.camera.script import RIGS, parse_camera
-from mjrun.camera.settings import (
+from mjrun.camera.rigs.rig import (
     BLENDS,
     EASINGS,
+    BoundRig,
     EasedNumber,
+    MujocoCameras,
     ObjectNameKind,
     RampKind,
+    Rig,
     Shake,
     ShakeNoise,
     ShotBlend,
     blend_weight,
 )
+from mjrun.camera.script import RIGS, parse_camera
 from mjrun.options.kinds import ChoiceKind, ReadingContext
 from mjrun.options.option import option, options, options_of, required
 from mjrun.options.rendering import RIG_EXAMPLES

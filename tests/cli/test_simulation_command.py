@@ -12,11 +12,10 @@ from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.console import CommandReport, Console, flag
 from mjrun.cli.simulation_command import payload_on_stdout, reported_failures, with_camera_scripts
 from mjrun.errors import FailureReport, FileError, PartlyDoneError, UsageError
-from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
-from mjrun.options.video import VideoOptions
+from mjrun.options.video import ImageOptions, VideoOptions
 from mjrun.platform import system
 
 

@@ -10,8 +10,8 @@ from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
+from mjrun.camera.rigs.rig import BLENDS, EASINGS, EasedNumber, Shake, ShotBlend
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
-from mjrun.camera.settings import BLENDS, EASINGS, EasedNumber, Shake, ShotBlend
 from mjrun.timeline import rational
 
 ODD = "aé0 .-_:/#'\"\\,[]{}&*!|>%@`~=?$\n\t\r\x07\x85\u2028\ufeff🚗"

@@ -9,7 +9,6 @@ import yaml
 from hypothesis import strategies as st
 
 from mjrun.options.diff import ColumnTolerancesKind
-from mjrun.options.disturbance import PushKind
 from mjrun.options.kinds import (
     AnyKind,
     CameraKind,
@@ -38,6 +37,7 @@ from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind, VariedSettingsKind
+from mjrun.options.simulation import PushKind
 from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
 from mjrun.rendering.visual import flags
 from tests.document.camera_strategies import names, numbers, positives, texts

@@ -11,9 +11,8 @@ from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
-from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.rigs.rig import BLENDS, EASINGS, EasedNumber, Rig, Shake, ShotBlend
 from mjrun.camera.script import RIGS, CameraScript, ConditionEvent, FramedObject, Shot
-from mjrun.camera.settings import BLENDS, EASINGS, EasedNumber, Shake, ShotBlend
 from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import DocumentError
 from tests.cases import cases

@@ -11,8 +11,8 @@ import yaml
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.results import BenchResult
+from mjrun.camera.rigs.rig import BLENDS, EASINGS
 from mjrun.camera.script import RIGS, ShotMappingKind
-from mjrun.camera.settings import BLENDS, EASINGS
 from mjrun.document import camera_and_ghost_forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema, report_schema
 from mjrun.document.run import RUN

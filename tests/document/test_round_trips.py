@@ -14,7 +14,6 @@ from mjrun.document.run import OUTPUTS
 from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerancesKind
-from mjrun.options.disturbance import PushKind
 from mjrun.options.evaluation import EvaluationOptions, LowestValuesKind, VideoCountKind
 from mjrun.options.fit import FitOptions
 from mjrun.options.kinds import Kind
@@ -23,7 +22,7 @@ from mjrun.options.option import document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.schema_validation import Schema
 from mjrun.options.setting_kinds import VariedSettingsKind
-from mjrun.options.simulation import SimulationOptions
+from mjrun.options.simulation import PushKind, SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKeyframeKind
 from mjrun.rendering.segmentation import groupings

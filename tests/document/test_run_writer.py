@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
+from mjrun.camera.rigs.rig import EasedNumber, Shake, ShotBlend
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot
-from mjrun.camera.settings import EasedNumber, Shake, ShotBlend
 from mjrun.document.camera_and_ghost_forms import DocumentCameraKind
 from mjrun.document.json_schema import json_schema
 from mjrun.document.run import OUTPUTS, read_run

@@ -13,7 +13,7 @@ from mjrun.evaluation.episode import EpisodeGroupSpec, PolicyChoice, player_of
 from mjrun.formats.table_reader import read_table
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances, PushKind
+from mjrun.options.simulation import NO_DISTURBANCES, Disturbances, PushKind
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Reset, Task, Termination

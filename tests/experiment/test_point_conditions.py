@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.experiment.design import Design, design
-from mjrun.experiment.design_points import chosen
+from mjrun.experiment.design import Design, chosen, design
 from mjrun.options.sweep import VariationOptions
 from tests.cases import cases
 from tests.experiment.test_design import MODEL

@@ -23,9 +23,8 @@ from mjrun.model.override import overrides_of
 from mjrun.model.sources import load, parse_source
 from mjrun.options.bench import ENGINES
 from mjrun.options.check import SEVERITIES, CheckOptions
-from mjrun.options.episode_dataset import EXTRAS as EPISODE_FORMATS
+from mjrun.options.datasets import EPISODE_FORMATS
 from mjrun.options.export import ExportOptions
-from mjrun.options.image import ImageOptions
 from mjrun.options.model import INTEGRATORS, ModelOptions
 from mjrun.options.option import options_of
 from mjrun.options.output import CODECS as CODEC_LIST
@@ -48,7 +47,7 @@ from mjrun.options.rendering import (
 from mjrun.options.report import REPORT_FORMATS
 from mjrun.options.sweep import EXTRAS, ExecutionOptions
 from mjrun.options.trace import PROBES, RecordingOptions, TraceOptions
-from mjrun.options.video import VideoOptions
+from mjrun.options.video import ImageOptions, VideoOptions
 from mjrun.outputs.format_lists import LISTS, with_formats
 from mjrun.probe.select import select
 from mjrun.rendering import backend, text

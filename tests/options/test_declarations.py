@@ -24,7 +24,6 @@ from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.every_command import ConfinementOptions, ConsoleOptions
 from mjrun.options.export import ExportOptions
 from mjrun.options.fit import FitOptions
-from mjrun.options.image import ImageOptions
 from mjrun.options.model import InfoOptions, ModelOptions
 from mjrun.options.option import FrontEnd, OptionRequirement, Options, options_of, requirements_of
 from mjrun.options.output import LAST_INSTANT, KeyframeOptions, SimulationCommandOptions
@@ -36,7 +35,7 @@ from mjrun.options.simulation import DRIVERS, PHYSICS, START, SimulationOptions
 from mjrun.options.sweep import KeptFileOptions, StudyOptions, VariationOptions
 from mjrun.options.task import ActionOptions, ObservationOptions, TaskOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
-from mjrun.options.video import PLOT_SIDES, VideoOptions
+from mjrun.options.video import PLOT_SIDES, ImageOptions, VideoOptions
 from mjrun.options.viewer import ViewerOptions
 from mjrun.rendering.live_plot import live_plot_size
 

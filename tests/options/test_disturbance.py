@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import UsageError
-from mjrun.options.disturbance import NO_DISTURBANCES, Push, PushKind
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.simulation import NO_DISTURBANCES, Push, PushKind
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
 

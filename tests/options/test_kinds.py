@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.options.datasets import NamedSharesKind
 from mjrun.options.diff import ColumnTolerancesKind
 from mjrun.options.evaluation import LowestValuesKind
-from mjrun.options.image_dataset import NamedSharesKind
 from mjrun.options.kinds import (
     AnyKind,
     CameraKind,

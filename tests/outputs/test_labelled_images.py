@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.state import save
-from mjrun.options.image_dataset import LabelledImageOptions
+from mjrun.options.datasets import LabelledImageOptions
 from mjrun.outputs.labelled_images import AcceptanceConditions, LabelledImage, LabelledImageRenderer, labelled_objects
 from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.single_render import render

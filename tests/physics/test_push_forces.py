@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.options.disturbance import PushKind
+from mjrun.options.simulation import PushKind
 from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import PhysicsStepper

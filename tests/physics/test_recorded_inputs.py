@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.model import state
-from mjrun.options.disturbance import PushKind
+from mjrun.options.simulation import PushKind
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces

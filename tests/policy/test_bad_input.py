@@ -8,8 +8,7 @@ import pytest
 
 from tests.conftest import Command
 from tests.policy.networks import linear
-from tests.policy.test_task_agreement import METADATA, MODEL, MOTORS
-from tests.policy.test_task_inference import DOCUMENT
+from tests.policy.test_task_facts import DOCUMENT, METADATA, MODEL, MOTORS
 
 WEIGHTS = np.full((2, 6), 0.5, np.float32)
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UnknownNameError, UsageError
-from mjrun.simulation.column_map import ColumnMap, map_files, time_hint
-from mjrun.simulation.mapped_table import state_map
+from mjrun.simulation.mapped_table import ColumnMap, map_files, state_map, time_hint
 from tests.physics.tumbler import column_names, model
 
 QPOS = column_names()["qpos"]

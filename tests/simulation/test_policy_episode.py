@@ -35,8 +35,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import StudyPoint, StudySpec
 from tests.policy.networks import linear
-from tests.policy.test_task_agreement import METADATA, MODEL, MOTORS
-from tests.policy.test_task_inference import DOCUMENT
+from tests.policy.test_task_facts import DOCUMENT, METADATA, MODEL, MOTORS
 from tests.task.environments import registered
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from mjrun.errors import FailedStepError, FileError, UsageError
 from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
-from mjrun.options.disturbance import PushKind
+from mjrun.options.simulation import PushKind
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.control import ControlSources, PeriodicController

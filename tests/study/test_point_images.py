@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 import mjrun
-from mjrun.options.image_dataset import LabelledImageOptions
+from mjrun.options.datasets import LabelledImageOptions
 from mjrun.study.dataset_specs import ImageSpec, record_path
 from mjrun.study.point_images import PointImageMaker
 

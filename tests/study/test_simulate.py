@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import DeviceMemoryError, UnstableError
-from mjrun.experiment.design_points import ABSENT
+from mjrun.experiment.design import ABSENT
 from mjrun.model.fields import VariedModel
 from mjrun.model.source import ModelSource
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader

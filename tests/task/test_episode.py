@@ -12,7 +12,7 @@ from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, EpisodeReplayStepper, recorded
 from mjrun.task.single_world import SingleWorld, TaskStepper
-from tests.task.test_task_stepper import MODEL, Wave, arm
+from tests.task.test_single_world import MODEL, Wave, arm
 
 
 @pytest.mark.parametrize(("kind", "terminated"), [("success", True), ("failure", True), ("timeout", False)])

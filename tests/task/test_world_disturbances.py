@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.options.disturbance import NO_DISTURBANCES, Disturbances, PushKind
+from mjrun.options.simulation import NO_DISTURBANCES, Disturbances, PushKind
 from mjrun.task.task import Action
 from mjrun.task.worlds import TaskWorlds, WorldDisturbances
 from tests.task.test_worlds import MODEL, cart

@@ -7,8 +7,16 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import CameraPose, Frustum, around, turn
-from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime
-from mjrun.camera.settings import EASINGS, EasedNumber, ObjectNameKind, ObjectOrPointKind, RampKind
+from mjrun.camera.rigs.rig import (
+    EASINGS,
+    EasedNumber,
+    MujocoCameras,
+    ObjectNameKind,
+    ObjectOrPointKind,
+    RampKind,
+    Rig,
+    ShotTime,
+)
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning

@@ -6,8 +6,7 @@ from typing import ClassVar
 import mujoco
 
 from mjrun.camera.pose import CameraPose, Frustum
-from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
-from mjrun.camera.settings import ObjectOrPointKind
+from mjrun.camera.rigs.rig import MujocoCameras, ObjectOrPointKind, Rig, ShotTime, looking_at
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, find_target
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import CameraPose, around, heading, rotation
-from mjrun.camera.rigs.rig import MujocoCameras, Rig, ShotTime, looking_at
-from mjrun.camera.settings import EASINGS, ObjectOrPointKind
+from mjrun.camera.rigs.rig import EASINGS, MujocoCameras, ObjectOrPointKind, Rig, ShotTime, looking_at
 from mjrun.camera.targets import BoundObjectOrPoint, ObjectOrPoint, Vector, find_target
 from mjrun.errors import UsageError, concerning
 from mjrun.options.kinds import ChoiceKind, optional

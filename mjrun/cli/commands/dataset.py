@@ -16,7 +16,7 @@ from mjrun.cli.simulation_command import (
     stem,
 )
 from mjrun.errors import UsageError, clean, counted, option
-from mjrun.options.image_dataset import DatasetOptions
+from mjrun.options.datasets import DatasetOptions
 from mjrun.options.option import values_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions

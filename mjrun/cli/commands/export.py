@@ -18,7 +18,7 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.cli.table_cells import number
 from mjrun.errors import UsageError, clean, counted, option
-from mjrun.options.episode_dataset import EpisodeOptions
+from mjrun.options.datasets import EpisodeOptions
 from mjrun.options.export import ExportOptions
 from mjrun.options.option import options_of
 from mjrun.options.output import SimulationCommandOptions

@@ -15,9 +15,9 @@ from mjrun.cli.simulation_command import (
     try_backend_early,
     with_camera_scripts,
 )
-from mjrun.options.image import ImageOptions
 from mjrun.options.output import SimulationCommandOptions
 from mjrun.options.simulation import SimulationOptions
+from mjrun.options.video import ImageOptions
 
 
 @command(

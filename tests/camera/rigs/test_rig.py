@@ -15,9 +15,8 @@ from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
-from mjrun.camera.rigs.rig import Rig, ShotTime
+from mjrun.camera.rigs.rig import EasedNumber, Rig, ShotTime
 from mjrun.camera.script import RIGS
-from mjrun.camera.settings import EasedNumber
 from mjrun.camera.targets import ObjectOrPoint
 from mjrun.errors import MjrunError
 from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, MODEL, moved, posed, same, updated

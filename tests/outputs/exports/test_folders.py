@@ -4,7 +4,7 @@ from pkgutil import resolve_name
 
 import pytest
 
-from mjrun.options.episode_dataset import EXTRAS
+from mjrun.options.datasets import EXTRAS
 from mjrun.options.option import options_of
 from mjrun.outputs.exports import FORMATS, ExportFormat
 

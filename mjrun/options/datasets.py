@@ -1,13 +1,23 @@
-"""Options of the command `dataset`: labelled images of many variations of a model."""
+"""Options of datasets: labelled images of many variations of a model, and episodes with their numbers and images."""
 
 from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, Kind, OneOrMoreKind, PathKind, TextKind
-from mjrun.options.number_kinds import ExactNumberKind, SizeKind
-from mjrun.options.option import OptionRequirement, option, options, required
-from mjrun.options.rendering import STAGE, RendererOptions, geoms_option
+from mjrun.options.kinds import (
+    CameraKind,
+    ChoiceKind,
+    FlagKind,
+    Kind,
+    NameOrIndexKind,
+    OneOrMoreKind,
+    PathKind,
+    TextKind,
+    optional,
+)
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, SizeKind
+from mjrun.options.option import OptionRequirement, Options, option, options, required
+from mjrun.options.rendering import STAGE, RendererOptions, SceneOptions, geoms_option
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.sweep import VariationOptions
 
@@ -18,11 +28,19 @@ FORMATS = {
     "nerfstudio": "transforms.json",
     "bop": "scenes of 6D object poses",
 }
-# The extra of datasets, with the libraries that it installs and what needs them.
-EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {"dataset": (("scipy", "pyarrow", "contourpy"), "mjrun dataset")}
 CAMERA = "camera."  # precedes the settings of the camera that vary
 SPLIT = "train=0.8,val=0.2"
 YOLO_TASKS = ("detect", "segment", "pose")
+# Extras of images and of the formats of episodes: the libraries that each installs, and what needs them.
+EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
+    "dataset": (("scipy", "pyarrow", "contourpy"), "mjrun dataset"),
+    "lerobot": (("pyarrow",), "--format lerobot"),
+    "minari": (("pyarrow", "h5py"), "--format minari"),
+}
+EPISODE_FORMATS = ("lerobot", "minari")
+CODECS = ("h264", "h265", "av1")
+KEYFRAMES = 2  # frames from one keyframe to the next: readers need frames in any order
+UNUSED = ("trail", "trail_span", "ghost")  # additions to a scene that no policy sees
 
 
 class NamedSharesKind(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple[str, Fraction], ...]]):
@@ -138,4 +156,89 @@ class DatasetOptions(LabelledImageOptions, VariationOptions):
         converter=ChoiceKind(YOLO_TASKS),
         default="detect",
         help="Labels of YOLO: boxes, polygons of masks, or keypoints.",
+    )
+
+
+@options
+class EpisodeOptions(Options):
+    """Episodes of a dataset."""
+
+    section: ClassVar[str] = "Episodes (lerobot, minari)"
+
+    episodes: int | None = option(
+        converter=optional(IntegerKind(1)),
+        default=None,
+        usual="10 of a policy, all in a file of demonstrations, otherwise 1",
+        help="Number of episodes, with consecutive seeds from --seed on, as in mjrun eval; or of demonstrations.",
+    )
+    instruction: str | None = option(
+        converter=optional(TextKind("TEXT")),
+        default=None,
+        usual="that of each demonstration, otherwise the name of the task",
+        help="The task in words, which language-conditioned policies are trained with: 'put the cube into the box'.",
+    )
+    codec: str = option(
+        converter=ChoiceKind(CODECS),
+        default="h264",
+        help="Video codec of the images: h264 plays everywhere; h265 and av1 give smaller files. Every second frame is "
+        "a keyframe, so that readers find any frame fast.",
+    )
+    crf: int | None = option(
+        converter=optional(IntegerKind(least=None)),
+        default=None,
+        usual="18; 20 with h265, 26 with av1",
+        help="Constant rate factor of the encoder: lower values give better quality and larger files.",
+    )
+    preset: str | None = option(
+        converter=optional(NameOrIndexKind("NAME", "the name of a preset")),
+        default=None,
+        usual="veryfast; 8 with av1",
+        help="Encoder preset, a trade-off between encoding speed and compression.",
+    )
+
+
+@options
+class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
+    """A dataset of episodes.
+
+    Args:
+      simulation: the simulation, whose seed varies.
+    """
+
+    section: ClassVar[str] = "Dataset"
+
+    simulation: object = field(kw_only=False)
+    output: str = required(
+        converter=PathKind("DIR", written=True),
+        kw_only=False,
+        short="-o",
+        help="Folder for the dataset; running again with the same folder continues it.",
+    )
+    format: str = option(
+        converter=ChoiceKind(EPISODE_FORMATS),
+        default="lerobot",
+        help="Format: lerobot, LeRobot v3 with a video for each camera; or minari, for offline reinforcement learning, "
+        "without images.",
+    )
+    fps: Fraction | None = option(
+        converter=optional(ExactNumberKind("FPS")),
+        default=None,
+        usual="one row for each action of a policy or a demonstration, otherwise 30",
+        help="Rows and images per simulated second [Hz]. With a policy, the number of actions per second, or that "
+        "divided by a whole number.",
+    )
+    probe: tuple[str, ...] = option(
+        converter=OneOrMoreKind(TextKind("NAME"), commas=True, expected="the name of something to measure"),
+        default=(),
+        usual="what the policy observes, otherwise qpos and qvel",
+        help="Values to observe, as in a trace: qpos, sensor/imu, xpos[hand], …",
+    )
+    camera: tuple[object, ...] = option(
+        converter=OneOrMoreKind(CameraKind()),
+        default=(),
+        usual="none: a dataset without images",
+        help="Camera of the images, as in a video; each use adds a camera.",
+    )
+    size: tuple[int, int] = option(
+        converter=SizeKind(), default=(640, 480), help="Width and height of an image [pixels]."
     )
