@@ -15,8 +15,7 @@ import mujoco
 
 from mjrun.bench import grid_timing, output_timing
 from mjrun.bench.baseline import SCHEMA, check_same, compare, read_base, steps_of, workload_obstacle
-from mjrun.bench.block_timing import Clock
-from mjrun.bench.reference_workload import ReferenceWorkloadInfo
+from mjrun.bench.block_timing import Clock, ReferenceWorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
 from mjrun.bench.step_timing import LEFT_OUT, C, WarpSettings, check_engine
 from mjrun.errors import UsageError, file_errors, option

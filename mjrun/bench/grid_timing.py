@@ -9,8 +9,7 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from mjrun.bench.block_timing import Clock, RolloutInputs
-from mjrun.bench.reference_workload import ReferenceWorkloadTimer
+from mjrun.bench.block_timing import Clock, ReferenceWorkloadTimer, RolloutInputs
 from mjrun.bench.results import GridPointResult, IntegrationAccuracy, StepCounts
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget, WarpSettings, WarpStepTimer
 from mjrun.dataclass import dataclass

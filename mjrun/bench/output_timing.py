@@ -9,8 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.bench.block_timing import Clock
-from mjrun.bench.reference_workload import ReferenceWorkloadTimer
+from mjrun.bench.block_timing import Clock, ReferenceWorkloadTimer
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.camera.pose import CameraPose
 from mjrun.dataclass import dataclass

@@ -13,9 +13,8 @@ from pathlib import Path
 import mujoco
 
 from mjrun.bench.baseline import SCHEMA, BaselineComparison
-from mjrun.bench.block_timing import StepPhase
+from mjrun.bench.block_timing import ReferenceWorkloadInfo, StepPhase
 from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
-from mjrun.bench.reference_workload import ReferenceWorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_timing import WARP, C, ThreadTiming, WarpSettings
 from mjrun.dataclass import dataclass

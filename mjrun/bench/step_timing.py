@@ -5,8 +5,15 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from mjrun.bench import block_timing
-from mjrun.bench.block_timing import BatchRolloutTimer, Clock, RolloutInputs, RolloutTimer, StepProfile, blocks_of
-from mjrun.bench.reference_workload import ReferenceWorkloadTimer
+from mjrun.bench.block_timing import (
+    BatchRolloutTimer,
+    Clock,
+    ReferenceWorkloadTimer,
+    RolloutInputs,
+    RolloutTimer,
+    StepProfile,
+    blocks_of,
+)
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option

@@ -18,8 +18,14 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import DocumentValueBuilder, LoadedDocument, Values, located_errors, merged_values
-from mjrun.document.paths import DocumentContext
+from mjrun.document.builder import (
+    DocumentContext,
+    DocumentValueBuilder,
+    LoadedDocument,
+    Values,
+    located_errors,
+    merged_values,
+)
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.task import read_task

@@ -10,10 +10,10 @@ from types import UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from mjrun.diff.result import DiffResult
+from mjrun.document.builder import DocumentContext
 from mjrun.document.camera_and_ghost_forms import CAMERA
 from mjrun.document.evaluation import EVALUATION
 from mjrun.document.fit import FIT
-from mjrun.document.paths import DocumentContext
 from mjrun.document.reader import DEFAULTS, VARS
 from mjrun.document.run import RUN
 from mjrun.document.study import STUDY

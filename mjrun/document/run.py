@@ -26,8 +26,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import cast
 
-from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_of
-from mjrun.document.paths import DocumentContext, OutputFolder
+from mjrun.document.builder import MODEL, DocumentContext, DocumentValueBuilder, OutputFolder, Values, values_of
 from mjrun.document.reader import read
 from mjrun.document.tree import (
     DocumentFault,

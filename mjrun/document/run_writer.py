@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Protocol, cast, runtime_checkable
 
-from mjrun.document.paths import refusal
+from mjrun.document.builder import refusal
 from mjrun.document.tree import Mapped, Plain, exact, meaning, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of

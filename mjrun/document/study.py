@@ -21,8 +21,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar, cast
 
-from mjrun.document.builder import LoadedDocument, SimulationDocumentReader, Values
-from mjrun.document.paths import DocumentContext
+from mjrun.document.builder import DocumentContext, LoadedDocument, SimulationDocumentReader, Values
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
 from mjrun.document.tree import (
     DocumentFault,

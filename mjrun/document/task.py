@@ -26,8 +26,7 @@ from typing import TypeVar, cast
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
-from mjrun.document.builder import MODEL, DocumentValueBuilder, Values, values_of
-from mjrun.document.paths import DocumentContext
+from mjrun.document.builder import MODEL, DocumentContext, DocumentValueBuilder, Values, values_of
 from mjrun.document.reader import read, unchecked_document
 from mjrun.document.tree import DocumentPath, MappingNode, document_error, number, option_fault
 from mjrun.errors import UsageError, quoted

@@ -14,7 +14,7 @@ from mjrun.fitting.measurements import CONTROLS, LogSegment, align, commands, ro
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import VariantLoader
-from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
+from mjrun.physics.engine import AUTORESET, ENERGY, CEngine
 from mjrun.probe.fields import Fields, RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary

@@ -13,9 +13,8 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
-from mjrun.physics.c_engine import BatchRecorder, recorded_fields
 from mjrun.physics.control import NEVER
-from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
+from mjrun.physics.engine import BLOCK_STEPS, BatchRecorder, RolloutBlock, recorded_fields
 from mjrun.physics.stepper import SHORT, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import (
     ContactProbe,

@@ -24,8 +24,7 @@ from mjrun.model.override import Override
 from mjrun.model.variants import BYTES, ModelVariant, SharedCompilation, VariantLoader, models_side_by_side
 from mjrun.outputs.event_detection import EndCondition
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
-from mjrun.physics.engine import Engine, joined
+from mjrun.physics.engine import AUTORESET, ENERGY, CEngine, Engine, joined
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.stepper import SLEEP
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice

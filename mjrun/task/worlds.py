@@ -23,8 +23,8 @@ from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import ModelSource
 from mjrun.model.variants import VariantLoader
 from mjrun.options.task import CURRENT, LAGGED
-from mjrun.physics.c_engine import AUTORESET, ENERGY
 from mjrun.physics.control import NEVER, ControlNoise
+from mjrun.physics.engine import AUTORESET, ENERGY
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import BAD, RK4, SLEEP
 from mjrun.platform.cores import available_cores

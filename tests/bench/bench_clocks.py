@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mjrun.bench.bench import Bench
-from mjrun.bench.reference_workload import MJCF
+from mjrun.bench.block_timing import MJCF
 from mjrun.model.source import ModelSource
 from tests.cases import mjcf
 

@@ -14,7 +14,7 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.grid_timing import noisy_controls
 from mjrun.bench.step_timing import WarpRolloutTimer, WarpSettings
-from mjrun.cli import bench_report
+from mjrun.cli.commands.bench import csv_table, markdown, text
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from tests.bench.bench_clocks import BlockClock, FakeClock
 from tests.cases import cases, mjcf
@@ -139,7 +139,7 @@ def test_what_does_not_fit_is_a_warning_and_stays_in_the_document(path: Path, mo
         result = bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock())
     assert [str(warning.message) for warning in heard] == [OVERFLOW]  # once for both points
     assert [row["overflows"] for row in json.loads(json.dumps(asdict(result)))["rows"]] == [[OVERFLOW]] * 2
-    assert f"- timestep=.02: {OVERFLOW}" in bench_report.markdown(result)
+    assert f"- timestep=.02: {OVERFLOW}" in markdown(result)
 
 
 def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
@@ -152,17 +152,17 @@ def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
 
 def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -> None:
     result = bench(path).run(clock=FakeClock())
-    lines = bench_report.text(result).splitlines()
+    lines = text(result).splitlines()
     assert lines[1] == "4 worlds on cuda:0, a GPU; mujoco_warp 4; noise 0.01"
     assert "all worlds 1.000 s for a step of each of them" in lines
     assert "first step 1.000 s; it compiles what is not cached" in lines
     assert not any("arena" in line for line in lines if not line.startswith("note: "))
     assert max(map(len, lines)) <= 80
-    header, row = bench_report.csv_table(result).splitlines()
+    header, row = csv_table(result).splitlines()
     known = dict(zip(header.split(","), row.split(","), strict=True))
     names = ("engine", "device", "worlds", "first_step", "steps_per_second", "arena")
     assert [known[name] for name in names] == ["warp", "cuda:0", "4", "1.0", "4.0", ""]
-    grid = bench_report.text(bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock()))
+    grid = text(bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock()))
     assert "a step, of rollouts of 20 steps of 4 worlds" in grid.splitlines()
 
 

@@ -16,7 +16,7 @@ from mjrun.bench.baseline import BaselineComparison, MissingTiming, TimingCompar
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import StepPhase
 from mjrun.bench.results import BenchResult
-from mjrun.cli.bench_report import csv_table, digits, duration, markdown, sections, text
+from mjrun.cli.commands.bench import csv_table, digits, duration, markdown, sections, text
 from tests.cases import cases, mjcf
 from tests.page_cells import PageCells
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjrun.document.builder import DocumentContext, OutputFolder
 from mjrun.document.json_schema import printed
-from mjrun.document.paths import DocumentContext, OutputFolder
 from mjrun.document.run import OUTPUTS
 from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds, number_kinds, setting_kinds

@@ -11,8 +11,7 @@ from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, U
 from mjrun.model import state
 from mjrun.model.fields import VariedModel
 from mjrun.physics import engine as engines
-from mjrun.physics.c_engine import CEngine
-from mjrun.physics.engine import RolloutBlock
+from mjrun.physics.engine import CEngine, RolloutBlock
 
 FIELDS = ("qpos", "qvel", "act", "ctrl", "qacc", "energy", "sensordata", "xpos", "cvel", "ncon", "solver_niter")
 MODEL = """

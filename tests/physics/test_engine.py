@@ -8,8 +8,7 @@ import pytest
 
 from mjrun.model import state
 from mjrun.physics import engine as engines
-from mjrun.physics.c_engine import CEngine
-from mjrun.physics.engine import block_steps, joined, models_of
+from mjrun.physics.engine import CEngine, block_steps, joined, models_of
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>")
 

@@ -17,8 +17,7 @@ from mjrun.model.fields import VariedModel
 from mjrun.model.source import ModelSource
 from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
 from mjrun.outputs.recording import Recording
-from mjrun.physics.c_engine import CEngine
-from mjrun.physics.engine import Models, RolloutBlock, models_of
+from mjrun.physics.engine import CEngine, Models, RolloutBlock, models_of
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import simulate
