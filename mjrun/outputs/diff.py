@@ -54,6 +54,7 @@ from mjrun.reporter import PythonApiReporter, Reporter, pass_on
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
 
 
+BY_CONTENT = (".npz", ".webp")  # suffixes of files of two kinds
 Compared = tuple[DiffResult, WorstFramePair | None]  # the result, and the two frames that differ most
 DRAWN = 4  # columns whose curves are shown
 LISTED = 100  # columns, and differences of models
@@ -190,6 +191,8 @@ def common_kind(a: str, b: str) -> str:
         for path, kind in zip((a, b), kinds, strict=True):
             if kind == MODEL and (file := source_of(path).main_file):  # as is whatever has another suffix, or none
                 require_file(file, "file", tables.suffixes())
+            elif Path(path).suffix.lower() in BY_CONTENT:
+                require_file(Path(path), "file", tables.suffixes())
         pairs = zip((a, b), kinds, strict=True)
         facts = [f"{clean(path)} is {'an' if kind == IMAGE else 'a'} {kind}" for path, kind in pairs]
         raise UsageError(f"{' and '.join(facts)}: only results of the same kind can be compared")
