@@ -202,9 +202,11 @@ class Study(StudyOptions, ExecutionOptions):
             hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
             raise FileError(self.output, f"contains the results of `{clean(theirs)}`", hint)
         now = json.loads(json.dumps({"study": self.document, "identity": prepared.identity_hashes}, default=str))
+        # A document lists the options; a study in Python, or with code that is given by name, has none.
+        hidden = OPTIONS if self.document and before.get("study") else ("product",)
         changed = [
             *_changed(before, now, "study"),
-            *(name for name in _changed(before, now, "identity") if name not in OPTIONS),
+            *(name for name in _changed(before, now, "identity") if name not in hidden),
         ]
         if changed:
             reporter.note(f"changed since the last run: {clean(', '.join(dict.fromkeys(changed)))}")

@@ -59,6 +59,21 @@ def table(folder: Path) -> bytes:
     return (folder / "results.parquet").read_bytes() + (folder / "results.csv").read_bytes()
 
 
+def test_what_changed_since_the_last_run_is_noted_without_a_document_too(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    folder, vary = tmp_path / "study", {"seed": "1,2"}
+    for changed, options in (
+        ([], {}),
+        ([], {}),
+        (["changed since the last run: metrics"], {"metric": {"high": "max(qpos/ball/z)"}}),
+        (["changed since the last run: every"], {"metric": {"high": "max(qpos/ball/z)"}, "every": 2}),
+    ):
+        reporter = RecordingReporter()
+        study(simulation, folder, vary=vary, **options).run(reporter)
+        assert [text for text in reporter.texts if "changed" in text] == changed
+
+
 def test_parameters_and_metrics_have_units_in_the_table(simulation: Simulation, tmp_path: Path) -> None:
     vary = {"qpos/ball/z": "1,2", "opt.timestep": "1e-3", "seed": "1"}
     result = study(simulation, tmp_path / "study", vary=vary).run()
