@@ -16,7 +16,6 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import (
     FailedEpisodesError,
-    FileError,
     MjrunError,
     PartlyDoneError,
     UsageError,
@@ -39,7 +38,7 @@ from mjrun.evaluation.summaries import (
 )
 from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import manifest_writer, raise_failures
-from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.formats.input_file import is_file
 from mjrun.formats.local_and_remote_folders import LocalFolder, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_results
@@ -224,8 +223,6 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             check_runs(self.export_to, len(prepared.points.points))
         maker = _VideoMaker(self, prepared, self.seed)
         folder = Path(self.output)
-        if exists(folder) and not is_folder(folder):
-            raise FileError(folder, "is not a folder", f"{option('output')} names the folder of the results")
         require_own_folder(LocalFolder(folder), MANIFEST, "evaluation")
         check_engine(self.engine)
 

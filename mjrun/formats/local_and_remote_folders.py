@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, TypeVar
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
 from mjrun.formats.destinations import Destination, StagedFile, require_no_dangling_link
-from mjrun.formats.input_file import is_folder, opened
+from mjrun.formats.input_file import exists, is_folder, opened
 from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder
 from mjrun.packages import require
 from mjrun.suffixes import URL, is_url
@@ -321,15 +321,18 @@ def require_own_folder(folder: Folder, manifest: str, content: str, replaced: Co
       replaced: names of the files that it may replace; by default, the folder must not contain any other file.
 
     Raises:
-      FileError: it has such files and no manifest, or cannot be read.
+      FileError: it has such files and no manifest, cannot be read, or is not a folder.
     """
+    path = folder.path()
+    if isinstance(folder, LocalFolder) and exists(path) and not is_folder(path):
+        raise FileError(path, "is not a folder", f"{option('output')} names the folder of the results")
     if folder.has(manifest):
         return
     others = [name for name in folder.names("") if not NAME.fullmatch(name) and (replaced is None or name in replaced)]
     if others:
         found = "other files" if replaced is None else listing(others)
         hint = f"{option('output')} names a folder that is new, empty, or of an earlier {content}"
-        raise FileError(folder.path(), f"contains {found}, but no {content}: it has no {manifest}", hint)
+        raise FileError(path, f"contains {found}, but no {content}: it has no {manifest}", hint)
 
 
 def destination_at(path: str | Path) -> Destination:

@@ -83,6 +83,8 @@ def test_datasets_and_studies_do_not_replace_other_tables(model: Path, tmp_path:
     (tmp_path / "repeats.csv").rename(tmp_path / "evaluation.json")
     with pytest.raises(FileError, match=r"contains evaluation\.json, but no run of `mjrun sweep`"):
         mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path))
+    with pytest.raises(FileError, match=r"evaluation\.json: is not a folder\noutput names the folder of the results"):
+        mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path / "evaluation.json"))
     (tmp_path / "study").mkdir()
     (tmp_path / "study/slurm-17.out").write_text("a log")
     mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path / "study"))
