@@ -52,6 +52,7 @@ HOPELESS, HOPELESS_SHARE = 10.0, 0.1  # residual over noise, and over the spread
 LEAST = 1e-5  # least noise of a signal that counts, as a share of its standard deviation
 BLOCKS = 20  # blocks of held-out data whose errors are assumed to be independent
 CERTAIN = 2.0  # standard deviations that a gain must exceed
+BOUND = 4  # upper bound that is advised for what a model lacks, over its estimate
 ENOUGH = 4  # least measured numbers per unknown
 DRIVING = (  # options which a log replaces
     "controller",
@@ -94,16 +95,24 @@ class NoiseRatios:
 
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
-        if self.reduced < MISFIT or self.remark():
+        lack = self.estimate.lack if self.estimate else None
+        if not lack and (self.reduced < MISFIT or self.remark()):
             return None
         reason = "the model lacks something"
-        if self.estimate:
+        if lack:
+            reason = (
+                f"contacts make the motion rough, but the log is {lack.deviations:.2g} standard deviations from "
+                f"simulations in the direction in which {lack.path}={lack.value:.2g} moves them, so the model lacks "
+                "something"
+            )
+        elif self.estimate:
             reason = (
                 "contacts make the motion rough, but the log differs from simulations in ways in which these do not "
                 "differ from each other, so the model lacks something"
             )
+        missing = f"{lack.path}=0..{BOUND * lack.value:.2g}" if lack else "joint/*.damping"
         steps = [
-            f"add what may be missing to {option('free')}, such as joint/*.damping",
+            f"add what may be missing to {option('free')}, such as {missing}",
             f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}",
         ]
         if self.loss == "linear":
@@ -115,7 +124,7 @@ class NoiseRatios:
 
     def remark(self) -> str | None:
         """Returns a sentence on residuals beyond the noise that contacts alone may cause, or None."""
-        if self.reduced < MISFIT or not (self.estimate and self.estimate.is_likely):
+        if self.reduced < MISFIT or not (self.estimate and self.estimate.is_likely) or self.estimate.lack:
             return None
         return (
             f"contacts make the motion rough: simulations of it differ from each other as much as from the log, so a "
@@ -125,7 +134,7 @@ class NoiseRatios:
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
         """Returns the reason why nothing is written; None if the residuals are acceptable."""
         bad = np.flatnonzero((self.ratios > HOPELESS) & (self.shares > HOPELESS_SHARE)).tolist()
-        if not bad or self.remark():
+        if not bad or (self.estimate and self.estimate.is_likely):
             return None
         worst = [
             f"{clean(columns[i].name)} by {self.residuals[i]:.3g} {columns[i].unit}".rstrip()

@@ -291,7 +291,7 @@ class FitOutputs:
         for part in ("fitted", "held"):
             if solution := comparisons.get((part, "fitted")):
                 values = values_at(self._parameters, solution.coordinates)
-                positions = self._predictor.positions(solution.chunks, values, solution.states)
+                positions = self._predictor.field("qpos", solution.chunks, values, solution.states)
                 stretches += map(FittedChunkMotion, solution.chunks, positions)
 
         def order(stretch: FittedChunkMotion) -> tuple[int, float]:

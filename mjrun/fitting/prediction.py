@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import ModelError, counted, listing
+from mjrun.errors import CompiledOverrideError, ModelError, counted, listing
 from mjrun.fitting.free_parameter import FreeParameter, overrides
 from mjrun.fitting.measurements import CONTROLS, LogSegment, align, commands, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
+from mjrun.model.override import Override
 from mjrun.model.variants import VariantLoader
 from mjrun.physics.engine import AUTORESET, ENERGY, CEngine
 from mjrun.probe.fields import Fields, RecordedFieldProbe
@@ -76,11 +77,13 @@ class ChunkRolloutInputs:
       chunk: the chunk.
       values: values of the parameters, in order; None for the original model, without delays.
       start: integration state at the first step of the chunk, `(nstate,)`.
+      added: changes of the model beside these values, on trial.
     """
 
     chunk: Chunk
     values: tuple[float, ...] | None
     start: np.ndarray
+    added: tuple[Override, ...] = ()
 
 
 class _SimulationFailures:
@@ -166,34 +169,35 @@ class Predictor:
         if self._needs_energy:
             model.opt.enableflags |= ENERGY
 
-    def model_with(self, values: Sequence[float] | None) -> mujoco.MjModel:
+    def model_with(self, values: Sequence[float] | None, added: Sequence[Override] = ()) -> mujoco.MjModel:
         """Returns the model with these values of the parameters, or the original one; callers must not change it."""
         changed = [] if values is None else overrides(self._parameters, values)
-        source = replace(self._source, overrides=(*self._source.overrides, *changed))
+        source = replace(self._source, overrides=(*self._source.overrides, *changed, *added))
         return self._variants.load(source).model
 
     def predict(self, rollouts: Sequence[ChunkRolloutInputs]) -> list[np.ndarray]:
         """Predicts the signals of each rollout, `(n, signals)` of its chunk; NaN where the simulation fails."""
         self.rollouts += len(rollouts)
-        compiled = {values: self.compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
+        compiled = {key: self.compiled(*key) for key in dict.fromkeys((each.values, each.added) for each in rollouts)}
         predicted = [np.full((len(each.chunk.positions), len(self._signals)), np.nan) for each in rollouts]
-        able = [i for i, each in enumerate(rollouts) if compiled[each.values] is not None]
+        able = [i for i, each in enumerate(rollouts) if compiled[each.values, each.added] is not None]
         for places in _alike(able, [each.chunk.steps for each in rollouts]):
-            models = [model for i in places if (model := compiled[rollouts[i].values])]
+            models = [model for i in places if (model := compiled[rollouts[i].values, rollouts[i].added])]
             for i, rows in zip(places, self._recorded([rollouts[i] for i in places], models), strict=True):
                 predicted[i] = self._sampled(rollouts[i], rows)
-                if not np.isfinite(predicted[i]).all():
+                if not (np.isfinite(predicted[i]).all() or rollouts[i].added):
                     self.failures.unstable(rollouts[i].values)
         return predicted
 
-    def compiled(self, values: tuple[float, ...] | None) -> mujoco.MjModel | None:
+    def compiled(self, values: tuple[float, ...] | None, added: Sequence[Override] = ()) -> mujoco.MjModel | None:
         """Returns the model with these values; None if it does not compile."""
         try:
-            return self.model_with(values)
-        except ModelError as error:
+            return self.model_with(values, added)
+        except (ModelError, CompiledOverrideError) as error:
             if values is None:
                 raise
-            self.failures.refused(values, str(error))
+            if not added:
+                self.failures.refused(values, str(error))
             return None
 
     def _recorded(self, rollouts: Sequence[ChunkRolloutInputs], models: Sequence[mujoco.MjModel]) -> list[np.ndarray]:
@@ -206,15 +210,17 @@ class Predictor:
 
         return self._measured(rollouts, models, self._fields, signals)
 
-    def positions(self, parts: Sequence[Chunk], values: tuple[float, ...], states: np.ndarray) -> list[np.ndarray]:
-        """Simulates the positions `qpos` of the model with these values at the rows of each chunk, `(n, nq)`.
+    def field(
+        self, name: str, parts: Sequence[Chunk], values: tuple[float, ...], states: np.ndarray
+    ) -> list[np.ndarray]:
+        """Simulates a field of the model with these values, such as `qpos`, at the rows of each chunk, `(n, size)`.
 
         Args:
           states: integration states at the beginning of each chunk, `(chunks, nstate)`.
         """
         rollouts = [ChunkRolloutInputs(part, values, start) for part, start in zip(parts, states, strict=True)]
         models = [self.model_with(values)] * len(parts)
-        measured = self._measured(rollouts, models, ["qpos"], lambda fields, _: fields["qpos"])
+        measured = self._measured(rollouts, models, [name], lambda fields, _: fields[name])
         return [_interpolated(rows, part.positions, slice(None)) for part, rows in zip(parts, measured, strict=True)]
 
     def _measured(

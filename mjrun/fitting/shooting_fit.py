@@ -35,6 +35,7 @@ from mjrun.fitting.shooting_problem import (
 )
 from mjrun.fitting.simulated_regression import RegressionSearch
 from mjrun.fitting.starting_states import WINDOW, StateGuesses, simulated_starts
+from mjrun.model.override import Override
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
@@ -45,6 +46,7 @@ MODEST = 100.0  # reduced χ² below which other starts are tried, and searches 
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
 WEIGHTINGS = 4  # most searches with other weights of signals
 NEAR = 1.0  # largest distance of a solution from the estimate by regression, in standard errors
+SMALL = 0.1  # share of the kinetic energy that a change of the model costs on trial
 WHOLE = 10**9  # rows
 
 
@@ -223,7 +225,8 @@ class ShootingFit:
         openings = [_opening(part, WINDOW) for part in parts]
         states = self.guessed(parts, coordinates)
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
-        nearest, estimate = self._run(RegressionSearch(problem, opening, self._seed, advanced).estimate())
+        search = RegressionSearch(problem, opening, self._seed, advanced)
+        nearest, estimate = self._run(search.estimate())
         place = None if coordinates is None else nearest.coordinates
         problem = self._problem(parts, place, problem.states(nearest), noise, fixed=fixed)
         end = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))
@@ -231,7 +234,30 @@ class ShootingFit:
             errors = estimate.draws.std(axis=0)
             if (np.abs(end.coordinates - nearest.coordinates) > NEAR * errors).any():
                 end = self._run(GaussNewton(problem).look())
+            estimate = replace(estimate, lack=self._run(search.lack(self._changes(end))))
         return replace(end, estimate=estimate)
+
+    def _changes(self, solution: Solution) -> list[Override]:
+        """Returns changes of all joints that cost or add a small share of the kinetic energy of a solution.
+
+        Models often lack them. Those of which a parameter is free are left out.
+        """
+        values = values_at(self._parameters, solution.coordinates)
+        speeds = np.concatenate(self._predictor.field("qvel", solution.chunks, values, solution.states))
+        seconds = self._predictor.timestep * float(np.mean([chunk.steps for chunk in solution.chunks]))
+        squares = (speeds**2).sum(axis=1)
+        energy = SMALL * float((speeds**2 @ self._predictor.model.dof_M0).max()) / 2
+        costs = {
+            "damping": seconds * float(squares.mean()),
+            "frictionloss": seconds * float(np.abs(speeds).sum(axis=1).mean()),
+            "armature": float(squares.max()) / 2,
+        }
+        free = {each.path.rpartition(".")[2] for each in self._parameters}
+        return [
+            Override(f"add:joint/*.{field}", repr(energy / cost))
+            for field, cost in costs.items()
+            if field not in free and cost > 0
+        ]
 
     def _continue(
         self,

@@ -14,6 +14,7 @@ from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import FreeParameter, values_at
 from mjrun.fitting.measurements import LEAST_NOISE, NORMAL_MEDIAN, Floats
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRolloutInputs, Predictor
+from mjrun.model.override import Override
 
 # The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
 LOSSES: dict[str, Callable[[Floats], Floats]] = {
@@ -35,6 +36,21 @@ UNLIKELY = 0.05  # probability below which a log is not one of the model
 PENALTY = 1e3  # residual where a simulation fails, in standard deviations of the noise
 
 
+@dataclass(frozen=True)
+class ModelLack:
+    """A change of the model that explains a log better, beside all values of the parameters.
+
+    Attributes:
+      path: path of the override that adds it.
+      value: its estimated size.
+      deviations: distance of the log from simulated ones in its direction, in standard deviations of these.
+    """
+
+    path: str
+    value: float
+    deviations: float
+
+
 @dataclass(frozen=True, eq=False)
 class RegressionEstimate:
     """Parameters by regression on simulated logs.
@@ -42,10 +58,12 @@ class RegressionEstimate:
     Attributes:
       draws: coordinates that the log permits, `(draws, p)`.
       probability: probability that a log of this model differs as much from the simulations as the real one does.
+      lack: what the model lacks, if the log shows it.
     """
 
     draws: Floats
     probability: float
+    lack: ModelLack | None = None
 
     @property
     def is_likely(self) -> bool:
@@ -216,10 +234,14 @@ class ShootingProblem:
         """Returns the integration states at the beginning of the chunks, `(chunks, nstate)`."""
         return np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, point.deviations, strict=True)])
 
-    def residuals(self, points: Sequence[Unknowns]) -> Simulating[list[list[Floats]]]:
-        """Computes residuals of each chunk at each point, `(n, signals)`, in standard deviations of the noise."""
+    def residuals(self, points: Sequence[Unknowns], added: tuple[Override, ...] = ()) -> Simulating[list[list[Floats]]]:
+        """Computes residuals of each chunk at each point, `(n, signals)`, in standard deviations of the noise.
+
+        Args:
+          added: changes of the model beside the parameters.
+        """
         starts = [(i, p.coordinates, p.deviations[i]) for p in points for i in range(len(self.parts))]
-        left = yield from self._left(starts)
+        left = yield from self._left(starts, added)
         count = len(self.parts)
         return [left[i * count : (i + 1) * count] for i in range(len(points))]
 
@@ -280,9 +302,11 @@ class ShootingProblem:
                 derivatives[j] = each.prior_slope(coordinates[j])
         return left, derivatives
 
-    def _left(self, starts: Sequence[tuple[int, Floats, Floats]]) -> Simulating[list[Floats]]:
+    def _left(
+        self, starts: Sequence[tuple[int, Floats, Floats]], added: tuple[Override, ...] = ()
+    ) -> Simulating[list[Floats]]:
         """Computes residuals `(n, signals)` for each index of a chunk, coordinates, and deviation of its state."""
-        predicted = yield [self._rollout(*start) for start in starts]
+        predicted = yield [replace(self._rollout(*start), added=added) for start in starts]
         return [
             np.where(np.isfinite(rows), (rows - self.parts[i].values) / self.noise, PENALTY)
             for (i, _, _), rows in zip(starts, predicted, strict=True)

@@ -10,16 +10,19 @@ genetics" (2002); P. Fearnhead, D. Prangle, "Constructing summary statistics for
 (2012).
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
-from mjrun.fitting.gauss_newton import state_spread
+from mjrun.fitting.gauss_newton import solve_normal, state_spread
 from mjrun.fitting.shooting_problem import (
     PENALTY,
     Advanced,
     Floats,
+    ModelLack,
     RegressionEstimate,
     ShootingProblem,
     Simulating,
@@ -27,6 +30,7 @@ from mjrun.fitting.shooting_problem import (
     Unknowns,
     loss_weights,
 )
+from mjrun.model.override import Override
 
 SIMULATIONS = 200  # per round
 LEAST_SIMULATIONS = 50  # that must not fail
@@ -44,6 +48,11 @@ LONG_SETTLED = 2  # consecutive rounds that are no better and end the search
 LEAST_GAIN = 0.25  # least explained share of a variance, in the correction for the width of the last round
 FOLDS = 10  # parts of the simulations, each of which is compared with the others
 NOISE_TOLERANCE = 1.25  # ratio of squared distances that an error of the noise may cause
+LINEAR_ROUNDS = 3  # last rounds that show how simulations depend on the unknowns
+CHANGED = 20  # simulations of a change of the model, per approximation of what compensates for it
+APPROXIMATIONS = 2
+REACH = 100.0  # standard deviation of what compensates for a change of the model, in those of the last round
+CERTAIN = 3.0  # standard deviations beyond which a log shows a change: 1 % for three, with `NOISE_TOLERANCE`
 MOST_TRIALS = 20  # draws of a point until its coordinates are within bounds
 RIDGES = np.geomspace(0.1, 1e6, 29)  # penalties that are compared, in variances of the noise
 
@@ -68,6 +77,15 @@ class _Round:
             part = slice(first, first + PART)
             yield part, self.residuals[:, part] * self.weights[part]
 
+    def centred(self) -> Floats:
+        """Returns the unknowns without their means, `(points, unknowns)`."""
+        return self.unknowns - self.unknowns.mean(axis=0)
+
+    def covariance(self) -> tuple[Floats, Floats]:
+        """Returns the scatter of the unknowns, `(unknowns, unknowns)`, and theirs with the residuals."""
+        centred = self.centred()
+        return centred.T @ centred, np.concatenate([centred.T @ rows for _, rows in self.parts()], axis=1)
+
 
 class RegressionSearch:
     """A search for the unknowns of a problem by regression on simulated logs.
@@ -84,6 +102,9 @@ class RegressionSearch:
     ) -> None:
         self._problem, self._opening, self._advanced = problem, opening, advanced
         self._generator = np.random.default_rng(seed)
+        self._covariances = deque[tuple[Floats, Floats]](maxlen=LINEAR_ROUNDS)
+        self._widths = np.zeros(0)  # standard deviations of the unknowns in the last round
+        self._last: _Round | None = None  # simulations with the estimated coordinates
 
     def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
         """Draws and regresses until the errors no longer decrease.
@@ -103,6 +124,7 @@ class RegressionSearch:
             if self._advanced:
                 self._advanced((yield from self._solution(nearest)))
             regressed, errors = self._regressed(drawn)
+            self._covariances.append(drawn.covariance())
             estimate = self._near(regressed, drawn)
             is_beyond = bool((estimate != regressed)[:free].any())
             beyond += is_beyond
@@ -122,10 +144,67 @@ class RegressionSearch:
         errors = errors / np.sqrt(np.maximum(gains, LEAST_GAIN))  # draws near an estimate hold it there, like a prior
         draws = np.clip(estimate[:free] + errors[:, :free], 0, 1)
         probability = self._probability(drawn)
+        self._widths = drawn.unknowns.std(axis=0)
         del drawn
         unknowns[:, :free] = estimate[:free]
-        _, nearest = yield from self._simulated(unknowns, self._point(estimate))
+        self._last, nearest = yield from self._simulated(unknowns, self._point(estimate))
         return nearest, RegressionEstimate(draws, probability)
+
+    def lack(self, changes: Sequence[Override]) -> Simulating[ModelLack | None]:
+        """Returns the change of the model that the log shows most clearly, or None; after an estimate.
+
+        This is a score test: of how simulations change, only what the unknowns cannot compensate for counts, and the
+        log is compared with simulated ones in this direction alone. Source: C. R. Rao, "Large sample tests of
+        statistical hypotheses concerning several parameters with applications to problems of estimation" (1948).
+
+        Args:
+          changes: changes whose sizes change simulations about linearly.
+        """
+        shown = list[ModelLack]()
+        for change in changes:
+            size, deviations = yield from self._shown(change)
+            shown.append(ModelLack(change.path, size * float(change.value), deviations))
+        most = max(shown, key=lambda each: each.deviations, default=None)
+        return most if most and most.deviations > CERTAIN else None
+
+    def _shown(self, change: Override) -> Simulating[tuple[float, float]]:
+        """Returns the size of a change, in its own, and the distance of the log from simulations in its direction."""
+        assert self._last
+        last, reach = self._last, REACH * np.maximum(self._widths, 1e-12)
+        slopes = solve_normal(*(np.sum(each, axis=0) for each in zip(*self._covariances, strict=True)))
+        middle = np.concatenate([rows.mean(axis=0) for _, rows in last.parts()])
+        shift, products = np.zeros(len(slopes)), None
+        for _ in range(APPROXIMATIONS):
+            drawn = self._generator.choice(last.unknowns, CHANGED) + shift
+            moved, _ = yield from self._simulated(drawn, self._point(drawn[0]), (change,))
+            if not len(moved.unknowns):
+                return 0.0, 0.0
+            offset = moved.unknowns.mean(axis=0) - shift - last.unknowns.mean(axis=0)
+            effect = moved.residuals.mean(axis=0) * last.weights - middle - offset @ slopes
+            products = self._products(slopes, middle, effect)
+            shift = shift - products.compensation(reach)
+        assert products
+        return products.score(products.compensation(reach))
+
+    def _products(self, slopes: Floats, middle: Floats, effect: Floats) -> "_Products":
+        """Returns the scalar products for a change of the model with this effect on the simulations.
+
+        Args:
+          slopes: derivatives of simulations by the unknowns, `(unknowns, numbers)`.
+          middle: mean of the simulations.
+        """
+        assert self._last
+        centred, vectors = self._last.centred(), np.stack([*slopes, effect, -middle])
+        count = len(centred)
+        sums = [np.zeros((count, count)), np.zeros((count, count + len(vectors)))]
+        sums.append(np.zeros((len(vectors), count + len(vectors))))
+        for part, rows in self._last.parts():
+            rest = rows - middle[part] - centred @ slopes[:, part]
+            logs = rest + self._generator.normal(size=rest.shape)
+            right = np.concatenate([vectors[:, part], logs])
+            for total, left, each in zip(sums, (rest, rest, vectors[:, part]), (rest, right, right), strict=True):
+                total += left @ each.T
+        return _Products(*sums)
 
     def _solution(self, point: Unknowns) -> Simulating[Solution]:
         (residuals,) = yield from self._problem.residuals([point])
@@ -160,15 +239,21 @@ class RegressionSearch:
         coordinates[: problem.free] = unknowns[: problem.free]
         return Unknowns(coordinates, unknowns[problem.free :].reshape(len(problem.parts), problem.size))
 
-    def _simulated(self, unknowns: Floats, nearest: Unknowns) -> Simulating[tuple[_Round, Unknowns]]:
-        """Simulates points; returns those that do not fail, and the nearest to the log, which `nearest` may remain."""
+    def _simulated(
+        self, unknowns: Floats, nearest: Unknowns, added: tuple[Override, ...] = ()
+    ) -> Simulating[tuple[_Round, Unknowns]]:
+        """Simulates points; returns those that do not fail, and the nearest to the log, which `nearest` may remain.
+
+        Args:
+          added: changes of the model beside the parameters.
+        """
         points, least, near = [nearest, *map(self._point, unknowns)], np.inf, list[Floats]()
         numbers = sum(int(each.sum()) for each in self._problem.known) + self._problem.free
         rows = np.empty((len(points), numbers))
         size = int(np.clip(BATCH_NUMBERS // numbers, *BATCH))
         for first in range(0, len(points), size):
             batch = points[first : first + size]
-            all_residuals = yield from self._problem.residuals(batch)
+            all_residuals = yield from self._problem.residuals(batch, added)
             for row, point, residuals in zip(rows[first:], batch, all_residuals, strict=False):
                 priors, _ = self._problem.priors(point.coordinates)
                 np.concatenate([*self._known(residuals), priors], out=row)
@@ -246,6 +331,46 @@ class RegressionSearch:
             own, *theirs = _distances(between[np.ix_(others, others)], to_logs[np.ix_(others, tested)], squares[tested])
             farther += int((NOISE_TOLERANCE * np.array(theirs) >= own).sum())
         return (1 + farther) / (1 + count)
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Scalar products of simulations, slopes, the effect of a change and the log, each without the mean simulation.
+
+    Attributes:
+      between: those of simulations without what their unknowns explain, `(n, n)`.
+      to_others: those of these simulations, and `(unknowns + 2 + n)` others: slopes, effect, log, and simulated logs.
+      others: those of slopes, effect and log with all others.
+    """
+
+    between: Floats
+    to_others: Floats
+    others: Floats
+
+    def compensation(self, reach: Floats) -> Floats:
+        """Returns the unknowns that explain the effect best, `(unknowns,)`, with these standard deviations at first."""
+        metric = self._metric(np.arange(len(self.between)))
+        count = len(reach)
+        return solve_normal(metric[:count, :count] + np.diag(reach**-2.0), metric[:count, [count]])[:, 0]
+
+    def score(self, compensation: Floats) -> tuple[float, float]:
+        """Returns the size of the change by the log, and the distance of the log from simulated ones, in deviations."""
+        effect = np.append(-compensation, 1.0)  # of the change, less what the unknowns explain
+        sizes, scores, count = list[float](), list[float](), len(self.between)
+        for fold in range(FOLDS):
+            is_tested = np.arange(count) % FOLDS == fold
+            along = effect @ self._metric(np.flatnonzero(~is_tested))[:-1]
+            of_effect, of_log, theirs = along[: len(effect)] @ effect, along[len(effect)], along[len(effect) + 1 :]
+            sizes.append(of_log / max(of_effect, 1e-300))
+            scores += (theirs[is_tested] / max(of_effect, 1e-300)).tolist()
+        size = float(np.mean(sizes))
+        return size, size / max(float(np.sqrt(np.mean(np.square(scores)))), 1e-300)
+
+    def _metric(self, chosen: NDArray[np.int64]) -> Floats:
+        """Returns `others` in the metric of the inverse covariance of chosen simulations and the noise."""
+        inner = self.between[np.ix_(chosen, chosen)] + len(chosen) * np.eye(len(chosen))
+        to_others = self.to_others[chosen]
+        return self.others - to_others[:, : len(self.others)].T @ np.linalg.solve(inner, to_others)
 
 
 def _distances(between: Floats, to_logs: Floats, squares: Floats) -> Floats:

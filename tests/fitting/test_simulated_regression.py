@@ -22,7 +22,7 @@ from mjrun.fitting.shooting_problem import (
     together,
     with_noise,
 )
-from mjrun.fitting.simulated_regression import RegressionSearch, _away_from_neighbours, _Round
+from mjrun.fitting.simulated_regression import RegressionSearch, _away_from_neighbours, _Products, _Round
 from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
 
 SLIDE = """<mujoco>
@@ -60,9 +60,11 @@ def slide_log(seed: int, damping: float = DAMPING, stiffness: float = 0.0) -> Lo
     return LogSegment("log", np.array(times), values, np.array(controls)[:, None])
 
 
-def slide_shooting(folder: Path, log: LogSegment, free: Sequence[tuple[str, str]] = FREE) -> tuple[ShootingFit, list]:
+def slide_shooting(
+    folder: Path, log: LogSegment, free: Sequence[tuple[str, str]] = FREE, damping: float = 1.6 * DAMPING
+) -> tuple[ShootingFit, list]:
     model = folder / "slide.xml"
-    model.write_text(SLIDE.format(1.6 * DAMPING, 1.6 * FRICTION))
+    model.write_text(SLIDE.format(damping, 1.6 * FRICTION))
     shoot, _, _, parameters = shooting_of(model, free, ["qpos/x"], ["ctrl/motor"], log)
     return shoot, parameters
 
@@ -186,6 +188,47 @@ def test_a_log_of_another_system_is_unlikely(
     shoot, _ = slide_shooting(tmp_path, log, free)
     _, estimate = regressed(shoot, search_of(shoot, log, np.array(start), NOISE))
     assert not estimate.is_likely
+
+
+def test_a_direction_is_weighted_by_the_covariance_of_others() -> None:
+    """Unlike simulations and noise of a known covariance: the same as by its dense inverse, and a known size shows."""
+    generator, count, numbers, size = np.random.default_rng(0), 200, 300, 0.7
+    roots, slopes, effect = (generator.normal(size=(n, numbers)) for n in (3, 2, 1))
+    effect += 50 * slopes[:1]
+    rest = 9 * generator.normal(size=(count, 3)) @ roots
+    rest -= rest.mean(axis=0)
+    log = size * effect[0] + 20 * roots[0] + generator.normal(size=numbers)
+    logs = rest + generator.normal(size=rest.shape)
+    vectors = np.concatenate([slopes, effect, log[None]])
+    others = np.concatenate([vectors, logs])
+    products = _Products(rest @ rest.T, rest @ others.T, vectors @ others.T)
+    inverse = np.linalg.inv(rest.T @ rest / count + np.eye(numbers))
+    reach = np.array([100.0, 200.0])
+    normal = slopes @ inverse @ slopes.T + np.diag(1 / reach**2)
+    compensation = products.compensation(reach)
+    np.testing.assert_allclose(compensation, np.linalg.solve(normal, slopes @ inverse @ effect[0]), rtol=1e-6)
+    found, deviations = products.score(compensation)
+    left = effect[0] - compensation @ slopes
+    error = 1 / np.sqrt(left @ inverse @ left)
+    assert abs(found - size) < 4 * error
+    assert deviations == pytest.approx(found / error, rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damping", [DAMPING, 0.0])
+def test_damping_that_a_model_lacks_shows_although_little_remains(tmp_path: Path, damping: float) -> None:
+    """Friction compensates for nearly all of it, so that the log is not unlikely."""
+    log = slide_log(0, damping)
+    shoot, _ = slide_shooting(tmp_path, log, FREE[1:], 0.0)
+    estimate = shoot._regressed(shoot.cut([log]), np.array([0.4]), np.array([NOISE])).estimate
+    assert estimate
+    assert estimate.is_likely
+    if damping:
+        assert estimate.lack
+        assert estimate.lack.path == "add:joint/*.damping"
+        assert estimate.lack.value == pytest.approx(DAMPING, rel=0.5)
+    else:
+        assert estimate.lack is None
 
 
 def test_the_same_seed_gives_the_same_draws(monkeypatch: pytest.MonkeyPatch) -> None:
