@@ -402,7 +402,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             with suppress(OSError):
                 (self._own / FOLDER).rmdir()
         failures = {
-            self._name(prepared, index): result.message.partition("\n")[0]
+            self._name(prepared, index): result.message
             for index, result in enumerate(results)
             if result.status not in ("ok", "missing") and prepared.keys[index] not in have
         }

@@ -246,6 +246,10 @@ def test_episodes_that_fail_are_named_and_the_others_stay(tmp_path: Path) -> Non
     with pytest.raises(FailedEpisodesError, match="1 of 1 episode failed; there is no dataset"):
         made(replace(simulation, seed=4), tmp_path / "none", episodes=1)
     assert not (tmp_path / "none/meta").exists()
+    (tmp_path / "raising.py").write_text("def act(observation):\n    raise ValueError('no idea')\n")
+    raising = replace(simulation, policy=f"{tmp_path / 'raising.py'}:act")
+    with pytest.raises(FailedEpisodesError, match=r"raised ValueError: no idea\n.*Traceback(.|\n)*line 2, in act"):
+        made(raising, tmp_path / "none", episodes=2)
 
 
 def test_rows_of_a_lower_rate_add_up_rewards(tmp_path: Path, simulation: mjrun.Simulation) -> None:
