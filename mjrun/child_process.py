@@ -131,6 +131,7 @@ class ChildProcess:
         run_in_fork: Callable[..., NoReturn] | None = None,
     ) -> None:
         self._cause: Cause | None = None
+        self._output = stdout if isinstance(stdout, int) else None
         variables = {**os.environ, **(environment or {})}
         variables = {name: value for name, value in variables.items() if value is not None}
         with ExitStack() as stack, uninterrupted():  # so that no process is started and lost
@@ -196,12 +197,11 @@ class ChildProcess:
         self._stdout.start()
         self._stderr.start()
 
-    def feed(self, content: memoryview, idle: float = math.inf, is_held_up: Callable[[], bool] = lambda: False) -> None:
+    def feed(self, content: memoryview, idle: float = math.inf) -> None:
         """Writes to the standard input of a process that is `fed`.
 
         Args:
-          idle: seconds without reading or computing after which it is killed.
-          is_held_up: returns whether it waits for another process, which does not count as idle.
+          idle: seconds without reading or computing after which it is killed, unless the reader of its output waits.
 
         Raises:
           OSError: the process no longer reads.
@@ -218,30 +218,27 @@ class ChildProcess:
             except BlockingIOError:
                 if system.wait_until_writable(stdin, IDLE_INTERVAL):
                     continue
-                if is_held_up():
-                    idleness.end()
-                elif idleness.exceeds(IDLE_INTERVAL):
-                    self.kill("idle")
+                self._end_if_idle(idleness)
+
+    def _end_if_idle(self, idleness: "_Idleness") -> None:
+        """Kills a process that has been idle for too long, unless it waits for the reader of its standard output."""
+        if self._output is not None and system.is_full(self._output):
+            idleness.end()
+        elif idleness.exceeds(IDLE_INTERVAL):
+            self.kill("idle")
 
     def end_feeding(self) -> None:
         """Closes its standard input."""
         assert self._popen.stdin
         self._popen.stdin.close()
 
-    def wait(
-        self,
-        seconds: float = math.inf,
-        memory: float = math.inf,
-        idle: float = math.inf,
-        is_held_up: Callable[[], bool] = lambda: False,
-    ) -> ExitStatus:
+    def wait(self, seconds: float = math.inf, memory: float = math.inf, idle: float = math.inf) -> ExitStatus:
         """Waits until the process has ended, and kills it if it exceeds a limit.
 
         Args:
           seconds: maximum time from now on.
           memory: maximum resident memory [bytes]; unknown on some systems.
-          idle: maximum seconds without computing.
-          is_held_up: as in `feed`.
+          idle: maximum seconds without computing, as in `feed`.
         """
         deadline = time.monotonic() + seconds
         idleness, before = _Idleness(self.pid, idle), time.monotonic()
@@ -254,10 +251,7 @@ class ChildProcess:
                     self.kill("memory")
                 elif idle < math.inf and time.monotonic() - before > IDLE_INTERVAL:
                     before = time.monotonic()
-                    if is_held_up():
-                        idleness.end()
-                    elif idleness.exceeds(IDLE_INTERVAL):
-                        self.kill("idle")
+                    self._end_if_idle(idleness)
                 elif all(capture.wait(min(left, POLL_INTERVAL)) for capture in (self._stdout, self._stderr)):
                     with suppress(subprocess.TimeoutExpired):
                         self._popen.wait(min(left, POLL_INTERVAL))

@@ -329,7 +329,14 @@ def test_who_ends_neither_nor_computes_is_killed() -> None:
 def test_who_computes_or_waits_for_somebody_else_is_not_idle() -> None:
     busy = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'while True: pass'])"  # a child of it
     assert python(busy).wait(3, idle=2).cause == "time"
-    assert python(FOREVER).wait(1, idle=0.2, is_held_up=lambda: True).cause == "time"
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with pytest.raises(BlockingIOError):  # noqa: PT012
+        while True:
+            os.write(writing, bytes(2**16))
+    assert python(FOREVER, stdout=writing).wait(1, idle=0.2).cause == "time"
+    os.close(reading)
+    os.close(writing)
 
 
 def test_an_end_does_not_wait_for_a_stranger_that_holds_a_pipe() -> None:

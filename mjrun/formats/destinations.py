@@ -529,10 +529,6 @@ class StandardOutput(Destination):
         """Returns whether the other end of the pipe is closed."""
         return system.reader_is_gone(self._descriptor)
 
-    def is_full(self) -> bool:
-        """Returns whether the other end of the pipe must be read before more can be written."""
-        return system.is_full(self._descriptor)
-
     def take_back(self) -> None:
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
 

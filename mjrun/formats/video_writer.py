@@ -131,7 +131,7 @@ class VideoWriter(OutputWriter):
         if frame.shape != shape or frame.dtype != kind:
             raise ValueError(f"a frame must be {np.dtype(kind)} {shape}, not {frame.dtype} {frame.shape}")
         try:
-            self._child.feed(np.ascontiguousarray(frame).data, ffmpeg.IDLE, self._is_held_up)
+            self._child.feed(np.ascontiguousarray(frame).data, ffmpeg.IDLE)
         except OSError:
             raise self._failure() from None
         self.written += 1
@@ -143,7 +143,7 @@ class VideoWriter(OutputWriter):
           EncoderError: it failed or hangs.
         """
         self._child.end_feeding()
-        if self._child.wait(idle=ffmpeg.IDLE, is_held_up=self._is_held_up).code != 0:
+        if self._child.wait(idle=ffmpeg.IDLE).code != 0:
             raise self._failure()
 
     def finish(self) -> None:
@@ -177,10 +177,6 @@ class VideoWriter(OutputWriter):
             stdout="discard" if stdout is None else stdout,
             stderr="capture",
         )
-
-    def _is_held_up(self) -> bool:
-        """Returns whether the encoder waits for the reader of standard output, such as a paused player."""
-        return isinstance(self.destination, StandardOutput) and self.destination.is_full()
 
     def _failure(self) -> BaseException:
         """Returns the error of an encoder that has stopped reading."""

@@ -1,7 +1,6 @@
 """The frames of videos and images: planned, recorded and drawn. An image is a video of one frame."""
 
 import math
-import string
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -12,7 +11,7 @@ import numpy as np
 from mjrun.camera.pose import CameraPose
 from mjrun.camera.script import ConditionEvent
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.errors import BadValueError, OptionPath, UsageError, clean, concerning, option, quoted
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
@@ -47,6 +46,7 @@ from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
 from mjrun.rendering.segmentation import SegmentationIds, check_segmentation_name
+from mjrun.rendering.text import OverlayText, parse_template
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import Reporter
 from mjrun.shared_status import doing
@@ -61,37 +61,6 @@ FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows o
 
 # The values of each table at one frame.
 FrameValues = Sequence[np.ndarray]
-BUILTIN = {"time": ".2f", "frame": "d", "step": "d", "speed": "g"}
-DEFAULT_FORMAT = ".4g"
-
-
-@dataclass(frozen=True)
-class OverlayTextPart:
-    """Literal text, then a value by name and format, if any."""
-
-    literal: str
-    name: str = ""
-    form: str = ""
-
-
-@dataclass(frozen=True)
-class OverlayText:
-    """A text with values in braces: `{time:.2f} s  {qpos/knee:.1f}`; `\\n` begins a line, `{{` is a brace."""
-
-    parts: Sequence[OverlayTextPart]
-
-    @property
-    def columns(self) -> list[str]:
-        """The columns that the text shows, without duplicates."""
-        return list(dict.fromkeys(part.name for part in self.parts if part.name and part.name not in BUILTIN))
-
-    def filled(self, values: Mapping[str, float]) -> str:
-        """Returns the text with `values` inserted by name."""
-        texts: list[str] = []
-        for part in self.parts:
-            value = format(values[part.name], part.form) if part.name else ""
-            texts.append(part.literal + value)
-        return "".join(texts)
 
 
 @dataclass(frozen=True)
@@ -149,41 +118,6 @@ class OverlayProbes:
             row = dict(zip(names, rows[index][0].tolist(), strict=True)) if names else {}
             texts.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": speed}))
         return texts
-
-
-def parse_template(text: str, columns: Sequence[str]) -> OverlayText:
-    """Parses a template.
-
-    Args:
-      columns: the columns that can be measured.
-
-    Raises:
-      UnknownNameError: a value is unknown.
-      UsageError: a brace is not closed, or a format does not suit numbers.
-    """
-    try:
-        parsed = list(string.Formatter().parse(text.replace("\\n", "\n")))
-    except ValueError as error:
-        raise UsageError(
-            f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}} and a brace as {{{{"
-        ) from None
-    valid = [*BUILTIN, *columns]
-    return OverlayText([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
-
-
-def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> OverlayTextPart:
-    if name is None:
-        return OverlayTextPart(literal)
-    whole = f"{name}:{form}" if form else name  # a column may hold a colon itself, as in qpos/joint:0
-    column = max((column for column in valid if whole == column or whole.startswith(f"{column}:")), key=len, default="")
-    if not column:
-        raise UnknownNameError("value", name, valid, where=option("text"))
-    form = whole[len(column) + 1 :] or BUILTIN.get(column, DEFAULT_FORMAT)
-    try:
-        format(1 if column in ("frame", "step") else 1.0, form)
-    except ValueError as error:
-        raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {error}") from None
-    return OverlayTextPart(literal, column, form)
 
 
 def overlay_probes(

@@ -8,7 +8,9 @@ degrade it at small sizes.
 
 import math
 import re
+import string
 import unicodedata
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
@@ -16,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from mjrun.errors import UnknownNameError, clean
+from mjrun.dataclass import dataclass
+from mjrun.errors import UnknownNameError, UsageError, clean, option, quoted
 
 # Positions for text: the shares of the free width and height to the left of it and above it.
 CORNERS = {
@@ -32,6 +35,9 @@ BACKGROUND = (24, 25, 28)  # between images, in empty cells of a grid, and behin
 DARK = (14, 15, 18)
 SHADE = 0.7  # opacity of the plate behind text
 MISSING = "□"  # replaces a character that the font lacks
+# Values in texts over frames that are not columns, with their formats.
+BUILTIN = {"time": ".2f", "frame": "d", "step": "d", "speed": "g"}
+DEFAULT_FORMAT = ".4g"
 SMALLEST = 5  # x-height [pixels] below which letters fill in
 
 _FILE = Path(__file__).parent / "fonts" / "Inter.ttf"  # made by scripts/make_font.py
@@ -284,3 +290,67 @@ def _ink(letter: str, font: ImageFont.FreeTypeFont) -> tuple[int, int, int]:
     mask, (across, down) = font.getmask2(letter, anchor="ls")
     left, top, right, _ = mask.getbbox() or (0, 0, 0, 0)
     return across + left, down + top, across + right
+
+
+@dataclass(frozen=True)
+class OverlayTextPart:
+    """Literal text, then a value by name and format, if any."""
+
+    literal: str
+    name: str = ""
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class OverlayText:
+    """A text with values in braces: `{time:.2f} s  {qpos/knee:.1f}`; `\\n` begins a line, `{{` is a brace."""
+
+    parts: Sequence[OverlayTextPart]
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns that the text shows, without duplicates."""
+        return list(dict.fromkeys(part.name for part in self.parts if part.name and part.name not in BUILTIN))
+
+    def filled(self, values: Mapping[str, float]) -> str:
+        """Returns the text with `values` inserted by name."""
+        texts: list[str] = []
+        for part in self.parts:
+            value = format(values[part.name], part.form) if part.name else ""
+            texts.append(part.literal + value)
+        return "".join(texts)
+
+
+def parse_template(text: str, columns: Sequence[str]) -> OverlayText:
+    """Parses a template.
+
+    Args:
+      columns: the columns that can be measured.
+
+    Raises:
+      UnknownNameError: a value is unknown.
+      UsageError: a brace is not closed, or a format does not suit numbers.
+    """
+    try:
+        parsed = list(string.Formatter().parse(text.replace("\\n", "\n")))
+    except ValueError as error:
+        raise UsageError(
+            f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}} and a brace as {{{{"
+        ) from None
+    valid = [*BUILTIN, *columns]
+    return OverlayText([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
+
+
+def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> OverlayTextPart:
+    if name is None:
+        return OverlayTextPart(literal)
+    whole = f"{name}:{form}" if form else name  # a column may hold a colon itself, as in qpos/joint:0
+    column = max((column for column in valid if whole == column or whole.startswith(f"{column}:")), key=len, default="")
+    if not column:
+        raise UnknownNameError("value", name, valid, where=option("text"))
+    form = whole[len(column) + 1 :] or BUILTIN.get(column, DEFAULT_FORMAT)
+    try:
+        format(1 if column in ("frame", "step") else 1.0, form)
+    except ValueError as error:
+        raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {error}") from None
+    return OverlayTextPart(literal, column, form)

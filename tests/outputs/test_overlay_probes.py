@@ -10,11 +10,12 @@ from PIL import Image as Pillow
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.outputs.frame_drawing import BUILTIN, DEFAULT_FORMAT, empty_overlay, overlay_probes, parse_template
+from mjrun.outputs.frame_drawing import empty_overlay, overlay_probes
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.compositor import TextAndLivePlots
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
+from mjrun.rendering.text import BUILTIN, DEFAULT_FORMAT, parse_template
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
