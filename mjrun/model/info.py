@@ -16,27 +16,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
+from mjrun.model import description as described
 from mjrun.model import known_bugs
-from mjrun.model.description import (
-    Actuator,
-    Body,
-    Camera,
-    ContactExclusion,
-    ContactPair,
-    EqualityConstraint,
-    Flex,
-    Geom,
-    Joint,
-    Light,
-    ModelObject,
-    PluginInstance,
-    Sensor,
-    Site,
-    Tendon,
-    computed,
-    objects,
-    of_field,
-)
 from mjrun.model.fields import floats
 from mjrun.model.model_files import file_content, file_size, first_existing, main_mjcf
 from mjrun.model.mujoco_globals import collected_warnings
@@ -180,7 +161,7 @@ SIZES = (
     *("nnumeric", "ntext", "ntuple", "nM", "nB", "nC", "nD"),
 )
 SLACK = 1e-9  # relative to a range, for the rounding of angles written in decimals
-T = TypeVar("T", bound=ModelObject)
+T = TypeVar("T", bound=described.ModelObject)
 
 
 @dataclass(frozen=True)
@@ -329,7 +310,7 @@ def _is_finite(model: mujoco.MjModel, key: int) -> bool:
 
 
 @dataclass(frozen=True)
-class KeyframeDescription(ModelObject):
+class KeyframeDescription(described.ModelObject):
     """The description of a keyframe.
 
     Attributes:
@@ -340,9 +321,9 @@ class KeyframeDescription(ModelObject):
 
     KIND = "keyframe"
 
-    time: float = of_field("key_time", usual=-1)
-    finite: bool = computed(_is_finite)
-    outside: tuple[str, ...] = computed(
+    time: float = described.of_field("key_time", usual=-1)
+    finite: bool = described.computed(_is_finite)
+    outside: tuple[str, ...] = described.computed(
         lambda model, key: (*_joints_outside(model, key), *_actuators_outside(model, key))
     )
 
@@ -351,7 +332,7 @@ def _section(kind: type[T]) -> "cached_property[tuple[T, ...]]":
     """Returns a section with a row for each object of a kind."""
 
     def rows(description: "ModelDescription") -> tuple[T, ...]:
-        return objects(kind, description.model)
+        return described.objects(kind, description.model)
 
     rows.__annotations__["return"] = tuple[kind, ...]
     return cached_property(rows)
@@ -383,21 +364,21 @@ class ModelDescription:
     def summary(self) -> ModelSummary:
         return summary(self.model, self.path)
 
-    bodies = _section(Body)
-    joints = _section(Joint)
-    geoms = _section(Geom)
-    sites = _section(Site)
-    actuators = _section(Actuator)
-    sensors = _section(Sensor)
-    cameras = _section(Camera)
-    lights = _section(Light)
+    bodies = _section(described.Body)
+    joints = _section(described.Joint)
+    geoms = _section(described.Geom)
+    sites = _section(described.Site)
+    actuators = _section(described.Actuator)
+    sensors = _section(described.Sensor)
+    cameras = _section(described.Camera)
+    lights = _section(described.Light)
     keyframes = _section(KeyframeDescription)
-    tendons = _section(Tendon)
-    equalities = _section(EqualityConstraint)
-    pairs = _section(ContactPair)
-    excludes = _section(ContactExclusion)
-    flexes = _section(Flex)
-    plugins = _section(PluginInstance)
+    tendons = _section(described.Tendon)
+    equalities = _section(described.EqualityConstraint)
+    pairs = _section(described.ContactPair)
+    excludes = _section(described.ContactExclusion)
+    flexes = _section(described.Flex)
+    plugins = _section(described.PluginInstance)
 
     @cached_property
     def options(self) -> tuple[NonDefaultSetting, ...]:

@@ -32,20 +32,8 @@ from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
+from mjrun.plotting import html_page
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import (
-    MAKER,
-    VIDEOS,
-    ImageSlider,
-    Page,
-    PageFactTable,
-    PageFigure,
-    check_page_name,
-    data_uri,
-    origin,
-    page_file,
-    write_page,
-)
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write
@@ -90,7 +78,7 @@ class Diff(DiffOptions):
         """
         a, b = _name(self.a), _name(self.b)
         if self.html is not None:
-            check_page_name(self.html)
+            html_page.check_page_name(self.html)
         if a is None or b is None or (kind := common_kind(a, b)) == MODEL:
             self._require_applicable(MODEL)
             result, worst = _models(self, self.a, self.b, reporter), None
@@ -254,40 +242,40 @@ def write_comparison_page(
     assert options.html is not None
     if os.path.realpath(options.html) in map(os.path.realpath, (result.a, result.b)):
         raise UsageError(f"{option('html')} {clean(options.html)} is a compared file; give the page another name")
-    write_page(options.html, comparison_page(result, options, worst, command))
+    html_page.write_page(options.html, comparison_page(result, options, worst, command))
 
 
 def comparison_page(
     result: DiffResult, options: PageOptions, worst: WorstFramePair | None = None, command: str = ""
-) -> Page:
+) -> html_page.Page:
     """Returns the page about a comparison."""
     columns = [column for column in result.table.columns if column.first] if result.table else []
     has_files = result.kind == "table" and STDIN not in (result.a, result.b)
     versions = {"mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
-    paths = [path for path in (result.a, result.b) if Path(path).suffix.lower() in VIDEOS]
-    return Page(
+    paths = [path for path in (result.a, result.b) if Path(path).suffix.lower() in html_page.VIDEOS]
+    return html_page.Page(
         title=f"{result.a} and {result.b}",
-        maker=MAKER,
+        maker=html_page.MAKER,
         verdict=(result.equal, "they agree" if result.equal else "they differ"),
         facts=[*_differences(result), *_columns(columns, result)],
         figures=[_curves(result, columns)] if has_files and columns else [],
         pairs=[_pair(result, worst)] if worst is not None else [],
-        files=[page_file(path, str(options.html), options.embed_up_to) for path in paths],
-        manifests=[origin("This comparison", command, (result.a, result.b), versions)],
+        files=[html_page.page_file(path, str(options.html), options.embed_up_to) for path in paths],
+        manifests=[html_page.origin("This comparison", command, (result.a, result.b), versions)],
         notes=[f"Possible reason: {note}" for note in result.notes],
     )
 
 
-def _differences(result: DiffResult) -> list[PageFactTable]:
+def _differences(result: DiffResult) -> list[html_page.PageFactTable]:
     if not result.differences:
         return []
     rows = [[str(number + 1), sentence] for number, sentence in enumerate(result.differences[:LISTED])]
     if (more := len(result.differences) - LISTED) > 0:
         rows.append(["…", f"and {more} more"])
-    return [PageFactTable("Differences", "What differs", ("", "Difference"), rows)]
+    return [html_page.PageFactTable("Differences", "What differs", ("", "Difference"), rows)]
 
 
-def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[PageFactTable]:
+def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[html_page.PageFactTable]:
     """Returns a table of the columns that differ."""
     if not columns or result.table is None:
         return []
@@ -304,14 +292,18 @@ def _columns(columns: Sequence[ColumnDifference], result: DiffResult) -> list[Pa
     ]
     heads = ("Column", *(["Unit"] if units else []), "Rows that differ", "Largest", "RMS")
     numeric = range(1 + units, len(heads))
-    return [PageFactTable("Columns that differ", "Columns with numbers beyond the tolerance", heads, rows, numeric)]
+    return [
+        html_page.PageFactTable(
+            "Columns that differ", "Columns with numbers beyond the tolerance", heads, rows, numeric
+        )
+    ]
 
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"
 
 
-def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> PageFigure:
+def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> html_page.PageFigure:
     """Draws the columns that differ most, of A and B in the same panels."""
     require_matplotlib()
     chosen = [column.name for column in columns if not column.text][:DRAWN]
@@ -321,21 +313,21 @@ def _curves(result: DiffResult, columns: Sequence[ColumnDifference]) -> PageFigu
         return figure.for_page()
 
 
-def _pair(result: DiffResult, worst: WorstFramePair) -> ImageSlider:
+def _pair(result: DiffResult, worst: WorstFramePair) -> html_page.ImageSlider:
     """Returns the two pictures that differ most, and their difference."""
     assert result.picture
     (a, b), difference, scale = shown_frames(worst)
     facts = frame_facts(result.picture.worst) if result.picture.worst else "no difference"
     when = result.picture.worst.time if result.picture.worst else None
     at = "" if when is None or result.picture.frames == 1 else f"{when:.6g} s: "
-    return ImageSlider(
+    return html_page.ImageSlider(
         _address(a), _address(b), a.shape[1], f"{at}{facts}", _address(difference), f"Difference, {scale}"
     )
 
 
 def _address(pixels: np.ndarray) -> str:
     """Returns a picture as a data URI."""
-    return data_uri("image/png", png(ImageData(np.ascontiguousarray(pixels), 0, None, {})))
+    return html_page.data_uri("image/png", png(ImageData(np.ascontiguousarray(pixels), 0, None, {})))
 
 
 def write_worst_frame(output: str, frames: WorstFramePair, names: Sequence[str], frame: FrameDifference | None) -> None:

@@ -2,17 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
-from mjrun.options.output import (
-    CODECS,
-    DEPTH_IMAGES,
-    EXPORT_FOLDERS,
-    EXPORTS,
-    PLOTS,
-    RGB_IMAGES,
-    SEGMENTATION_IMAGES,
-    TABLES,
-    VIDEOS,
-)
+from mjrun.options import output
 from mjrun.options.policy import POLICIES
 
 
@@ -81,14 +71,14 @@ def _name(suffixes: Iterable[str]) -> str:
 
 
 LISTS: dict[str, Callable[[], Iterable[str]]] = {
-    TABLES: _tables,
-    VIDEOS: _videos,
-    CODECS: _codecs,
-    RGB_IMAGES: lambda: _images("rgb"),
-    DEPTH_IMAGES: lambda: _images("depth"),
-    SEGMENTATION_IMAGES: lambda: _images("seg"),
-    EXPORTS: lambda: _exports(folders=False),
-    EXPORT_FOLDERS: lambda: _exports(folders=True),
+    output.TABLES: _tables,
+    output.VIDEOS: _videos,
+    output.CODECS: _codecs,
+    output.RGB_IMAGES: lambda: _images("rgb"),
+    output.DEPTH_IMAGES: lambda: _images("depth"),
+    output.SEGMENTATION_IMAGES: lambda: _images("seg"),
+    output.EXPORTS: lambda: _exports(folders=False),
+    output.EXPORT_FOLDERS: lambda: _exports(folders=True),
     POLICIES: _policies,
-    PLOTS: _plots,
+    output.PLOTS: _plots,
 }

@@ -17,28 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.probe.expression import (
-    START,
-    AggregateCall,
-    ColumnReference,
-    KnownValues,
-    NumericExpression,
-    ParsedExpression,
-    TextMatch,
-    evaluate,
-    evaluate_truth,
-    walk,
-)
+from mjrun.probe import expression as tree
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 
-NO_MATCHES: Mapping[TextMatch, np.ndarray] = {}
+NO_MATCHES: Mapping[tree.TextMatch, np.ndarray] = {}
 
 
-class Condition(ParsedExpression):
+class Condition(tree.ParsedExpression):
     """A condition on each row."""
 
-    def holds(self, columns: Mapping[str, Any], matches: Mapping[TextMatch, np.ndarray] = NO_MATCHES) -> np.ndarray:
+    def holds(
+        self, columns: Mapping[str, Any], matches: Mapping[tree.TextMatch, np.ndarray] = NO_MATCHES
+    ) -> np.ndarray:
         """Returns where it holds, `(n,)` bool. No comparison with NaN holds.
 
         Args:
@@ -46,16 +37,16 @@ class Condition(ParsedExpression):
           matches: the values `(n,)` of its comparisons with texts.
         """
         with np.errstate(all="ignore"):
-            return evaluate_truth(self.root, columns, {**matches})
+            return tree.evaluate_truth(self.root, columns, {**matches})
 
 
-class RowExpression(ParsedExpression):
+class RowExpression(tree.ParsedExpression):
     """A number per row."""
 
     @property
     def is_column(self) -> bool:
         """True if its value is a column, unchanged."""
-        return isinstance(self.root, ColumnReference)
+        return isinstance(self.root, tree.ColumnReference)
 
     def evaluator(self) -> "RowEvaluator":
         """Returns a new evaluation, to which no rows were added yet."""
@@ -69,9 +60,9 @@ class RowExpression(ParsedExpression):
 class RowEvaluator:
     """An evaluator of an expression in one pass over a table, block by block."""
 
-    def __init__(self, value: NumericExpression) -> None:
+    def __init__(self, value: tree.NumericExpression) -> None:
         self._value = value
-        self._first: KnownValues | None = None
+        self._first: tree.KnownValues | None = None
 
     def feed(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Returns the values `(n,)` float64 on the next rows; `columns` are `(n,)` each, by name."""
@@ -82,14 +73,14 @@ class RowEvaluator:
         with np.errstate(all="ignore"):  # 1/0 is inf, as in assertions
             if self._first is None:
                 self._first = self._first_values({name: values[:1] for name, values in block.items()})
-            value = evaluate(self._value, block, self._first)
+            value = tree.evaluate(self._value, block, self._first)
         return np.array(np.broadcast_to(value, count), np.float64)
 
-    def _first_values(self, row: dict[str, np.ndarray]) -> KnownValues:
-        known: KnownValues = {}
-        for node in walk(self._value):
-            if isinstance(node, AggregateCall) and node.kind == START:
-                known[node] = float(np.ravel(evaluate(node.operand, row, known))[0])
+    def _first_values(self, row: dict[str, np.ndarray]) -> tree.KnownValues:
+        known: tree.KnownValues = {}
+        for node in tree.walk(self._value):
+            if isinstance(node, tree.AggregateCall) and node.kind == tree.START:
+                known[node] = float(np.ravel(tree.evaluate(node.operand, row, known))[0])
         return known
 
 

@@ -17,18 +17,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError
+from mjrun.probe import expression as tree
 from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
-from mjrun.probe.expression import (
-    CONSTANTS,
-    BooleanExpression,
-    KnownValues,
-    NumericExpression,
-    ParsedExpression,
-    PreviousValue,
-    evaluation,
-    truth_evaluation,
-    walk,
-)
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 from mjrun.probe.vocabularies import ModelVocabulary
@@ -42,7 +32,7 @@ class TaskVocabulary(ModelVocabulary):
     def __init__(self, model: mujoco.MjModel, others: Iterable[str], control_dt: float) -> None:
         super().__init__(model, others)
         self.control_dt = control_dt
-        self.constants = CONSTANTS | {"control_dt": control_dt}
+        self.constants = tree.CONSTANTS | {"control_dt": control_dt}
 
     def missing(self, name: str, position: int, source: SourceText) -> UsageError:
         if name.partition("/")[0] in {*EPISODE_GROUPS} - self.groups:
@@ -50,7 +40,7 @@ class TaskVocabulary(ModelVocabulary):
         return super().missing(name, position, source)
 
 
-class TaskExpression(ParsedExpression):
+class TaskExpression(tree.ParsedExpression):
     """A number, or a condition, per control instant."""
 
     def evaluator(self, count: int) -> "TaskEvaluator":
@@ -67,21 +57,21 @@ class TaskEvaluator:
       root: the expression.
     """
 
-    def __init__(self, root: NumericExpression | BooleanExpression, count: int) -> None:
+    def __init__(self, root: tree.NumericExpression | tree.BooleanExpression, count: int) -> None:
         self.root = root
         self._count = count
-        is_truth = isinstance(root, BooleanExpression)
+        is_truth = isinstance(root, tree.BooleanExpression)
         self._type = np.dtype(bool if is_truth else np.float64)
-        self._evaluation = truth_evaluation(root) if is_truth else evaluation(root)
-        previous = [node for node in walk(root) if isinstance(node, PreviousValue)]
-        operands = {node: evaluation(node.operand) for node in previous}
+        self._evaluation = tree.truth_evaluation(root) if is_truth else tree.evaluation(root)
+        previous = [node for node in tree.walk(root) if isinstance(node, tree.PreviousValue)]
+        operands = {node: tree.evaluation(node.operand) for node in previous}
         self._previous = [  # inner ones first, each once
             (node, operands[node], np.full((count, node.width) if node.width else count, np.nan))
             for node in dict.fromkeys(previous)
         ]
 
     @property
-    def previous(self) -> list[tuple[PreviousValue, np.ndarray]]:
+    def previous(self) -> list[tuple[tree.PreviousValue, np.ndarray]]:
         """The calls of `previous`, inner ones first, each with its values of the worlds `(count, …)`."""
         return [(node, before) for node, _, before in self._previous]
 
@@ -108,7 +98,7 @@ class TaskEvaluator:
     def _evaluate(self, columns: Mapping[str, Any], ids: Ids, first: bool) -> np.ndarray:
         worlds = slice(None) if ids is None else np.asarray(ids, int)
         count = self._count if ids is None else len(ids)
-        known: KnownValues = {}
+        known: tree.KnownValues = {}
         for node, operand, before in self._previous:
             now = operand(columns, known)
             known[node] = now if first else np.array(before[worlds])  # a copy: `before` changes now

@@ -13,26 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjrun.errors import concerning
-from mjrun.probe.expression import (
-    ARITHMETIC,
-    FINITE,
-    NOT_FINITE,
-    REDUCED,
-    BooleanExpression,
-    BooleanOperation,
-    ColumnLayout,
-    ColumnMatrix,
-    ColumnReference,
-    ColumnVector,
-    Comparison,
-    ConditionalValue,
-    Function,
-    FunctionCall,
-    NumberLiteral,
-    NumericExpression,
-    PreviousValue,
-    RowwiseReduction,
-)
+from mjrun.probe import expression as tree
 from mjrun.probe.task_expression import (
     TaskEvaluator,
     TaskExpression,
@@ -50,8 +31,17 @@ NOTHING: Mapping[str, Any] = {}
 Judge = Callable[[float], tuple[float, list[float], int]]
 Fill = Callable[[np.ndarray, float], None]
 # Python's operators that are bit for bit those of NumPy.
-OPERATORS: dict[Function, str] = {ARITHMETIC["+"]: "+", ARITHMETIC["-"]: "-", ARITHMETIC["*"]: "*", np.add: "+"}
-OF_NUMBERS = {*OPERATORS, ARITHMETIC["/"], abs}  # functions that are faster on each of a few numbers than on a vector
+OPERATORS: dict[tree.Function, str] = {
+    tree.ARITHMETIC["+"]: "+",
+    tree.ARITHMETIC["-"]: "-",
+    tree.ARITHMETIC["*"]: "*",
+    np.add: "+",
+}
+OF_NUMBERS = {
+    *OPERATORS,
+    tree.ARITHMETIC["/"],
+    abs,
+}  # functions that are faster on each of a few numbers than on a vector
 FEW = 7  # the most numbers that NumPy adds in order; it adds more of them pairwise
 # Numbers that Python copies one by one in less time than NumPy together: adjacent ones, and others.
 ADJACENT, SCATTERED = 2, 9
@@ -126,7 +116,7 @@ class TaskExpressions:
         self.measured = [column for column in read if column not in {TIME, *actions, *commands}]
         self.reads_time = TIME in read
         self.reads_actions, self.reads_commands = (not read.keys().isdisjoint(own) for own in (actions, commands))
-        self._layout = ColumnLayout(
+        self._layout = tree.ColumnLayout(
             [
                 *self.measured,
                 *(actions if self.reads_actions else ()),
@@ -140,13 +130,15 @@ class TaskExpressions:
         evaluators = [*self._rewards, *self._conditions, *self._values.values()]
         return [array for each in evaluators for array in each.memory]
 
-    def columns(self, measured: np.ndarray, inputs: ExpressionInputs) -> ColumnMatrix:
+    def columns(self, measured: np.ndarray, inputs: ExpressionInputs) -> tree.ColumnMatrix:
         """Returns the columns that they read, `(k,)` each, from those of the model `(k, len(self.measured))`."""
         read = [measured]
         read += [inputs.actions] if self.reads_actions else []
         read += [inputs.commands] if self.reads_commands else []
         matrix = np.concatenate(read, axis=-1) if len(read) > 1 else measured
-        return ColumnMatrix(self._layout, matrix, {TIME: self.time(inputs.instants)} if self.reads_time else NOTHING)
+        return tree.ColumnMatrix(
+            self._layout, matrix, {TIME: self.time(inputs.instants)} if self.reads_time else NOTHING
+        )
 
     def alone(
         self,
@@ -188,7 +180,7 @@ class TaskExpressions:
         """Returns the time of control instants [s], exact and rounded once."""
         return instants * self._control_dt.numerator / self._control_dt.denominator
 
-    def begin(self, columns: ColumnMatrix, ids: np.ndarray | None, count: int) -> np.ndarray:
+    def begin(self, columns: tree.ColumnMatrix, ids: np.ndarray | None, count: int) -> np.ndarray:
         """Evaluates the expressions at the first instant of `count` episodes.
 
         Returns:
@@ -200,7 +192,7 @@ class TaskExpressions:
                     each.begin(columns, ids)
             return self._codes([each.begin(columns, ids) for each in self._conditions], count)
 
-    def advance(self, columns: ColumnMatrix, ids: np.ndarray | None, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def advance(self, columns: tree.ColumnMatrix, ids: np.ndarray | None, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Evaluates the expressions at the end of a control period in `count` worlds.
 
         Returns:
@@ -214,7 +206,7 @@ class TaskExpressions:
             terms *= self._weight_column
             return terms, self._codes([each.advance(columns, ids) for each in self._conditions], count)
 
-    def values(self, columns: ColumnMatrix, ids: np.ndarray | None, first: bool) -> Mapping[str, np.ndarray]:
+    def values(self, columns: tree.ColumnMatrix, ids: np.ndarray | None, first: bool) -> Mapping[str, np.ndarray]:
         """Returns the observed values, `(k,)` by the name of their term; see `columns`."""
         with np.errstate(all="ignore"):
             if first:
@@ -246,7 +238,7 @@ class RowFunctionBuilder:
         self._lines: list[str] = []
         self._variables: dict[str, str] = {}  # by their assigned source
         self._vectors: dict[tuple[str, ...], str] = {}
-        self._previous: dict[PreviousValue, str] = {}
+        self._previous: dict[tree.PreviousValue, str] = {}
         self._objects: dict[str, Any] = {"isfinite": math.isfinite, "sqrt": math.sqrt}
         self.uses_numpy = False
 
@@ -259,7 +251,7 @@ class RowFunctionBuilder:
             self._previous[node] = now if self._is_first else self._assigned(before)
             self.add(f"{name}[0] = {now}")
         root = evaluator.root
-        return self._truth(root) if isinstance(root, BooleanExpression) else self._number(root)
+        return self._truth(root) if isinstance(root, tree.BooleanExpression) else self._number(root)
 
     def add(self, line: str) -> None:
         """Adds a line of source."""
@@ -283,44 +275,46 @@ class RowFunctionBuilder:
         exec(compile(source, "<expressions of a task>", "exec"), namespace)
         return namespace["program"]
 
-    def _number(self, node: NumericExpression) -> str:
+    def _number(self, node: tree.NumericExpression) -> str:
         match node:
-            case NumberLiteral(value=number):
+            case tree.NumberLiteral(value=number):
                 return f"({number!r})" if math.isfinite(number) else self._object(number)
-            case ColumnReference(name=name):
+            case tree.ColumnReference(name=name):
                 return self._column(name)
-            case ColumnVector(names=names):
+            case tree.ColumnVector(names=names):
                 return self._vector(names)
-            case PreviousValue():
+            case tree.PreviousValue():
                 return self._previous[node]
-            case FunctionCall():
+            case tree.FunctionCall():
                 self.uses_numpy |= node.width > 0
                 return self._call(node, [self._number(operand) for operand in node.operands])
-            case RowwiseReduction():
+            case tree.RowwiseReduction():
                 return self._reduction(node)
-            case ConditionalValue(condition=condition, operands=(first, second)):
+            case tree.ConditionalValue(condition=condition, operands=(first, second)):
                 holds, one, other = self._truth(condition), self._number(first), self._number(second)
                 if node.width:
                     return self._numpy(np.where, holds, one, other)
                 return self._assigned(f"{one} if {holds} else {other}")
         raise TypeError(node)
 
-    def _truth(self, node: BooleanExpression) -> str:
+    def _truth(self, node: tree.BooleanExpression) -> str:
         match node:
-            case Comparison(operator=operator, sides=(value, _)) if operator in (FINITE, NOT_FINITE):
-                return self._assigned(f"{'not ' if operator == NOT_FINITE else ''}{self._finite(value)}")
-            case Comparison(operator=operator, sides=sides):
+            case tree.Comparison(operator=operator, sides=(value, _)) if operator in (tree.FINITE, tree.NOT_FINITE):
+                return self._assigned(f"{'not ' if operator == tree.NOT_FINITE else ''}{self._finite(value)}")
+            case tree.Comparison(operator=operator, sides=sides):
                 left, right = map(self._number, sides)
                 unequal = f"{left} < {right} or {left} > {right}"  # false for NaN
                 return self._assigned(unequal if operator == "!=" else f"{left} {operator} {right}")
-            case BooleanOperation(every=every, parts=parts):
+            case tree.BooleanOperation(every=every, parts=parts):
                 return self._assigned((" and " if every else " or ").join(map(self._truth, parts)))
         raise TypeError(node)
 
-    def _finite(self, value: NumericExpression) -> str:
+    def _finite(self, value: tree.NumericExpression) -> str:
         """Returns the source of the test that a number, or every number of a vector, is finite."""
         match value:
-            case RowwiseReduction(name="max", operands=(FunctionCall(functions=(function,), operands=(vector,)),)):
+            case tree.RowwiseReduction(
+                name="max", operands=(tree.FunctionCall(functions=(function,), operands=(vector,)),)
+            ):
                 if function is abs and vector.width:
                     return f"all(map(isfinite, {self._number(vector)}.tolist()))"
         return f"isfinite({self._number(value)})"
@@ -358,25 +352,25 @@ class RowFunctionBuilder:
         else:
             self.add(f"{target}[{start}:{start + len(chosen)}] = {self._gathered(source, chosen)}")
 
-    def _call(self, call: FunctionCall, values: Sequence[str]) -> str:
+    def _call(self, call: tree.FunctionCall, values: Sequence[str]) -> str:
         """Applies the functions of a call to its operands, or to one number of each."""
         result, *others = values
         if not others:
             function = call.functions[0]
             return self._assigned(f"abs({result})") if function is abs else self._numpy(function, result)
         for function, other, operand in zip(call.functions, others, call.operands[1:], strict=True):
-            number = operand.value if isinstance(operand, NumberLiteral) else None
+            number = operand.value if isinstance(operand, tree.NumberLiteral) else None
             if function in OPERATORS:
                 result = self._assigned(f"{result} {OPERATORS[function]} {other}")
-            elif function is ARITHMETIC["/"] and number:
+            elif function is tree.ARITHMETIC["/"] and number:
                 result = self._assigned(f"{result} / {other}")
-            elif function is ARITHMETIC["^"] and number == 2:
+            elif function is tree.ARITHMETIC["^"] and number == 2:
                 result = self._assigned(f"{result} * {result}")
             else:
                 result = self._numpy(function, result, other)
         return result
 
-    def _reduction(self, node: RowwiseReduction) -> str:
+    def _reduction(self, node: tree.RowwiseReduction) -> str:
         name, is_norm = "sum" if node.name == "norm" else node.name, node.name == "norm"
         numbers = [number for operand in node.operands for number in self._numbers(operand)]
         if name == "sum" and len(numbers) <= FEW and None not in numbers:
@@ -387,16 +381,16 @@ class RowFunctionBuilder:
             is_one = len(vectors) == 1 and node.operands[0].width
             vector = vectors[0] if is_one else self._numpy(np.hstack, f"({', '.join(vectors)},)")
             vector = self._assigned(f"{vector} * {vector}") if is_norm else vector
-            total = self._numpy(REDUCED[name], vector)
+            total = self._numpy(tree.REDUCED[name], vector)
         return self._assigned(f"sqrt({total})" if is_norm else total)
 
-    def _numbers(self, node: NumericExpression) -> list[str | None]:
+    def _numbers(self, node: tree.NumericExpression) -> list[str | None]:
         """Returns the variable of each number of a vector, or of a single number; None where NumPy computes them."""
         if not node.width:
             return [self._number(node)]
-        if node.width <= FEW and isinstance(node, ColumnVector):
+        if node.width <= FEW and isinstance(node, tree.ColumnVector):
             return [self._column(name) for name in node.names]
-        if node.width <= FEW and isinstance(node, FunctionCall) and _is_arithmetic(node):
+        if node.width <= FEW and isinstance(node, tree.FunctionCall) and _is_arithmetic(node):
             operands = [self._numbers(operand) for operand in node.operands]
             columns = [numbers * (node.width // len(numbers)) for numbers in operands]
             rows = [[number for number in row if number is not None] for row in zip(*columns, strict=True)]
@@ -404,7 +398,7 @@ class RowFunctionBuilder:
                 return [self._call(node, row) for row in rows]
         return [None]
 
-    def _numpy(self, function: Function, *arguments: str) -> str:
+    def _numpy(self, function: tree.Function, *arguments: str) -> str:
         """Returns the variable with the result of a NumPy function."""
         self.uses_numpy = True
         return self._assigned(f"{self._object(function)}({', '.join(arguments)})")
@@ -426,7 +420,7 @@ class RowFunctionBuilder:
         return name
 
 
-def _is_arithmetic(call: FunctionCall) -> bool:
+def _is_arithmetic(call: tree.FunctionCall) -> bool:
     """Returns whether Python computes the functions of a call on each number of a vector."""
-    is_square = call.functions == (ARITHMETIC["^"],) and getattr(call.operands[1], "value", None) == 2
+    is_square = call.functions == (tree.ARITHMETIC["^"],) and getattr(call.operands[1], "value", None) == 2
     return is_square or OF_NUMBERS.issuperset(call.functions)
