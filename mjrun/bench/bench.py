@@ -63,7 +63,10 @@ class Bench(BenchOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_effects()
+        needs = (("horizon", "accuracy"), ("reference", "accuracy"), ("fail_above", "compare"), ("force", "compare"))
+        for name, other in needs:
+            if is_given(self, name) and not is_given(self, other):
+                raise UsageError(f"{option(name)} has no effect without {option(other)}")
         self._check_drawings()
         if self.scan and isinstance(self.model, mujoco.MjModel):
             raise UsageError(f"{option('scan')} changes a model before it is compiled; give its file")
@@ -103,13 +106,6 @@ class Bench(BenchOptions):
                 raise UsageError(f"{option('scan')} {path} is given twice; give all its values at once")
             grid[path] = [*value_list(path, text, "scan")]
         return grid
-
-    def _check_effects(self) -> None:
-        """Refuses options that would be ignored."""
-        needs = (("horizon", "accuracy"), ("reference", "accuracy"), ("fail_above", "compare"), ("force", "compare"))
-        for name, other in needs:
-            if is_given(self, name) and not is_given(self, other):
-                raise UsageError(f"{option(name)} has no effect without {option(other)}")
 
     def _check_drawings(self) -> None:
         """Refuses drawing options if nothing is drawn, and several drawings of one video."""

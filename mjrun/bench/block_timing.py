@@ -112,13 +112,10 @@ class RolloutInputs:
         return states
 
     def _stepper(self) -> PhysicsStepper:
-        return PhysicsStepper(self.model, self.data(), self._control())
-
-    def _control(self) -> ControlSources | None:
         if self.controls is None or not self.model.nu:
-            return None
-        timestep = rational(self.model.opt.timestep)
-        return ControlSources(timestep, np.zeros(int(self.model.nu)), ControlArray(self.controls))
+            return PhysicsStepper(self.model, self.data())
+        timestep, idle = rational(self.model.opt.timestep), np.zeros(int(self.model.nu))
+        return PhysicsStepper(self.model, self.data(), ControlSources(timestep, idle, ControlArray(self.controls)))
 
 
 class WarnedRolloutError(Exception):

@@ -40,7 +40,11 @@ class BoundCameraScript:
         self._shots = [self._bind(i, shot, cameras) for i, shot in enumerate(script.shots)]
         self._shakes = [ShakeNoise(shot.shake) if shot.shake else None for shot in script.shots]
         for i, shot in enumerate(script.shots):
-            self._check_blend(i, shot)
+            if shot.blend and len({shot.rig.frustum.orthographic for shot in self._shots[i - 1 : i + 1]}) > 1:
+                raise UsageError(
+                    f"{self._where(i)}: a camera with perspective and one without cannot be blended\n"
+                    "cut from one to the other"
+                )
 
     @property
     def perspective(self) -> bool:
@@ -148,13 +152,6 @@ class BoundCameraScript:
     def _where(self, i: int) -> str:
         """Returns the name of a shot in errors."""
         return f"camera {clean(self.script.name)}" + (f": shot {i + 1}" if len(self.script.shots) > 1 else "")
-
-    def _check_blend(self, i: int, shot: Shot) -> None:
-        if shot.blend and len({shot.rig.frustum.orthographic for shot in self._shots[i - 1 : i + 1]}) > 1:
-            raise UsageError(
-                f"{self._where(i)}: a camera with perspective and one without cannot be blended\n"
-                "cut from one to the other"
-            )
 
 
 @dataclass(frozen=True)

@@ -207,8 +207,14 @@ class _Mirror:
     def _add(self, file: Path, *, is_link: bool) -> None:
         copy = mirrored(self._root, file)
         os.makedirs(copy.parent, exist_ok=True)  # noqa: PTH103 – with every part of a path such as a/../b
-        if is_link:
-            _link(file, copy)
+        if not is_link:
+            return
+        try:
+            copy.symlink_to(file)
+        except FileExistsError:  # another spelling of the same path
+            return
+        except OSError:  # as in a confined process
+            shutil.copyfile(file, copy)
 
     def write(self, texts: Mapping[str, bytes], fixes: Sequence[tuple[str, Fix]]) -> None:
         """Writes texts, given by real paths, to the places of these paths, and links the files that they read now."""
@@ -253,15 +259,6 @@ def _groups(models: Sequence[str]) -> list[_Group]:
             own = _Group([*other.models, *own.models], other.places | own.places, other.texts | own.texts)
         groups.append(own)
     return groups
-
-
-def _link(file: Path, copy: Path) -> None:
-    try:
-        copy.symlink_to(file)
-    except FileExistsError:  # another spelling of the same path
-        return
-    except OSError:  # as in a confined process
-        shutil.copyfile(file, copy)
 
 
 def _edited_files(results: Sequence[ModelCheckResult]) -> Iterator[str]:

@@ -56,7 +56,8 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
         raise UsageError(f"{option('untrusted')} {reason}")
     if not shared_status.is_monitored():
         raise UsageError(f"{option('untrusted')} works only for mjrun as a command, which runs in a separate process")
-    command = _declaration(context)
+    assert isinstance(context.command, DeclaredCommand)
+    command = context.command.declaration
     limits = _limits(options, command)
     paths = _named_paths(context)
     # The confined process cannot create them. They are never released here: its parent removes the empty ones.
@@ -101,11 +102,6 @@ def _limits(options: ConfinementOptions, command: CommandDeclaration) -> dict[st
             raise BadValueError(f"{option('limit')} {name}", ",".join(f"{v:g}" for v in values), expected)
         limits[name] = values[0]
     return limits
-
-
-def _declaration(context: click.Context) -> CommandDeclaration:
-    assert isinstance(context.command, DeclaredCommand)
-    return context.command.declaration
 
 
 def confinement_of(context: click.Context) -> Confinement:

@@ -202,7 +202,9 @@ def _failure(error: BaseException) -> FailureReport:
     """Returns the failure that an exception represents."""
     match error:
         case click.UsageError():
-            return FailureReport("UsageError", _usage_message(error), error.exit_code)
+            path = error.ctx.command_path if error.ctx else "mjrun"
+            text = f"{error.format_message()}\n`{path} --help` shows what it takes"
+            return FailureReport("UsageError", text, error.exit_code)
         case click.ClickException():
             return FailureReport(type(error).__name__, error.format_message(), error.exit_code)
         case MjrunError():
@@ -231,11 +233,6 @@ def _has_working_folder() -> bool:
     except FileNotFoundError:
         return False
     return True
-
-
-def _usage_message(error: click.UsageError) -> str:
-    path = error.ctx.command_path if error.ctx else "mjrun"
-    return f"{error.format_message()}\n`{path} --help` shows what it takes"
 
 
 def _bug_message(error: Exception) -> str:

@@ -186,7 +186,8 @@ def make_outputs(
     if options.save_key is not None:
         from mjrun.outputs.keyframe import Keyframe
 
-        path, name = _saved_key(options.save_key)
+        path, suffix, name = options.save_key.rpartition(".xml:")
+        path, name = (f"{path}.xml", name) if suffix else (options.save_key, LAST_INSTANT)
         requests.append(Keyframe(request.simulation, path, name=name, time=time, step=step, command=console.command))
     if options.print_document:
         from mjrun.document.run_writer import document_text
@@ -240,12 +241,6 @@ def tell_reason(console: Console, last: "UpToDateCheck") -> None:
     """Tells why outputs are made again."""
     if last.reason:
         console.note(f"made again: {last.reason}")
-
-
-def _saved_key(text: str) -> tuple[str, str]:
-    """Splits FILE.xml[:NAME] into file and name."""
-    path, dot, name = text.rpartition(".xml:")
-    return (f"{path}.xml", name) if dot else (text, LAST_INSTANT)
 
 
 def show(console: Console, command_line: ParsedCommandLine, result: "OutputResult", default_output: str = "") -> None:

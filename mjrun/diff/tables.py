@@ -304,13 +304,11 @@ class KeyedRows:
         both = [(index, other._places[key]) for key, index in self._places.items() if key in other._places]
         pairs = np.array(sorted(both), int).reshape(-1, 2)
         for rows, matched in ((self, pairs[:, 0]), (other, pairs[:, 1])):
-            rows._note_unmatched(np.setdiff1d(np.arange(rows.row), matched))
+            unmatched = np.setdiff1d(np.arange(rows.row), matched)
+            if len(unmatched):
+                first = int(unmatched[0])
+                rows.unmatched = UnmatchedRows(len(unmatched), first, None, rows.texts[first])
         return pairs[:, 0], pairs[:, 1]
-
-    def _note_unmatched(self, indices: np.ndarray) -> None:
-        if len(indices):
-            first = int(indices[0])
-            self.unmatched = UnmatchedRows(len(indices), first, None, self.texts[first])
 
 
 def pairs_by_columns(a: KeyedRows, b: KeyedRows) -> Iterator[RowPairs]:

@@ -100,12 +100,6 @@ class _Run(OptionsMappingKind[Values]):
 RUN = _Run()
 
 
-def _output_class(key: str) -> Callable[..., OutputRequest[OutputResult]]:
-    """Returns the class of the outputs under a key."""
-    name = OUTPUTS[key].__name__.removesuffix("Options")
-    return cast("Callable[..., OutputRequest[OutputResult]]", resolve_name(f"mjrun.outputs.{name.lower()}:{name}"))
-
-
 class LoadedRunDocument:
     """A run document that was read: the requested outputs, with a context that locates their errors.
 
@@ -216,7 +210,10 @@ class _Builder(DocumentValueBuilder):
         key = str(place[0])
         values = {"output": entry} if isinstance(entry, str) else entry
         values = {**values, **self._machine_values(key), "command": self._command}
-        output = _output_class(key)
+        name = OUTPUTS[key].__name__.removesuffix("Options")
+        output = cast(
+            "Callable[..., OutputRequest[OutputResult]]", resolve_name(f"mjrun.outputs.{name.lower()}:{name}")
+        )
         request = self.attempt(place, lambda: output(simulation, **values))
         if request is None:
             return None

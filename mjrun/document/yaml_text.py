@@ -121,7 +121,8 @@ class _Composer:
         start = self._event()
         if not isinstance(start, events.DocumentStartEvent):
             return None
-        self._check_directives(start)
+        if start.tags or start.version not in (None, (1, 2)):
+            self._fault(self.place(start.start_mark.index), (), NO_DIRECTIVES)
         node = self._node(self._event(), ())
         self._event()  # the document ends
         if not isinstance(extra := self._event(), events.StreamEndEvent):
@@ -143,10 +144,6 @@ class _Composer:
 
     def _fault(self, mark: tree.DocumentPlace, path: tree.DocumentPath, message: str) -> None:
         self.faults.append(tree.DocumentFault(mark, tree.path_text(path), message))
-
-    def _check_directives(self, start: events.DocumentStartEvent) -> None:
-        if start.tags or start.version not in (None, (1, 2)):
-            self._fault(self.place(start.start_mark.index), (), NO_DIRECTIVES)
 
     def _node(self, event: events.Event, path: tree.DocumentPath) -> tree.Node:
         assert isinstance(event, events.NodeEvent), "YAML's grammar has a value here"

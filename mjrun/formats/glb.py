@@ -157,7 +157,9 @@ class _Document:
             if material is not None:
                 primitive["material"] = self._material(material)
             if skin is not None:
-                primitive["attributes"] = {**primitive["attributes"], **self._binding(skin)}
+                joints = self._array(np.ascontiguousarray(skin.joints, np.uint16), VERTICES)
+                weights = self._array(np.ascontiguousarray(skin.weights, np.float32), VERTICES)
+                primitive["attributes"] = {**primitive["attributes"], "JOINTS_0": joints, "WEIGHTS_0": weights}
             if shapes is not None and len(shapes.frames) > 1:
                 primitive["targets"] = [self._target(shapes, number) for number in range(1, len(shapes.frames))]
             return {"name": mesh.name, "primitives": [primitive]}
@@ -173,12 +175,6 @@ class _Document:
         index_type = np.uint16 if len(mesh.positions) < UINT16_MAX else np.uint32
         made = {"attributes": vertices, "indices": self._array(mesh.faces.ravel().astype(index_type), INDICES)}
         return made if mesh.faces.shape[1] == 3 else {**made, "mode": LINES}
-
-    def _binding(self, skin: Skin) -> dict[str, int]:
-        """Returns the attributes that bind vertices to the joints of a skin."""
-        joints = self._array(np.ascontiguousarray(skin.joints, np.uint16), VERTICES)
-        weights = self._array(np.ascontiguousarray(skin.weights, np.float32), VERTICES)
-        return {"JOINTS_0": joints, "WEIGHTS_0": weights}
 
     def _skin(self, skin: Skin, name: str) -> int:
         columns = skin.binds.transpose(0, 2, 1).reshape(-1, 16)  # in column-major order

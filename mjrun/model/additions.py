@@ -168,15 +168,11 @@ def _is_floor(geom: mujoco.MjsGeom, height: float) -> bool:
 
 def add_to_stage(spec: mujoco.MjSpec, part: str) -> None:
     """Adds a part of a stage that physics does not notice: `floor`, `light` or `sky`."""
-    _reduce(spec)
-    {"floor": _add_floor, "light": _add_light, "sky": _add_sky}[part](spec)
-
-
-def _reduce(spec: mujoco.MjSpec) -> None:
-    """Fuses static bodies and discards visual geoms now, if the compiler would, so that it keeps what is added next."""
+    # Static bodies are fused and visual geoms discarded before the part is added, so that the compiler keeps it.
     if spec.compiler.fusestatic or spec.compiler.discardvisual:
         spec.compile()
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    {"floor": _add_floor, "light": _add_light, "sky": _add_sky}[part](spec)
 
 
 def _add_floor(spec: mujoco.MjSpec) -> None:

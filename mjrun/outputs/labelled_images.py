@@ -14,7 +14,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.segmentation_labels import SegmentMask, regions
-from mjrun.model.additions import FLOOR, GROUND
+from mjrun.model.additions import FLOOR, GROUND, LIGHT
 from mjrun.model.camera_images import CameraCalibration, CameraImages
 from mjrun.model.fields import carriers, flex_owners, skin_owners
 from mjrun.model.names import matching, names
@@ -238,7 +238,8 @@ class LabelledImageRenderer:
         """
         poses = [self._poses(model, camera, index, states, times) for index, camera in enumerate(cameras)]
         visible, groups = visible_geoms(model, self._options.geoms), model.geom_group.copy()
-        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, "stage light") >= 0 or _has_floor(model):
+        stage = ((mujoco.mjtObj.mjOBJ_LIGHT, LIGHT), (mujoco.mjtObj.mjOBJ_GEOM, FLOOR))
+        if any(mujoco.mj_name2id(model, kind, name) >= 0 for kind, name in stage):
             place_stage(model, states[0])
         model.geom_group[:] = np.where(visible, VISIBLE_GROUPS[0], HIDDEN_GROUP)
         try:
@@ -518,10 +519,6 @@ def _keypoints(points: np.ndarray, seen: CameraImages, own: np.ndarray) -> np.nd
         is_visible = own[place] or seen.depth[place] >= depth
         label[:] = u, v, 2 if is_visible else 1
     return labels
-
-
-def _has_floor(model: mujoco.MjModel) -> bool:
-    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) >= 0
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> Iterator[int]:

@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -99,7 +98,8 @@ def encoded(
         from matplotlib.backends.backend_svg import FigureCanvasSVG
 
         FigureCanvasSVG(canvas.figure).print_svg(file, metadata=metadata)
-        return _svg(file.getvalue().decode()).encode()
+        # Other fonts for systems without DejaVu Sans.
+        return file.getvalue().replace(b"'DejaVu Sans'", b"'DejaVu Sans', Verdana, sans-serif")
 
 
 def svg_text(drawing: DrawnFigure | DrawnStudyFigure, grid: PanelGrid, style: str) -> str:
@@ -121,8 +121,3 @@ def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  #
         return {"CreationDate": None, "Producer": None, **{names[key]: text for key, text in tags.items()}}
     names = {"title": "Title", "comment": "Source", "description": "Description"}
     return {"Date": None, "Creator": None, **{names[key]: text for key, text in tags.items()}}
-
-
-def _svg(document: str) -> str:
-    """Adds fallback fonts for systems without DejaVu Sans."""
-    return re.sub(r"'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif", document)

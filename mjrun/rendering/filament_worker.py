@@ -108,11 +108,13 @@ class FilamentScene:
           flags: flags of mjrf.RenderRequest; those not given are on.
         """
         target, reading, pixels = self._target(*size, pixel_format)
-        light = self._model.vis.headlight
+        light, ends = self._model.vis.headlight, {f"frustum_{name}": getattr(pose.frustum, name) for name in FRUSTUM}
         request = self._mjrf.RenderRequest(
             scene=self._scene,
             target=target,
-            camera=self._seen_from(pose),
+            camera=self._mjrf.Camera(
+                pose.position, pose.forward, pose.up, **ends, orthographic=pose.frustum.orthographic
+            ),
             viewport=self._mjrf.Rect(0, 0, *size),
             draw_mode=getattr(self._mjrf.DrawMode, f"DRAW_MODE_{pixel_format.mode}"),
             headlight=light.active != 0,
@@ -140,11 +142,6 @@ class FilamentScene:
             reading.set_buffer(pixels)
             self._targets[width, height, pixel_format] = target, reading, pixels
         return self._targets[width, height, pixel_format]
-
-    def _seen_from(self, pose: CameraPose) -> Any:
-        """Returns the pose as mjrf's camera."""
-        ends = {f"frustum_{name}": getattr(pose.frustum, name) for name in FRUSTUM}
-        return self._mjrf.Camera(pose.position, pose.forward, pose.up, **ends, orthographic=pose.frustum.orthographic)
 
     def _parts(self, kind: str, index: int) -> Iterable[Any]:
         """Returns the renderables of one object: a single one, or one for each part."""

@@ -313,7 +313,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
         element, node = stack.pop()
         yield from _attributes(source, element, node)
         yield from _repeated(element, node)
-        if element.text and not _is_value(element):
+        if element.text and (element.attributes or element.children):  # others have been reported as values
             yield _stray_text(element)
         children = list[tuple[Element, SchemaElement]]()
         for child in element.children:
@@ -448,11 +448,6 @@ def _as_attribute(element: Element, node: SchemaElement) -> Finding | None:
     return STRAY_VALUE.in_element(element, message, f"write <{holder} {example}/>: MJCF stores values in attributes")
 
 
-def _is_value(element: Element) -> bool:
-    """Returns whether an element has been reported as a value."""
-    return not element.attributes and not element.children
-
-
 def _stray_text(element: Element) -> Finding:
     shown = element.text if len(element.text) <= 40 else f"{element.text[:39]}…"
     message = f"text between the tags of <{clean(element.tag)}>: {quoted(shown)}"
@@ -488,15 +483,11 @@ def invalid_keywords(source: XmlSource) -> Iterator[Finding]:
 
 
 def _invalid(element: Element, attribute: str, word: str, choices: tuple[str, ...]) -> Finding:
-    likely = _likely(word, choices)
+    synonyms = [
+        keyword for keyword, words in SYNONYMS.items() if keyword in choices and word.strip().casefold() in words
+    ]
+    likely = next(iter(synonyms or near(word.strip(), choices)), "")
     hint = f" (did you mean {quoted(likely)}?)" if likely else ""
     message = f"{attribute} of <{clean(element.tag)}>: no such keyword: {quoted(word)}{hint}"
     remedy = f'write {attribute}="{likely}"; ' if likely else ""
     return BAD_VALUE.in_element(element, message, f"{remedy}valid: {listing(choices)}")
-
-
-def _likely(word: str, choices: tuple[str, ...]) -> str:
-    """Returns the keyword that was probably meant by `word`; empty if none is similar."""
-    word = word.strip()
-    synonyms = [keyword for keyword, words in SYNONYMS.items() if keyword in choices and word.casefold() in words]
-    return next(iter(synonyms or near(word, choices)), "")

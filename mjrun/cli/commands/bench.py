@@ -261,8 +261,9 @@ def sections(result: "BenchResult") -> Iterator[tuple[str, Table]]:
         if [threads.threads for threads in row.threads] not in ([], [1]):
             yield f"threads{point}", _threads(row)
     if len(result.rows) == 1 and first.phases and first.step:
-        title = f"phases, with timers on: they make a step {_overhead(first.phases, first.step)}"
-        yield title, _phase_table(first.phases)
+        longer = first.phases.seconds / first.step.median - 1
+        overhead = f"{longer:.0%} longer" if longer >= 0 else "no longer"
+        yield f"phases, with timers on: they make a step {overhead}", _phase_table(first.phases)
 
     for renderer, device in dict.fromkeys((frame.renderer, frame.device) for frame in result.frames):
         frames = [frame for frame in result.frames if (frame.renderer, frame.device) == (renderer, device)]
@@ -324,11 +325,6 @@ def _phase_table(step: "StepPhase") -> Table:
     for _, depth, phase in phases_of(step):
         table.append([f"{'  ' * depth}{phase.name}", duration(phase.seconds), f"{phase.share:.1%}"])
     return table
-
-
-def _overhead(timed: "StepPhase", step: "SampleStatistics") -> str:
-    longer = timed.seconds / step.median - 1
-    return f"{longer:.0%} longer" if longer >= 0 else "no longer"
 
 
 def _frames(frames: Sequence["FrameTiming"]) -> Table:

@@ -108,7 +108,8 @@ class FileSource(ModelSource):
         if colon and "/" not in prefix:
             collections = [f"{each}:" for each in sorted(model_collections())]
             return ModelNotFoundError(path, reason, collections, "collections of models", f"{prefix}:")
-        meant = [f"scene:{path}"] if _is_scene(path) else []
+        is_scene = path.name == str(path) and (scene_folder() / f"{path}.xml").is_file()
+        meant = [f"scene:{path}"] if is_scene else []
         return ModelNotFoundError(path, reason, *_models_in(path.parent), meant=meant)
 
     def _check_file(self) -> None:
@@ -226,11 +227,6 @@ def parsing_checked(path: Path, text: bytes | None, main: str, overrides: Sequen
         raise
 
 
-def _is_scene(path: Path) -> bool:
-    """Returns whether `path` is the bare name of a scene that comes with mjrun."""
-    return path.name == str(path) and (scene_folder() / f"{path}.xml").is_file()
-
-
 def _models_in(folder: Path) -> tuple[list[str], str]:
     """Returns the names of the model files in `folder`, and a heading for them."""
     try:
@@ -303,7 +299,9 @@ def _attached(main: str, text: bytes) -> Iterator[_Tag]:
             if tag.tag == "model":
                 yield tag
             elif tag.tag == "include":
-                place = _included_file(tag, main)
+                name = with_slashes(tag.attributes["file"])
+                folders = (os.path.dirname(base) for base in (main, tag.file))  # noqa: PTH120
+                place = first_existing(os.path.join(folder, name) for folder in folders)  # noqa: PTH118
                 if place is None or os.path.realpath(place) in included:  # MuJoCo reports the circle
                     continue
                 if depth >= MOST_INCLUDES:
@@ -386,12 +384,6 @@ def _attached_file(tag: _Tag, model: str) -> str | None:
     if place and place.endswith(ARCHIVES):
         return main_mjcf(Path(place))
     return place
-
-
-def _included_file(tag: _Tag, main: str) -> str | None:
-    """Returns the file of an `<include>` element, which MuJoCo looks for next to the model first."""
-    name = with_slashes(tag.attributes["file"])
-    return first_existing(os.path.join(os.path.dirname(base), name) for base in (main, tag.file))  # noqa: PTH118, PTH120
 
 
 def _broken(tag: _Tag, message: str, hint: str) -> BrokenModelError:
