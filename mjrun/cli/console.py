@@ -23,7 +23,6 @@ from mjrun.suffixes import HTML
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-IMAGES = (".png", ".jpg", ".jpeg", ".tiff", ".svg", ".pdf")
 PATHS = ("path", "paths", "html", "files")  # keys of reports
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
@@ -362,7 +361,7 @@ def _opened(paths: Sequence[str]) -> str:
     from mjrun.formats import codecs
 
     existing = [path for path in paths if Path(path).exists()]
-    kinds = (HTML, codecs.VIDEO_SUFFIXES, IMAGES)
+    kinds = (HTML, codecs.VIDEO_SUFFIXES, (".png", ".jpg", ".jpeg", ".tiff", ".svg", ".pdf"))
     ranked = [path for suffixes in kinds for path in existing if path.lower().endswith(suffixes)]
     chosen = next(iter([*ranked, *existing]), None)
     if chosen is None:

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 SHOWN = 10  # reasons of failures
 FEW = 4  # values of a point that are shown
-HEADINGS = ("min", "5 %", "25 %", "median", "75 %", "95 %", "max")
-MAPPINGS = ("qpos", "qvel", "ctrl")
 
 
 def study_report(result: "StudyResult", simulation: Simulation, controller: str = "") -> str:
@@ -164,7 +162,7 @@ def _metrics(result: "StudyResult") -> list[ReportColumn]:
         ReportColumn(
             heading, [number(summary.quantiles[i]) for summary in summaries], right=True, extra=i in (1, 2, 4, 5)
         )
-        for i, heading in enumerate(HEADINGS)
+        for i, heading in enumerate(("min", "5 %", "25 %", "median", "75 %", "95 %", "max"))
     ]
     columns += [
         ReportColumn("mean", [number(summary.mean) for summary in summaries], right=True),
@@ -268,7 +266,7 @@ def point_command(simulation: Simulation, values: Mapping[str, str], controller:
         group, slash, rest = name.partition("/")
         if name == "model":
             continue
-        if slash and group in MAPPINGS:
+        if slash and group in ("qpos", "qvel", "ctrl"):
             words += [flag(group), f"{rest}={text}"]
         elif "." in name:
             words += [flag("set"), f"{name}={text}"]

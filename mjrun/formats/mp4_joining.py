@@ -18,8 +18,6 @@ from mjrun.errors import FileError, file_errors
 
 TICKS = 512  # per frame, as ffmpeg has: a low number of ticks per second confuses some players
 BLOCK = 2**20  # bytes that are copied at once
-CONTAINERS = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
-PARTS = (b"stsd", b"stts", b"stsz", b"stsc")
 IDENTITY = struct.pack(">9i", 0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)  # the matrix of an upright image
 MOST_TICKS = 2**32  # in a file: headers of version 0 have 32 bits
 
@@ -71,7 +69,7 @@ def read_samples(path: Path) -> Mp4Samples:
 def _samples(path: Path, boxes: Mapping[bytes, bytes], size: int) -> Mp4Samples:
     """Returns the samples of a file of `size` bytes, from the boxes of its track."""
     chunks = _chunk_offsets(boxes)
-    if chunks is None or any(kind not in boxes for kind in PARTS):
+    if chunks is None or any(kind not in boxes for kind in (b"stsd", b"stts", b"stsz", b"stsc")):
         raise FileError(path, "has no video track")
     if b"ctts" in boxes:
         raise FileError(path, "presents its frames in another order than it decodes them (B-frames)")
@@ -138,7 +136,7 @@ def _boxes(file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, bytes]
         length = length or end - start
         if length < header or start + length > end:
             raise struct.error
-        if kind in CONTAINERS:
+        if kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
             yield from _boxes(file, start + header, start + length)
         elif kind != b"mdat":
             yield kind, file.read(length - header)

@@ -46,7 +46,6 @@ COEFFICIENTS = (int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_PULL
 DIMENSIONS = {1: "lines", 2: "triangles", 3: "tetrahedra"}
 EQUALITIES = {0: "none", 1: "edges", 3: "strain"}
 BY_GAIN = {"so3": "orientation", "pid": "pid", "dcmotor": "dcmotor", "muscle": "muscle"}
-POSITION_FILTERS = ("none", "filter", "filterexact")
 USERS = ("body", "geom", "actuator", "sensor")  # kinds of objects that a plugin can implement
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
 
@@ -669,7 +668,7 @@ def _servo(dynamics: str, gains: tuple[float, ...], biases: tuple[float, ...]) -
     if constant == 0 and gain and position == -gain:
         if dynamics == "integrator":
             return "intvelocity"
-        return "position" if dynamics in POSITION_FILTERS else "general"
+        return "position" if dynamics in ("none", "filter", "filterexact") else "general"
     if constant == 0 == position and gain and velocity == -gain and dynamics == "none":
         return "velocity"
     return "cylinder" if dynamics == "filter" else "general"

@@ -15,7 +15,6 @@ from mjrun.model.units import SETTINGS
 
 VISUAL = {"global": "global_", "quality": "quality", "headlight": "headlight", "map": "map", "scale": "scale"}
 VISUAL |= {"rgba": "rgba"}
-BITS = ("disableflags", "enableflags")
 
 Value = str | int | float | bool | tuple[float, ...]
 
@@ -76,7 +75,7 @@ def _differences(mine: Any, theirs: Any) -> Iterator[tuple[str, Value, Value]]:
     """Yields the fields that differ between two MuJoCo structures."""
     number = float if isinstance(mine, mujoco.MjOption | mujoco.MjStatistic) else _single
     for name in dir(type(mine)):
-        if name.startswith("_") or name in BITS:
+        if name.startswith("_") or name in ("disableflags", "enableflags"):
             continue
         value, default = getattr(mine, name), getattr(theirs, name)
         if not np.array_equal(value, default, equal_nan=True):

@@ -107,7 +107,6 @@ RELATIVE: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {"scale": 
 BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
 # Switches that MjSpec stores as integers.
 SWITCHES = {"orthographic", "ellipsoidinertia", "bvactive", "active", "useexisting", "uselimit"}
-PLACEMENT = {"pos", "quat", "alt"}
 INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
 
@@ -339,7 +338,7 @@ def _check_effect(element: Any, kind: str, fields: list[str], override: Override
             f"{clean(override.path)} has no effect: the inertia of this body comes from its geoms\n{remedy}"
         )
     # Likewise, the end points of a geom or site determine its position.
-    if fields[0] in PLACEMENT and hasattr(element, "fromto") and math.isfinite(element.fromto[0]):
+    if fields[0] in {"pos", "quat", "alt"} and hasattr(element, "fromto") and math.isfinite(element.fromto[0]):
         raise UsageError(
             f"{clean(override.path)} has no effect: the end points determine the placement\n"
             f"set {kind}/{clean(element.name)}.fromto=X,Y,Z,X,Y,Z instead"

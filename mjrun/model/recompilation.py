@@ -25,7 +25,6 @@ from mjrun.model.override import ALTERNATIVES, ELEMENTS, ORIENTATIONS, Override,
 
 # Arrays and sizes of images and of the names of files.
 IMAGES, FILES = ("tex_",), ("paths", "_pathadr")
-IMAGE_SIZES = ("ntexdata", "npaths", "nbuffer")
 PATCHED_KINDS = ELEMENTS.keys() - {"texture", "sensor"}  # a source may append sensors after its overrides
 STRUCTURAL = ("delay", "interval")  # numbers that determine the sizes of buffers
 # Parts of a body by the name of their count, and their lists in a body of MjSpec.
@@ -171,7 +170,7 @@ def _sizes() -> Callable[[mujoco.MjModel], tuple[int, ...]]:
 
     described: Any = structs.STRUCTS["mjModel"].fields
     names = [each.name for each in described if each.name.startswith(("n", "flg_")) and not each.array_extent]
-    return attrgetter(*(name for name in names if name not in IMAGE_SIZES))
+    return attrgetter(*(name for name in names if name not in ("ntexdata", "npaths", "nbuffer")))
 
 
 class ChangedBodyCompiler:

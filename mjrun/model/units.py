@@ -42,7 +42,6 @@ SETTINGS = {
     "stat.center": "m", "stat.extent": "m", "stat.meansize": "m", "stat.meanmass": "kg",
 }  # fmt: skip
 OTHERS = {("geom", "mass"): "kg", ("geom", "density"): "kg/m³"}
-OF_DOFS = ("damping", "armature", "frictionloss")
 IN_DEGREES = ("range", "margin")  # of joints, in the compiler's unit of angles
 OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 ORTHOGRAPHIC = int(mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)
@@ -211,6 +210,6 @@ def setting_unit(model: mujoco.MjModel, path: str) -> str:
     if not rows:
         return ""
     row = rows[0]
-    if kind == "joint" and field in OF_DOFS:
+    if kind == "joint" and field in ("damping", "armature", "frictionloss"):
         return field_unit(model, f"dof_{field}", int(model.jnt_dofadr[row]))
     return field_unit(model, f"{PREFIXES[kind]}_{field}", row)

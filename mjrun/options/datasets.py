@@ -30,7 +30,6 @@ FORMATS = {
 }
 CAMERA = "camera."  # precedes the settings of the camera that vary
 SPLIT = "train=0.8,val=0.2"
-YOLO_TASKS = ("detect", "segment", "pose")
 # Extras of images and of the formats of episodes: the libraries that each installs, and what needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
     "dataset": (("scipy", "pyarrow", "contourpy"), "mjrun dataset"),
@@ -153,7 +152,7 @@ class DatasetOptions(LabelledImageOptions, VariationOptions):
         help="Write masks in COCO as polygons, which cannot have holes, instead of run lengths, which are exact.",
     )
     yolo_task: str = option(
-        converter=ChoiceKind(YOLO_TASKS),
+        converter=ChoiceKind(("detect", "segment", "pose")),
         default="detect",
         help="Labels of YOLO: boxes, polygons of masks, or keypoints.",
     )

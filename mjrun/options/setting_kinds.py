@@ -270,7 +270,6 @@ def _numbers(value: float | Iterable[float]) -> Numbers:
 
 
 EXPECTED = "text, a list of values, {from, to, count}, or a distribution as in {uniform: [0.3, 1]}"
-SPAN = {"from", "to", "count"}
 LOG = "log"
 CHOICE = "choice("
 CALL = r"(?s)\s*(\w+)\s*\((.*)\)\s*"  # the form of a distribution; compiled when it is used
@@ -352,7 +351,7 @@ class VariedSettingsKind(ScanValuesKind):
 
 def _mapping_text(mapping: Mapping[str, object]) -> str:
     """Formats `{from: 0.1, to: 1, count: 10, log: true}` or `{uniform: [0.3, 1]}` as text."""
-    if set(mapping) - {LOG} == SPAN and isinstance(mapping.get(LOG, False), bool):
+    if set(mapping) - {LOG} == {"from", "to", "count"} and isinstance(mapping.get(LOG, False), bool):
         first, last, count = (setting_text(mapping[key]) for key in ("from", "to", "count"))
         return f"{'log:' if mapping.get(LOG) else ''}{first}..{last}:{count}"
     name, arguments = next(iter(mapping.items()), ("", None))

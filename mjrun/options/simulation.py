@@ -38,7 +38,6 @@ _PUSH = rf"(?s)(?P<target>.+)=(?P<force>[^=@]+)@(?P<at>{_TIME})\+(?P<duration>{_
 INTERPOLATIONS = ("hold", "linear")
 NO_VALUES: dict[str, Numbers] = {}
 STATES, CONTROLS = REPLAY_MODES = ("states", "controls")
-QUATERNION_ORDERS = ("wxyz", "xyzw")
 # Options that a replay excludes: other drivers; disturbances, which need physics; and the initial state, except of
 # joints that a table lacks.
 DRIVERS = ("ctrl_from", "controller", "perturb")
@@ -340,7 +339,7 @@ class SimulationOptions(PolicyOptions, DisturbanceOptions, ControllerOptions, Se
         "'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.",
     )
     quat: str = option(
-        converter=ChoiceKind(QUATERNION_ORDERS),
+        converter=ChoiceKind(("wxyz", "xyzw")),
         default="wxyz",
         help="Order of quaternion components in a replayed table whose columns number them instead of naming them "
         "qw … qz.",

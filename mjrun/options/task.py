@@ -37,7 +37,6 @@ CURRENT, LAGGED = DERIVED = ("current", "lagged")
 JOINT_FIELDS = ("qpos", "qvel")
 WORLD = "world"
 PREVIOUS = "previous"
-SQUASHES = ("none", "tanh")
 CONTROL, POSITION, VELOCITY, TORQUE = TARGETS = ("control", "position", "velocity", "torque")
 SUCCESS, FAILURE, TIMEOUT = ENDINGS = ("success", "failure", "timeout")
 # Sources of an observation and of a command, each of which has exactly one.
@@ -297,7 +296,7 @@ class ActionOptions(Options):
         converter=optional(NumberVectorKind()), default=None, help="Damping of a target [N·m·s/rad, N·s/m]."
     )
     squash: str = option(
-        converter=ChoiceKind(SQUASHES),
+        converter=ChoiceKind(("none", "tanh")),
         default="none",
         help="Function applied to the action first; tanh limits it to -1 … 1.",
     )

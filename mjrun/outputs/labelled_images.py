@@ -32,7 +32,6 @@ GROUPED = ("geom", "site", "tendon", "flex", "skin")  # what is visible by group
 WIDEST = 8.0  # size of the view, relative to the image, in which the truncated part of an object is counted
 APART = 2.0  # [pixels] around an object, for the radius of flexes and the rounding of edges
 EVERYWHERE = np.array([-np.inf, -np.inf, np.inf, np.inf])
-COLUMNS = ("pixels", "visible", "truncated")
 IN_VIEW = "objects"
 
 
@@ -188,7 +187,7 @@ class AcceptanceConditions:
     """
 
     def __init__(self, options: LabelledImageOptions, objects: Sequence[ObjectToLabel]) -> None:
-        columns = [f"{name}/{each.name}" for name in COLUMNS for each in objects]
+        columns = [f"{name}/{each.name}" for name in ("pixels", "visible", "truncated") for each in objects]
         self._conditions = list[Condition]()
         for index, text in enumerate(options.accept):
             with concerning("accept", index):

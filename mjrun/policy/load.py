@@ -23,7 +23,6 @@ FORM = (
     "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (observation) that returns the action, or a class or object "
     "with act(observation), or predict(observation) as in Stable-Baselines3, and reset() if it is stateful"
 )
-METHODS = ("act", "predict")
 
 digests = FileDigestCache()  # of the files of policies
 
@@ -66,7 +65,7 @@ class PythonPolicy(Policy):
         super().__init__(name)
         self._thing = thing
         instance = self._instance()
-        if not callable(instance) and not any(_method(instance, method) for method in METHODS):
+        if not callable(instance) and not any(_method(instance, method) for method in ("act", "predict")):
             kind = type(instance).__name__
             raise UsageError(f"{option('policy')} {quoted(name)} is of type {kind}, which cannot act\n{FORM}")
 

@@ -21,7 +21,6 @@ from mjrun.policy.policy import ActionSpace, Actor, Policy
 
 PICKLES = (".pkl", ".pickle")
 SUFFIXES = (*PICKLES, ".npz")
-STATISTICS = ("mean", "var", "epsilon", "clip")
 EPSILON = 1e-8  # VecNormalize's default
 DAMAGED = "is not a pickle, or is damaged"
 
@@ -107,7 +106,7 @@ def read_statistics(path: Path) -> NormalizationStatistics | None:
             values: dict[str, object] | None = {
                 "epsilon": EPSILON,
                 "clip": math.inf,
-                **read_arrays(path, file, STATISTICS),
+                **read_arrays(path, file, ("mean", "var", "epsilon", "clip")),
             }
     else:
         values = _vec_normalize(path)

@@ -25,7 +25,6 @@ GL, DEVICE = "MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID"  # environment variables
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")
 # Values that MuJoCo accepts in MUJOCO_GL in addition to the names of its backends.
 ALIASES = {"": AUTO, "enable": AUTO, "enabled": AUTO, "on": AUTO, "true": AUTO, "1": AUTO, "glx": "glfw", "wgl": "glfw"}
-OFF = ("disable", "disabled", "off", "false", "0")
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")
 
 # The beginnings of commands that install packages, by family of distribution; lists of packages may be empty or old.
@@ -157,7 +156,7 @@ def requested_backends(requested: str | None = None) -> Sequence[str]:
       NoRendererError: MUJOCO_GL switches rendering off.
     """
     text = (os.environ.get(GL, "") if requested is None else requested).strip().lower()
-    if text in OFF:
+    if text in ("disable", "disabled", "off", "false", "0"):
         raise NoRendererError({GL: f"is {text!r}, which switches rendering off"}, "unset it to enable rendering")
     name = ALIASES.get(text, text)
     if name == AUTO:

@@ -17,7 +17,6 @@ from mjrun.scene_graph.materials import MaterialCache
 
 TYPES = {value: name for name, value in enum_members(mujoco.mjtGeom).items()}
 NAMED = ("tendon", "joint", "actuator")  # kinds whose objects are these items; those of others are nodes themselves
-WITHOUT_SHAPE = ("label", "none", "flex", "skin", "plane", "hfield")
 HEAD, NO_HEAD = 1.75, 1.0  # radius of the head of an arrow, by the radius of its shaft
 NUMBERS = 10  # of a pose: position, quaternion, scale
 MOST = 5000  # items; each is a node
@@ -97,7 +96,7 @@ class VisualizerGeomRecorder:
         for geom in geoms:
             name = TYPES.get(int(geom.type), "none")
             self.has_labels |= name == "label"
-            if name in WITHOUT_SHAPE:
+            if name in ("label", "none", "flex", "skin", "plane", "hfield"):
                 continue
             kind = KIND_OF.get(int(geom.objtype), "")
             owner = (

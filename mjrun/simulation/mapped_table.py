@@ -46,7 +46,6 @@ TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed
 LARGEST = 2**20  # characters in a file of lines
 
 PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and z
-POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
 SI_FACTORS = {
     **{name: float(factor) for name, factor in EXACT_UNITS["SECONDS"].items()},
@@ -427,7 +426,7 @@ def _require_positions(mapped: ColumnMap, names: Sequence[str], source: str) -> 
             f"{clean(source)} is a table of another model: it has {listing(unknown)}, and lacks {listing(lacking)}\n"
             f"{_hint(lacking, names)}"
         )
-    positions = [name for field in POSITIONS for name in mapped.columns[field]]
+    positions = [name for field in ("qpos", "mocap_pos", "mocap_quat") for name in mapped.columns[field]]
     if not any(name in mapped.sources for name in positions):
         raise UsageError(
             f"{clean(source)} has no positions of this model\nit has {listing(names) or 'no columns'}\n"

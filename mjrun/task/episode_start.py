@@ -22,7 +22,6 @@ from mjrun.task.random_streams import MODEL, START, stream
 from mjrun.task.task import Reset
 
 FIELDS = ("qpos", "qvel", "act", "ctrl")  # fields of the initial state that can be random
-WILDCARDS = ("*", "?", "[")
 Draw = tuple[slice | np.ndarray, int, str]  # places in a state, their number, and the distribution of the values there
 
 
@@ -204,4 +203,4 @@ def _matches(column: str, pattern: str) -> bool:
     """Returns whether `pattern` names the column, its joint or its field, or matches it by wildcards."""
     if column == pattern or column.startswith(f"{pattern}/"):
         return True
-    return any(sign in pattern for sign in WILDCARDS) and fnmatchcase(column, pattern)
+    return any(sign in pattern for sign in ("*", "?", "[")) and fnmatchcase(column, pattern)

@@ -22,7 +22,6 @@ SAMPLES = 512  # samples of a curve between two waypoints, for measuring its len
 SAME_POINT = 1e-9  # share of a curve's length below which two points count as the same
 _NUDGE = 1e-3  # share of a segment after which the direction of a curve is clear beyond a halt
 CURVES = ("spline", "linear")
-PACES = ("constant", "time")
 AROUND = ("distance", "azimuth", "elevation")
 
 
@@ -212,7 +211,7 @@ class PathRig(Rig):
         help="Path between waypoints: a smooth curve, or straight lines.",
     )
     pace: str = option(
-        converter=ChoiceKind(PACES),
+        converter=ChoiceKind(("constant", "time")),
         default="constant",
         help="Constant speed along the path, or the times of the waypoints.",
     )

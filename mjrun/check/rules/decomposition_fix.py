@@ -34,7 +34,6 @@ from mjrun.platform import system
 FINENESS = (0.05, 0.02, 0.01)  # of the parts, tried in turn: their largest concavity relative to half the mesh's size
 HIDDEN = 3  # the first group of geoms that viewers hide by default
 TIME_LIMIT = 120  # [s] of computing for the parts of a mesh with one degree of fineness
-FIELDS = ("geom", "geom_*", "mesh", "mesh_*")
 CONTACTS, OTHERS = ("geom1", "geom2"), ("geom", "objname", "refname")  # attributes that refer to geoms
 OWN = ("name", "mesh", "mass", "density")  # attributes of a geom that its parts do not share
 
@@ -189,7 +188,7 @@ def _fix(context: CheckContext, geom: int, elements: _Elements, parts: Sequence[
         edits.append(context.editor.followed_by(elements.geom, pieces))
     else:
         edits.append(context.editor.replaced_by(elements.geom, pieces))
-    return Fix(tuple(edits), FIELDS)
+    return Fix(tuple(edits), ("geom", "geom_*", "mesh", "mesh_*"))
 
 
 def _files(context: CheckContext, geom: int, mesh: Element, parts: Sequence[Surface]) -> Iterator[TextEdit]:

@@ -30,7 +30,6 @@ DEPRECATED = {
 ROUNDED, INTENDED = 1e-3, 0.02  # differences of a length from 1: of few digits, and of a vector meant to have length 1
 DIRECTIONS = {"quat": 4, "axis": 3}  # attributes that MuJoCo normalizes, and their numbers
 FOLDERS = ("meshdir", "texturedir", "assetdir")
-ADDRESSED = ("joint", "actuator", "sensor", "camera")
 LISTED = 8  # numbers in one message
 
 
@@ -114,7 +113,7 @@ def unnamed_objects(context: CheckContext) -> Iterator[Violation]:
 
     The only joint of a body can be addressed by the name of its body, and the parts of a flexcomp cannot be named.
     """
-    for kind in ADDRESSED:
+    for kind in ("joint", "actuator", "sensor", "camera"):
         count = getattr(context.model, COUNTS[kind])
         unnamed = [i for i in range(count) if not mujoco.mj_id2name(context.model, KINDS[kind], i)]
         if kind == "joint":

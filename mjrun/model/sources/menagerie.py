@@ -41,7 +41,6 @@ PACKAGES: Mapping[str, tuple[str, ...]] = {
 }
 SCENE = "scene"  # the model of a robot with a floor and a light
 FLAT = "scene_flat"  # the same, of a robot with several terrains
-PATTERNS = ("*.xml", "xmls/*.xml")
 NOT_DOWNLOADED = "not downloaded"
 LISTED = 3  # models of a robot in a list
 JOINTS = 3  # least of a robot without actuators, which programs add
@@ -245,7 +244,7 @@ def _stored(name: str, version: str) -> Path | None:
 def _found(place: str, folder: Path) -> Iterator[Robot]:
     """Yields the robots in the folders of a collection."""
     for own in sorted(path for path in folder.glob("*") if path.is_dir()):
-        files = sorted(file for pattern in PATTERNS for file in own.glob(pattern))
+        files = sorted(file for pattern in ("*.xml", "xmls/*.xml") for file in own.glob(pattern))
         if files:
             by_name = {file.stem: file for file in reversed(files)}
             yield Robot(own.name, place, dict(sorted(by_name.items())))
