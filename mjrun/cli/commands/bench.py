@@ -15,7 +15,6 @@ from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.errors import UsageError, clean, counted, file_errors, option
-from mjrun.formats.destinations import ParentFolders
 from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 from mjrun.options.every_command import opened_file
 
@@ -104,6 +103,8 @@ def _summary(file: str | None) -> Generator[Callable[[str], None], None, None]:
         return
     if not path:
         raise UsageError(f"{option('summary')}: name a file, since {SUMMARY} does not")
+
+    from mjrun.formats.destinations import ParentFolders
 
     is_new = not Path(path).exists()
     parents = ParentFolders(Path(path), Path(os.path.realpath(path)).parent)
