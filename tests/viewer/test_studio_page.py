@@ -16,8 +16,7 @@ import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.requ
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
 from mjrun.viewer.window import PullBodies, ResetSimulation, SetPaused, SetSpeed, SetStateNumbers, SimulationStatus
-from mjrun.viewer.window import TakeStep
-from mjrun.viewer.window import UnsupportedAction
+from mjrun.viewer.window import PHYSICS_SETTINGS, TakeStep, UnsupportedAction
 from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
 from websockets.exceptions import InvalidStatus
@@ -187,7 +186,7 @@ for event, expected in [
     (messages.ResetEvent(key=2), ResetSimulation(2)),
     (messages.LoadModelEvent(path=""), ResetSimulation(None)),
     (messages.LoadModelEvent(path="/etc/passwd"), studio.DROPPED),
-    (messages.MjOptionSnapshot(opt=options), studio.PHYSICS_SETTINGS),
+    (messages.MjOptionSnapshot(opt=options), PHYSICS_SETTINGS),
     (messages.KeyframeEvent(key=0, state=np.zeros(1)), studio.KEYFRAME),
 ]:
     page._handle.dispatch(event)
