@@ -35,7 +35,10 @@ from mjrun.model.source import ModelSource
 
 PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source
 REMEMBERED = 8  # compilations
-BYTES = 2**27  # memory for models: of remembered compilations, and of simulations side by side
+REMEMBERED_BYTES = 2**27  # memory for them
+BYTES = 2**25  # memory for models of simulations side by side; more models are no faster, as measured
+# Bytes of a model beside its buffer: 100 KB of Python objects, and 150 KB of gaps that compiling the next one leaves.
+MODEL_BYTES = 2**18
 SPEC_SIZE = 3  # a specification with its processed meshes takes up to 2.4 times the memory of its model, as measured
 
 
@@ -88,6 +91,11 @@ class ModelVariant:
         return self.arrays.keys() <= COPIED_ARRAYS and not self.derived and not self.is_recompiled
 
 
+def model_bytes(model: mujoco.MjModel) -> int:
+    """Returns the approximate memory that a model needs [bytes]."""
+    return mujoco.mj_sizeModel(model) + MODEL_BYTES
+
+
 def models_side_by_side(variants: Sequence[ModelVariant]) -> Sequence[mujoco.MjModel] | VariedModel:
     """Returns the models of variants, as arrays of one model where they differ in copied fields only."""
     first = variants[0].compilation
@@ -100,7 +108,7 @@ def models_side_by_side(variants: Sequence[ModelVariant]) -> Sequence[mujoco.MjM
 
 
 class VariantLoader:
-    """A loader of sources like `ModelSource.load`, which caches their common compilations within `BYTES` of memory.
+    """A loader of sources like `ModelSource.load`, which caches their common compilations within `REMEMBERED_BYTES`.
 
     The latest compilation is cached whatever its size.
 
@@ -143,7 +151,7 @@ class VariantLoader:
     def reuse(self, variant: ModelVariant) -> None:
         """Returns a variant that is no longer used: a later one of the same compilation may overwrite it."""
         home = variant.compilation
-        if variant.has_copy and home.spec and self._bytes + home.size <= BYTES:
+        if variant.has_copy and home.spec and self._bytes + home.size <= REMEMBERED_BYTES:
             home.unused.append(variant)
 
     def _copied(self, source: ModelSource) -> ModelVariant | None:
@@ -190,7 +198,7 @@ class VariantLoader:
     def _compilation(self, source: ModelSource) -> "SharedCompilation":
         compilation = self._compilations.pop(source, None) or self._compile(source)
         self._compilations[source] = compilation
-        while len(self._compilations) > 1 and (len(self._compilations) > REMEMBERED or self._bytes > BYTES):
+        while len(self._compilations) > 1 and (len(self._compilations) > REMEMBERED or self._bytes > REMEMBERED_BYTES):
             _, oldest = self._compilations.popitem(last=False)
             oldest.forget_source()  # its model may still be in use
         return compilation
@@ -251,14 +259,14 @@ class SharedCompilation:
     accumulate before it frees the first.
 
     Attributes:
-      size: the size of the model [bytes].
+      size: the memory of the model [bytes].
       unused: variants of the model that may be overwritten.
       proofs: the results of comparisons, by the way in which models are made and the paths of the overrides.
     """
 
     def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
         self.spec, self.model = spec, model
-        self.size = mujoco.mj_sizeModel(model)
+        self.size = model_bytes(model)
         self.unused: list[ModelVariant] = []
         self._copied = CompilerCopiedFields(spec, model) if spec else None
         self._recompiler: Recompiler | None = None

@@ -28,7 +28,7 @@ from mjrun.experiment.results_table import (
 from mjrun.model import state
 from mjrun.model.override import Override, changes_nothing, source_values
 from mjrun.model.units import setting_unit
-from mjrun.model.variants import VariantLoader
+from mjrun.model.variants import VariantLoader, model_bytes
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.outputs.event_detection import EndCondition
 from mjrun.probe.metric import Metric
@@ -194,7 +194,7 @@ class PreparedStudy(PreparedPoints):
         if self.spec.engine == "warp":
             processes = executors.process_count(options.engine, options.jobs) or 1
             share = max(LEAST_WORLDS, -(-len(self.points.points) // processes))
-            worlds = min(CHUNK_WORLDS, share, WORLD_BYTES // mujoco.mj_sizeModel(self.model))
+            worlds = min(CHUNK_WORLDS, share, WORLD_BYTES // model_bytes(self.model))
             return executors.ChunkSizes(options.chunk or max(1, worlds), ahead)
         if options.engine == executors.SLURM:
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size, LEAST_JOB)

@@ -21,7 +21,7 @@ from mjrun.model import state
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import ModelSource
-from mjrun.model.variants import VariantLoader
+from mjrun.model.variants import VariantLoader, model_bytes
 from mjrun.options.task import CURRENT, LAGGED
 from mjrun.physics.control import NEVER, ControlNoise
 from mjrun.physics.engine import AUTORESET, ENERGY
@@ -166,7 +166,7 @@ class TaskWorlds:
     @property
     def world_bytes(self) -> int:
         """The approximate memory of a world [bytes]: its own model, if any, and its MjData in a persistent batch."""
-        model = 0 if self._models.is_one else 2 * mujoco.mj_sizeModel(self._first)  # as compiled, and as varied
+        model = 0 if self._models.is_one else model_bytes(self._first)
         data = mujoco.MjData(self._first).nbuffer if self._has_datas else 0
         return model + data
 

@@ -1,6 +1,8 @@
 """A variant of a model is, byte for byte, the model that compiling the source with its overrides gives."""
 
+import copy
 import gc
+import tracemalloc
 from functools import cache
 from pathlib import Path
 from weakref import ReferenceType, ref
@@ -106,7 +108,7 @@ def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("budget", [2**40, 0])
 def test_forgotten_compilations_are_freed_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: int) -> None:
-    monkeypatch.setattr(variants, "BYTES", budget)
+    monkeypatch.setattr(variants, "REMEMBERED_BYTES", budget)
     shared, path = VariantLoader(), source(tmp_path)
     compilations: list[ReferenceType[SharedCompilation]] = []
     gc.disable()  # it would run now and then, after many objects that take little memory
@@ -127,8 +129,8 @@ def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: py
     path = tmp_path / "large.xml"
     texture = '<asset><texture name="t" builtin="flat" type="2d" width="256" height="256"/></asset>'
     path.write_text(MODEL.replace("EXTRA", "").replace("<worldbody>", f"{texture}<worldbody>"))
-    size = mujoco.mj_sizeModel(parse_source(str(path)).load())
-    monkeypatch.setattr(variants, "BYTES", 10 * size)
+    size = variants.model_bytes(parse_source(str(path)).load())
+    monkeypatch.setattr(variants, "REMEMBERED_BYTES", 10 * size)
     shared, loaded = VariantLoader(), list[ModelVariant]()
     for index in range(12):
         overrides = [Override("opt.iterations", str(index % 3 + 1)), Override("geom/floor.friction[0]", str(index + 1))]
@@ -139,6 +141,19 @@ def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: py
             loaded.clear()
         assert sum(each.bytes for each in shared._compilations.values()) <= 10 * size
     assert len(shared._compilations) == 2
+
+
+def test_the_memory_of_a_model_includes_its_python_objects(tmp_path: Path) -> None:
+    model = parse_source(source(tmp_path)).load()
+    tracemalloc.start()
+    try:
+        copied = copy.copy(model)
+        objects, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    buffer = mujoco.mj_sizeModel(copied)
+    assert objects > buffer
+    assert variants.model_bytes(model) >= buffer + objects
 
 
 def test_an_unknown_name_is_reported_as_by_a_compilation(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from mjrun.errors import DeviceMemoryError, UnstableError
 from mjrun.experiment.design import ABSENT
 from mjrun.model.fields import VariedModel
 from mjrun.model.source import ModelSource
-from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader
+from mjrun.model.variants import ModelVariant, SharedCompilation, VariantLoader, model_bytes
 from mjrun.outputs.recording import Recording
 from mjrun.physics.engine import CEngine, Models, RolloutBlock, models_of
 from mjrun.physics.warp_engine import WarpEngine
@@ -131,7 +131,7 @@ def test_models_side_by_side_take_no_more_memory_than_the_budget(
     spec = spec_of(tmp_path, (path,))
     points = [(str(0.1 + index / 100),) for index in range(10)]
     expected = simulated(spec, points)
-    size, counts = mujoco.mj_sizeModel(spec.base.load()), list[int]()
+    size, counts = model_bytes(spec.base.load()), list[int]()
     real = CEngine.rollout
 
     def counted(self: CEngine, models: Models, starts: np.ndarray, *how: object) -> Iterator[RolloutBlock]:
