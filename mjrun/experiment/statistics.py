@@ -24,7 +24,7 @@ TRIMMED = 0.25  # share of the cases at each end that an interquartile mean leav
 RESAMPLES = 2000  # of the bootstrap
 FEWEST_RESAMPLES = 400  # of the bootstrap of many cases, whose interval is narrow
 DRAWN = 4_000_000  # most cases in all resamples, unless they are the fewest
-BLOCK = 2**20  # cases that are drawn at once
+BLOCK = 2**17  # cases that are drawn at once: they fit into a cache, and need a few MiB
 RARE = 0.1  # probability of a case that decides a mean, such as a crash of a robot
 
 

@@ -1,5 +1,7 @@
 """Intervals against scipy, published examples, and their coverage."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import scipy
@@ -200,6 +202,17 @@ def test_the_interval_of_an_interquartile_mean_is_that_of_the_bootstrap() -> Non
         ).confidence_interval
         assert ends(iqm_interval(values)) == pytest.approx((low, high), abs=0.06 * (high - low))
         assert iqm_interval(values) == iqm_interval(values[::-1].copy())
+
+
+def test_the_bootstrap_of_many_cases_needs_little_memory() -> None:
+    values = np.random.default_rng(0).normal(size=20_000)
+    tracemalloc.start()
+    try:
+        iqm_interval(values)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 16 * 2**20
 
 
 def test_the_interval_of_a_difference_of_interquartile_means_is_that_of_the_paired_bootstrap() -> None:
