@@ -32,7 +32,7 @@ class FeatherWriter(RowGroupWriter):
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         super().__init__(columns)
         self._schema = arrow.schema_of(columns).with_metadata({arrow.MANIFEST: manifest})
-        options = ipc.IpcWriteOptions(compression="lz4")
+        options = ipc.IpcWriteOptions(compression="lz4", use_threads=False)
         self.writer = ipc.new_file(file, self._schema, options=options)
 
     def write_group(self, group: np.ndarray) -> None:
