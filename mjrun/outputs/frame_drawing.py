@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
+from itertools import accumulate, pairwise
 
 import mujoco
 import numpy as np
@@ -31,7 +32,7 @@ from mjrun.outputs.recorded_scene import (
     state_taps,
 )
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.recorded_states import StateBuffer
+from mjrun.physics.recorded_states import SpooledRows, StateBuffer
 from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.platform import system
@@ -59,9 +60,6 @@ WORTHWHILE = 0.7  # share of the cost of a frame above which a draft is not reco
 WORTH = 2.0  # [s] of rendering above which more processes save more time than they take to start
 FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
 
-# The values of each table at one frame.
-FrameValues = Sequence[np.ndarray]
-
 
 @dataclass(frozen=True)
 class OverlayProbes:
@@ -82,14 +80,19 @@ class OverlayProbes:
         """True if nothing is measured."""
         return all(len(table.columns) == 1 for table in self.tables)
 
-    def read(self, stepper: Stepper) -> list[np.ndarray]:
-        """Returns the values of each table at the stepper's instant."""
-        return [table.values(stepper) for table in self.tables]
+    @property
+    def ends(self) -> list[int]:
+        """The ends of the values of each table in a row of all of them."""
+        return list(accumulate(len(table.columns) - 1 for table in self.tables))
+
+    def read(self, stepper: Stepper) -> np.ndarray:
+        """Returns the values of all tables at the stepper's instant."""
+        return np.concatenate([table.values(stepper) for table in self.tables])
 
     def overlay(
         self,
         empty: TextAndLivePlots,
-        rows: Sequence[FrameValues],
+        rows: np.ndarray,
         steps: Sequence[int],
         speeds: Sequence[float],
         timeline: Timeline,
@@ -97,25 +100,25 @@ class OverlayProbes:
         """Returns `empty` with its texts and live plots.
 
         Args:
-          rows: the values read at each frame; empty if nothing is measured.
+          rows: the values read at each frame, `(frames, values)`; empty if nothing is measured.
           steps, speeds: step and speed of each frame.
         """
         times = [float(timeline.time(step)) for step in steps]
         texts = self._texts(rows, steps, times, speeds) if self.text.parts else []
         live_plots: list[LivePlot] = []
-        for index, (table, size) in enumerate(zip(self.tables[1:], empty.plots, strict=True), start=1):
-            values = np.array([row[index] for row in rows])
+        for table, (start, end), size in zip(self.tables[1:], pairwise(self.ends), empty.plots, strict=True):
+            values = rows[:, start:end]
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
             live_plots.append(LivePlot(np.array(times), values, names, units, size))
         return replace(empty, texts=texts, live_plots=aligned(live_plots), times=times)
 
     def _texts(
-        self, rows: Sequence[FrameValues], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
+        self, rows: np.ndarray, steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
     ) -> list[str]:
         names = [column.name for column in self.tables[0].columns[1:]]
         texts: list[str] = []
         for index, (step, time, speed) in enumerate(zip(steps, times, speeds, strict=True)):
-            row = dict(zip(names, rows[index][0].tolist(), strict=True)) if names else {}
+            row = dict(zip(names, rows[index, : len(names)].tolist(), strict=True)) if names else {}
             texts.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": speed}))
         return texts
 
@@ -245,7 +248,7 @@ class OpenFrames:
     schedule: FrameSchedule | None
     files: Sequence[VideoOrImageFile]
     states: SceneStates
-    values: list[FrameValues]
+    values: SpooledRows
     backend: WorkingBackend
     processes: "DrawingJobs"
 
@@ -292,6 +295,7 @@ def open_frames(
     """
     context = plan.scene.context
     states = open_states(plan.scene, stack)
+    values = stack.enter_context(closing(SpooledRows(plan.probes.ends[-1] if plan.probes else 0)))
     processes = DrawingJobs(plan.request, jobs, backends, context.reporter)
     if schedule and lacks_gpu():
         processes.start_if_worthwhile(len(schedule.steps), software=True)  # while the backend is being detected
@@ -300,7 +304,7 @@ def open_frames(
         processes.start_if_worthwhile(len(schedule.steps), software=backend.software)
     for text in _drawing_warnings(plan, files, backend):
         context.reporter.warn(text)
-    return OpenFrames(plan, schedule, files, states, [], backend, processes)
+    return OpenFrames(plan, schedule, files, states, values, backend, processes)
 
 
 def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: WorkingBackend) -> list[str]:
@@ -321,7 +325,8 @@ def frame_compositor(frames: OpenFrames, scene: RecordedScene, *, legend: bool =
     plan, overlay, schedule = frames.plan, frames.plan.overlay, scene.schedule
     if plan.probes:
         timeline = plan.scene.context.timeline
-        overlay = plan.probes.overlay(overlay, frames.values, schedule.steps, schedule.speeds, timeline)
+        values = frames.values.read(0, len(frames.values))
+        overlay = plan.probes.overlay(overlay, values, schedule.steps, schedule.speeds, timeline)
     streams = [file.stream(plan.request, overlay, legend) for file in frames.files]
     return scene_compositor(plan.request, scene.model, frames.backend, streams, scene.poses, scene.decorations)
 

@@ -64,7 +64,7 @@ def test_texts_and_graphs_hold_the_values_of_a_bare_loop(swing: Path) -> None:
         texts.append(f"{step / 500:.17g} {step} {frame} 0.5 {shown.energy[1]:.17g}")
         curves.append([shown.qpos[0], shown.qvel[0], *shown.qpos[1:]])
     empty = empty_overlay(SIZE, "top", ["", ""], "beside")
-    overlay = probes.overlay(empty, rows, [0, 40, 100], [0.5] * 3, timeline)
+    overlay = probes.overlay(empty, np.array(rows), [0, 40, 100], [0.5] * 3, timeline)
     assert overlay.texts == texts
     assert (overlay.corner, overlay.side, overlay.times) == ("top", "beside", [0.0, 0.08, 0.2])
     times, size, live_plots = np.array(overlay.times), live_plot_size(SIZE, "beside"), []
@@ -84,7 +84,7 @@ def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None
     model = mujoco.MjModel.from_xml_path(str(swing))
     timeline = Timeline.of_steps(Fraction(1, 500), 100)
     empty = WiderOverlay(corner="bottom", side="beside", margin=3)
-    overlay = overlay_probes(model, timeline, "{step}").overlay(empty, [], [0, 5], [1.0, 1.0], timeline)
+    overlay = overlay_probes(model, timeline, "{step}").overlay(empty, np.empty((0, 0)), [0, 5], [1.0, 1.0], timeline)
     assert overlay == WiderOverlay(
         texts=["0", "5"], corner="bottom", side="beside", times=[0.0, 0.01], live_plots=[], margin=3
     )
@@ -95,7 +95,7 @@ def test_nothing_is_measured_for_a_text_of_time_alone(swing: Path) -> None:
     timeline = Timeline.of_steps(Fraction(1, 500), 100)
     probes = overlay_probes(model, timeline, "{time:.1f} s")
     assert probes.idle
-    overlay = probes.overlay(empty_overlay(SIZE, "top"), [], [0, 50], [1.0, 1.0], timeline)
+    overlay = probes.overlay(empty_overlay(SIZE, "top"), np.empty((0, 0)), [0, 50], [1.0, 1.0], timeline)
     assert overlay.texts == ["0.0 s", "0.1 s"]
     assert overlay_probes(model, timeline, None).idle
     assert not overlay_probes(model, timeline, None).text.parts

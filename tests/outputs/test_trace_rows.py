@@ -65,7 +65,7 @@ def test_text_over_one_late_image_says_what_the_trace_says() -> None:
     overlay = overlay_probes(table.model, timeline, "{energy/drift:.17g}")
     stepper = PhysicsStepper(overlay.model, mujoco.MjData(overlay.model))
     stepper.advance(150)
-    (values,) = overlay.read(stepper)
+    values = overlay.read(stepper)
     assert values.tolist() == [whole[1, drift]]
     assert values[0] < 0
 
