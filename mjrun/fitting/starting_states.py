@@ -126,7 +126,7 @@ def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float, noise: 
     """Returns value and rate at 0 s of a parabola through the first samples; `otherwise` and 0 without any.
 
     It uses as many samples as one parabola explains to the noise, since more samples reduce the effect of noise. Of
-    each `WINDOW` of them, one may be an outlier.
+    each `WINDOW` of them, one may be an outlier. If none explains them, as at an impact, the first sample is better.
     """
     for window in WINDOWS:
         known = np.flatnonzero(np.isfinite(values[:window]))
@@ -140,12 +140,14 @@ def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float, noise: 
                 factors = np.linalg.solve(triangle, basis.T @ values[known])
                 return float(factors[0]), float(factors[1])
             known = np.delete(known, np.argmax(left**2 / (1 - (basis**2).sum(axis=1))))  # the one that explains most
-    known = np.isfinite(values[:WINDOW])
-    count = int(known.sum())
-    if not count:
+    known = np.flatnonzero(np.isfinite(values[:WINDOW]))
+    if not len(known):
         return otherwise, 0.0
-    factors = np.polynomial.polynomial.polyfit(seconds[:WINDOW][known], values[:WINDOW][known], min(2, count - 1))
-    return float(factors[0]), float(factors[1]) if len(factors) > 1 else 0.0
+    factors = np.polynomial.polynomial.polyfit(seconds[known], values[known], min(2, len(known) - 1))
+    rate = float(factors[1]) if len(factors) > 1 else 0.0
+    if not noise or len(values) < WINDOW:
+        return float(factors[0]), rate
+    return float(values[known[0]] - rate * seconds[known[0]]), rate
 
 
 def simulated_starts(

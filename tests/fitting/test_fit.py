@@ -373,3 +373,22 @@ def test_a_precise_signal_decides_though_its_rows_are_too_few_to_show_its_noise(
     (found,) = Fit(simulation, data=[str(log)], free=free, confidence=0.99).run().parameters
     assert found.low < TRUTH["damping"] < found.high
     assert found.value == pytest.approx(TRUTH["damping"], abs=5e-7)
+
+
+def test_a_ball_that_settles_on_the_floor_leads_no_exact_log_astray(tmp_path: Path) -> None:
+    """The first rows of the ball, which touches the floor, are no parabola; a bare loop has made the log."""
+    mjcf = """<mujoco><option timestep=".01"/><worldbody><geom type="plane" size="2 2 .1"/>
+    <body pos="0 0 1"><joint name="hinge" axis="0 1 0" damping="{}"/><geom size=".05" pos=".3 0 0"/></body>
+    <body pos="1 0 .1"><freejoint name="ball"/><geom size=".1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(mjcf.format(0.1))
+    data, rows = mujoco.MjData(model), list[np.ndarray]()
+    for _ in range(100):
+        rows.append(np.array([data.time, data.qpos[0], data.qpos[3], data.qvel[0], data.qvel[3]]))
+        mujoco.mj_step(model, data)
+    names = ("time", "qpos/hinge", "qpos/ball/z", "qvel/hinge", "qvel/ball/vz")
+    columns = dict[str, np.ndarray](zip(names, np.transpose(rows), strict=True))
+    path = tmp_path / "model.xml"
+    path.write_text(mjcf.format(0.3))
+    data_files = [str(write_log(tmp_path / "log.csv", columns))]
+    result = Fit(Simulation(str(path)), data=data_files, free=(("joint/hinge.damping", "0.01..1"),), starts=1).run()
+    assert result.parameters[0].value == pytest.approx(0.1, rel=1e-6)

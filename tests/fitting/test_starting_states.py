@@ -47,6 +47,15 @@ def test_an_outlier_does_not_change_a_guess(tmp_path: Path, row: int) -> None:
     assert data.qvel[0] == pytest.approx(2, abs=1e-4)
 
 
+def test_beside_an_impact_the_first_sample_counts(tmp_path: Path) -> None:
+    """No parabola explains nine rows of a bounce to the noise."""
+    model = parse_source(str(write_model(tmp_path))).load()
+    times = np.arange(60) * 0.01
+    values = np.abs(times - 0.33)
+    data = guess(model, ["qpos/hinge"], times, values[:, None], np.array([1e-6]))
+    assert data.qpos[0] == pytest.approx(values[30], abs=1e-12)
+
+
 def test_measured_velocities_count_as_they_are(tmp_path: Path) -> None:
     model = parse_source(str(write_model(tmp_path))).load()
     times = np.arange(60) * 0.01
