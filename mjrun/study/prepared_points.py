@@ -25,6 +25,7 @@ from mjrun.study.clusters import LostJobError
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import Leases, PointLeaser
 from mjrun.study.part_files import PartFiles, PartPublisher, PartWriter, kept_results_in_errors
+from mjrun.study.range_folders import PointRange
 from mjrun.study.results import FailureReporter
 from mjrun.study.spec import (
     ChunkResult,
@@ -150,6 +151,18 @@ class PreparedPoints(ABC):
         """Reports the number of points whose results are known already, if there are any."""
         if known := len(self.keys) - len(missing):
             reporter.note(f"{known} of {counted(len(self.keys), self.noun)} are known already{origin}")
+        if not len(missing):
+            self._remove_left_leases(Leases(self.files.ranges))
+
+    def _remove_left_leases(self, leases: Leases) -> None:
+        """Removes the leases that processes of this machine have left of known points when they were killed."""
+        numbers, is_missing = self.known.points, self.known.is_missing
+
+        def is_known(points: PointRange) -> bool:
+            first, stop = np.searchsorted(numbers, [points.first, points.last + 1]).tolist()
+            return points.first > points.last or (first < stop and not is_missing[first:stop].any())
+
+        leases.others(is_known)
 
     def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Returns the number of steps of points `(n,)`; 0 where only their simulation shows it."""
@@ -254,6 +267,7 @@ class PreparedPoints(ABC):
                     is_waiting = True
                     some = counted(leased.left, self.noun)
                     reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
+            self._remove_left_leases(leases)
         if is_shared:  # also of workers that have died since they published them
             missing = int(self.known.is_missing.sum())
             self.files.update(self.known, min(indices), max(indices))

@@ -228,6 +228,21 @@ def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
         Leases(PartFiles(tmp_path / "missing", [], STUDY).ranges).claim(0, 1, 2)
 
 
+@pytest.mark.skipif(not system.process_identity(), reason="the system does not identify processes")
+def test_leases_of_known_points_that_a_killed_process_has_left_are_removed(ball: Simulation, tmp_path: Path) -> None:
+    def run() -> None:
+        Study(ball, str(tmp_path), vary={"seed": "1,2"}, metric={"low": "min(qpos/ball/z)"}, jobs=1).run()
+
+    run()
+    (part,) = tmp_path.glob("parts/*.parquet")
+    machine, pid, start = system.process_identity().split()
+    for owner, process in (("aaaaaaaa", f"{machine} {pid} {int(start) - 1}"), ("bbbbbbbb", system.process_identity())):
+        content = {"host": "here", "process": process, "beat": 0, "points": 2, "seconds": 1}
+        (part.parent / f"{part.name.partition('-')[0]}-0-1-{owner}.lease").write_text(json.dumps(content))
+    run()
+    assert [path.name[-14:] for path in tmp_path.rglob("*.lease")] == ["bbbbbbbb.lease"]
+
+
 STUCK = """
 import sys, time
 from mjrun.study import executors, leases, study
