@@ -114,7 +114,8 @@ def test_demonstrations_that_do_not_fit_the_first_are_left_out(file: Path, tmp_p
         made(file, tmp_path / "set")
     reasons = caught.value.results[0].failures
     assert {name.rpartition(":")[2]: text.partition("demo_")[2][2:] for name, text in reasons.items()} == {
-        "demo_2": "has another model than the first demonstration: qpos/bend, qpos/turn, qvel/bend, qvel/turn",
+        "demo_2": "has another model than the first demonstration: qpos/bend, qpos/turn, qvel/bend, qvel/turn\n"
+        "--probe selects values that all of them have",
         "demo_3": "has 10 states per second, not 20",
         "demo_4": "has actions of 4 numbers, not 2 as the first demonstration",
     }
