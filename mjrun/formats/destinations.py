@@ -24,19 +24,20 @@ from pathlib import Path
 
 from mjrun.confinement.confinement import is_writable
 from mjrun.errors import FileError, clean, file_errors, option
+from mjrun.formats.input_file import exists
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove, unused_name
 from mjrun.interruption import uninterrupted
 from mjrun.platform import system
 from mjrun.shared_status import note_folder, note_made_folder
 
 TRIES = 100  # attempts while other processes remove folders that they had created
-
-_lock = threading.RLock()
-_users: dict[Path, int] = {}  # number of outputs that use each folder that this process has created
 FRAME_NAME = "%06d.png"
 NAME_MAX = 255  # bytes in the name of a file
 NEW, OLD, MOVING = "new", "old", "moving"
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # constants of Linux: paths relative to the working folder; swap both names
+
+_lock = threading.RLock()
+_users: dict[Path, int] = {}  # number of outputs that use each folder that this process has created
 
 FramePath = Callable[[int], Path]  # returns the path of a frame, given its number
 
@@ -67,10 +68,10 @@ class ParentFolders:
         with _lock, uninterrupted():
             self.release()
             try:
-                if not _exists(self._folder):
+                if not exists(self._folder):
                     require_no_dangling_link(self._shown, self._folder)
                     self._make_missing()
-                if _exists(self._folder):  # another process may have removed it again
+                if exists(self._folder):  # another process may have removed it again
                     self._require_writable()
             except BaseException:
                 self._use()
@@ -108,7 +109,7 @@ class ParentFolders:
         for attempt in range(TRIES):
             folders = (self._folder, *self._folder.parents)
             try:
-                for folder in reversed([each for each in folders if not _exists(each)]):
+                for folder in reversed([each for each in folders if not exists(each)]):
                     _make(folder)
                 return
             except NotADirectoryError:
@@ -125,14 +126,14 @@ class ParentFolders:
             fault = f"{clean(str(self._folder))} is not a folder"
         elif not os.access(self._folder, os.W_OK | os.X_OK):
             fault = f"the folder {clean(str(self._folder))} is not writable"
-        if fault and _exists(self._folder):  # another process may just have removed it
+        if fault and exists(self._folder):  # another process may just have removed it
             raise FileError(self._shown, fault)
 
 
 def require_no_dangling_link(path: Path, folder: Path) -> None:
     """Raises FileError if `path`, or a folder above it, is a link, and `folder`, where it leads, is missing."""
     for link in (path, *path.parents):
-        if os.path.islink(link) and not _exists(link):  # noqa: PTH114 – also of names that are too long
+        if os.path.islink(link) and not exists(link):  # noqa: PTH114 – also of names that are too long
             raise FileError(path, f"the link {clean(str(link))} leads to a missing folder, {clean(str(folder))}")
 
 
@@ -141,10 +142,6 @@ def _make(folder: Path) -> None:
         folder.mkdir()
         note_made_folder(folder)
         _users.setdefault(folder, 0)
-
-
-def _exists(path: Path) -> bool:
-    return os.path.exists(path)  # noqa: PTH110 – also of names that are too long
 
 
 def replace_file(new: Path, target: Path) -> Path | None:

@@ -22,6 +22,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import BEAT, EXPIRY, POLL, Leases, PointLeaser
 from mjrun.study.part_files import PartFiles
+from mjrun.study.prepared import PreparedStudy
 from mjrun.study.range_folders import SIZES
 from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
@@ -229,17 +230,21 @@ def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not system.process_identity(), reason="the system does not identify processes")
-def test_leases_of_known_points_that_a_killed_process_has_left_are_removed(ball: Simulation, tmp_path: Path) -> None:
-    def run() -> None:
-        Study(ball, str(tmp_path), vary={"seed": "1,2"}, metric={"low": "min(qpos/ball/z)"}, jobs=1).run()
+@pytest.mark.parametrize(("earlier", "simulated"), [("1,2,3", 0), ("1,2", 1)])
+def test_leases_of_known_points_that_a_killed_process_has_left_are_removed(
+    ball: Simulation, tmp_path: Path, earlier: str, simulated: int
+) -> None:
+    def study(seeds: str) -> Study:
+        return Study(ball, str(tmp_path), vary={"seed": seeds}, metric={"low": "min(qpos/ball/z)"}, jobs=1)
 
-    run()
-    (part,) = tmp_path.glob("parts/*.parquet")
+    study(earlier).run()
+    now = study("1,2,3")
+    ranges = PreparedStudy(now, now.spec).files.ranges
     machine, pid, start = system.process_identity().split()
     for owner, process in (("aaaaaaaa", f"{machine} {pid} {int(start) - 1}"), ("bbbbbbbb", system.process_identity())):
         content = {"host": "here", "process": process, "beat": 0, "points": 2, "seconds": 1}
-        (part.parent / f"{part.name.partition('-')[0]}-0-1-{owner}.lease").write_text(json.dumps(content))
-    run()
+        (tmp_path / "parts" / ranges.new_name(0, 1, f"{owner}.lease")).write_text(json.dumps(content))
+    assert now.run().simulated == simulated
     assert [path.name[-14:] for path in tmp_path.rglob("*.lease")] == ["bbbbbbbb.lease"]
 
 
