@@ -32,6 +32,7 @@ STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end
 POLL_INTERVAL = 0.05  # [s]
 PIPE_GRACE = 1.0  # [s] for a pipe to end after its process
 KILLED_GRACE = 0.1  # [s] for it to end after a process that was killed
+IDLE = 60.0  # [s] without computing after which a process counts as hanging; a busy machine only slows it down
 IDLE_INTERVAL = 1.0  # [s] between two checks for activity
 # Modules are not garbage, and scanning them is slower than importing some of them.
 BOOT = (
@@ -210,7 +211,7 @@ class ChildProcess:
         if self._popen.stdin.closed:  # as after `wait`
             raise BrokenPipeError
         stdin = self._popen.stdin.fileno()
-        left, idleness = content.cast("B"), _Idleness(self.pid, idle)
+        left, idleness = content.cast("B"), Idleness(self.pid, idle)
         while left:
             try:
                 left = left[os.write(stdin, left) :]
@@ -220,7 +221,7 @@ class ChildProcess:
                     continue
                 self._end_if_idle(idleness)
 
-    def _end_if_idle(self, idleness: "_Idleness") -> None:
+    def _end_if_idle(self, idleness: "Idleness") -> None:
         """Kills a process that has been idle for too long, unless it waits for the reader of its standard output."""
         if self._output is not None and system.is_full(self._output):
             idleness.end()
@@ -241,7 +242,7 @@ class ChildProcess:
           idle: maximum seconds without computing, as in `feed`.
         """
         deadline = time.monotonic() + seconds
-        idleness, before = _Idleness(self.pid, idle), time.monotonic()
+        idleness, before = Idleness(self.pid, idle), time.monotonic()
         try:
             while self.running:
                 left = deadline - time.monotonic()
@@ -386,7 +387,7 @@ class _Capture:
                         self.content += chunk[: int(min(self._limit - len(self.content), len(chunk)))]
 
 
-class _Idleness:
+class Idleness:
     """The time for which a process and its descendants have done nothing.
 
     Time is counted while waiting, not by a clock, so that a suspension of this process does not count.

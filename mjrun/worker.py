@@ -19,11 +19,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from multiprocessing import AuthenticationError
-from multiprocessing.connection import Client, Connection, Listener, Pipe
+from multiprocessing.connection import Client, Connection, Listener, Pipe, wait
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, NoReturn, cast
 
-from mjrun.child_process import ENVIRONMENT, ChildProcess, ExitStatus, Stream, limit_this_process, python_call
+from mjrun.child_process import (
+    ENVIRONMENT,
+    IDLE_INTERVAL,
+    ChildProcess,
+    ExitStatus,
+    Idleness,
+    Stream,
+    limit_this_process,
+    python_call,
+)
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, clean
 from mjrun.platform import system
@@ -181,16 +190,19 @@ class Worker:
         with contextlib.suppress(OSError):  # it has ended; `receive` says how
             _send(self.connection, self._encoding, (name, arguments))
 
-    def receive(self, seconds: float = math.inf) -> Reply:
+    def receive(self, seconds: float = math.inf, idle: float = math.inf) -> Reply:
         """Returns the next reply to the oldest of the pending requests.
 
         Args:
           seconds: the time without a message after which it is killed.
+          idle: the time without a message or computing after which it is killed, as in `replying`.
 
         Raises:
           WorkerEndedError: the process has ended.
         """
         try:
+            if idle < math.inf:
+                replying([self], idle)
             if self.connection.poll(None if seconds == math.inf else seconds):
                 reply = Reply(self.pending[0], *_receive(self.connection, self._encoding))
                 if reply.is_last:
@@ -222,6 +234,24 @@ class Worker:
         """Ends the process, even if it is busy."""
         self.process.end()
         self.connection.close()
+
+
+def replying(workers: Sequence[Worker], idle: float, *, block: bool = True) -> list[Worker]:
+    """Returns those of `workers` that have sent a reply or have ended, for `Worker.receive`.
+
+    Args:
+      idle: the time [s] without a reply and without computing after which a worker with pending requests is killed.
+      block: wait for the first reply.
+    """
+    idleness = {worker: Idleness(worker.process.pid, idle) for worker in workers if worker.pending}
+    by_connection = {worker.connection: worker for worker in workers}
+    while True:
+        ready = wait(list(by_connection), IDLE_INTERVAL if block else 0)
+        if ready or not block:
+            return [worker for connection, worker in by_connection.items() if connection in ready]
+        for worker, seconds in idleness.items():
+            if seconds.exceeds(IDLE_INTERVAL):
+                worker.process.kill("idle")
 
 
 def _send(connection: Connection, encoding: Encoding, message: object) -> None:

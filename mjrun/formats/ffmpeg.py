@@ -10,13 +10,12 @@ from typing import Self
 import imageio_ffmpeg
 import numpy as np
 
-from mjrun.child_process import ChildProcess, ExitStatus
+from mjrun.child_process import IDLE, ChildProcess, ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError
 from mjrun.formats.codecs import CODECS, CONTAINERS, RGB24, encoding
 
 DELIMITER = b"\0\0\0\1\x09"  # a NAL unit of type 9 begins each access unit of H.264; ITU-T H.264, 7.4.1.2.3
-IDLE = 60.0  # [s] without reading or computing after which ffmpeg counts as hanging; a busy machine only slows it down
 LAST_WORDS = 1.0  # time for an encoder that stopped reading to end by itself [s]
 # Demuxers by suffix: ffmpeg would otherwise choose one by the content, and a playlist refers to other files.
 DEMUXERS = {name: known.demuxers for name, known in CONTAINERS.items() if known.demuxers} | {"exr": "exr_pipe"}

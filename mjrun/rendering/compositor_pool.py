@@ -12,7 +12,6 @@ import math
 import mmap
 import os
 import pickle
-import selectors
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -21,11 +20,11 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from mjrun.child_process import ENVIRONMENT, ExitStatus, memory_file
+from mjrun.child_process import ENVIRONMENT, IDLE, ExitStatus, memory_file
 from mjrun.dataclass import dataclass
 from mjrun.errors import DrawError, option
 from mjrun.rendering.backend import may_draw_in_fork
-from mjrun.worker import PicklableException, Worker, WorkerEndedError
+from mjrun.worker import PicklableException, Worker, WorkerEndedError, replying
 
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
 SLOTS = 3  # frames in memory per process; the third waits for its turn
@@ -140,7 +139,7 @@ class CompositorProcesses:
         for worker in [*self._workers]:
             try:
                 while _awaits(worker, "open"):
-                    worker.receive()
+                    worker.receive(idle=IDLE)
             except WorkerEndedError:
                 self.discard(worker)
         self.grow(count)
@@ -215,11 +214,8 @@ class CompositorPool(Generic[P]):
         self._group = workers or self._resources.enter_context(contextlib.closing(CompositorProcesses(jobs)))
         with contextlib.ExitStack() as stack:
             stack.callback(self.close)
-            self._selector = self._resources.enter_context(selectors.DefaultSelector())
             self._resources.callback(self._discard_busy)
             self._workers = self._group.assign(compositor, jobs)
-            for worker in self._workers:
-                self._selector.register(worker.connection, selectors.EVENT_READ, worker)
             stack.pop_all()
 
     def frames(self, states: Iterable[np.ndarray], first: int = 0) -> Iterator[np.ndarray]:
@@ -233,7 +229,7 @@ class CompositorPool(Generic[P]):
           first: the index of the first frame.
 
         Raises:
-          DrawError: a process died; raised at once, with its frame and exit status.
+          DrawError: a process died, or hung and was killed; raised at once, with its frame and exit status.
           MjrunError: the compositor raised it; raised with the same class in the frame's turn. Any other exception in
               another process becomes an MjrunError that reports a bug.
         """
@@ -313,12 +309,12 @@ class CompositorPool(Generic[P]):
 
     def _receive(self, *, wait: bool) -> bool:
         """Receives one reply from each process that has any, and returns whether there was one."""
-        events = self._selector.select(None if wait else 0)
-        for key, _ in events:
+        workers = replying(self._workers, IDLE, block=wait)
+        for worker in workers:
             try:
-                reply = key.data.receive()
+                reply = worker.receive()
             except WorkerEndedError as death:
-                raise _death(key.data, death.ending) from None
+                raise _death(worker, death.ending) from None
             for text in reply.warnings:
                 if text not in self._warnings:
                     self._warnings.add(text)
@@ -333,7 +329,7 @@ class CompositorPool(Generic[P]):
                 raise failure.error("a bug in mjrun, in a rendering process")
             elif request.name == "ask":
                 self.answer = reply.value
-        return bool(events)
+        return bool(workers)
 
 
 class CompositorServer:
@@ -400,8 +396,13 @@ def _death(worker: Worker, ending: ExitStatus) -> DrawError:
     else:
         frames = _drawing(worker)
         which = f"the process rendering frame {frames[0]}" if frames else "a rendering process"
-    fewer = f"\nthe system does that when memory runs out; fewer {option('jobs')} need less"
-    return DrawError(f"{which} {ending}{fewer if ending.out_of_memory else ''}")
+    advice = ""
+    if ending.out_of_memory:
+        advice = f"\nthe system does that when memory runs out; fewer {option('jobs')} need less"
+    elif ending.cause == "idle":
+        jobs = f"{option('jobs')} 1, which needs no such process"
+        advice = f"\nthe graphics driver may hang: try {jobs}, or another {option('gl')}"
+    return DrawError(f"{which} {ending}{advice}")
 
 
 @contextlib.contextmanager

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import CameraPose
+from mjrun.child_process import IDLE
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.camera_images import CameraImages
 from mjrun.model.names import enum_members
@@ -128,7 +129,7 @@ class FilamentRenderer:
     def _ask(self, name: str, *arguments: Any) -> Any:
         self._worker.send(name, *arguments)
         try:
-            reply = self._worker.receive()
+            reply = self._worker.receive(idle=IDLE)
         except WorkerEndedError as death:
             raise DrawError(f"filament's process {death}\n{option('renderer')} classic may work instead") from None
         for text in reply.warnings:

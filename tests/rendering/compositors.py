@@ -36,6 +36,7 @@ MISCHIEF: dict[str, Callable[[], object]] = {
     "ends": lambda: os._exit(3),
     "exits": lambda: sys.exit(4),
     "hangs": lambda: time.sleep(HANG),
+    "stops": lambda: os.kill(os.getpid(), signal.SIGSTOP),
     "is unstable": unstable,
     "has no renderer": without_renderer,
     "divides": lambda: 1 // 0,

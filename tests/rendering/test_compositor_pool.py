@@ -312,6 +312,44 @@ def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
     assert time.monotonic() - start < HANG / 10
 
 
+def limit_idleness(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
+    monkeypatch.setattr("mjrun.rendering.compositor_pool.IDLE", seconds)
+    monkeypatch.setattr("mjrun.worker.IDLE_INTERVAL", 0.05)
+
+
+def test_a_process_that_hangs_as_it_starts_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit_idleness(monkeypatch, 0.2)
+    with pytest.raises(DrawError) as caught:
+        drawn(Adding({OPENING: "stops"}), 2)
+    assert str(caught.value) == (
+        "a rendering process, as it started, did nothing any more\n"
+        "the graphics driver may hang: try jobs 1, which needs no such process, or another gl"
+    )
+    assert caught.value.exit_code == 5
+
+
+def test_a_process_that_hangs_as_it_renders_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(CompositorPool(Adding({3: "stops"}), SHAPE, 1, np.int64)) as pool:
+        frames = pool.frames(STATES)
+        made = [next(frames).copy() for _ in range(3)]
+        limit_idleness(monkeypatch, 0.2)
+        with pytest.raises(DrawError, match="the process rendering frame 3 did nothing any more\nthe graphics driver"):
+            next(frames)
+    assert np.array_equal(made, FRAMES[:3])
+
+
+def test_a_process_that_hangs_as_it_starts_is_replaced_for_the_next_pool(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(CompositorProcesses(1)) as workers:
+        CompositorPool(Adding({OPENING: "stops"}), SHAPE, 1, np.int64, workers).close()
+        (hanging,) = children()
+        with monkeypatch.context() as patch:
+            limit_idleness(patch, 0.2)
+            pool = CompositorPool(Adding(), SHAPE, 1, np.int64, workers)
+        with closing(pool):
+            assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
+        assert not alive(hanging)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_what_a_compositor_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
