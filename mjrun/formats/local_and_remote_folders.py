@@ -19,8 +19,9 @@ from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
 from mjrun.formats.destinations import Destination, StagedFile, require_no_dangling_link
 from mjrun.formats.input_file import exists, is_folder, opened
-from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder
+from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder, temporary_file
 from mjrun.packages import require
+from mjrun.platform import system
 from mjrun.suffixes import URL, is_url
 
 DELAYS = (1.0, 4.0)  # [s] before each new try; the libraries of most stores try several times themselves
@@ -46,7 +47,7 @@ class LocalFolder:
         return LocalFolder(self._path / name)
 
     def create(self, *, is_cleaned: bool = True) -> None:
-        """Creates the folder if it does not exist.
+        """Creates the folder if it does not exist; requires that files can be created in it.
 
         Args:
           is_cleaned: removes what ended processes have left in it.
@@ -54,6 +55,8 @@ class LocalFolder:
         require_no_dangling_link(self._path, Path(os.path.realpath(self._path)))
         with file_errors(self.path(), "made"):
             self._path.mkdir(parents=True, exist_ok=True)
+        if not os.access(self._path, os.W_OK | os.X_OK):
+            raise FileError(self.path(), "the folder is not writable")
         if is_cleaned:
             remove_left_behind(self._path)
 
@@ -112,16 +115,15 @@ class LocalFolder:
             return (self._path / name).open("rb")
 
     def create_file(self, name: str, content: bytes) -> None:
-        """Creates a small file, which must not exist."""
-        with file_errors(self.path(name), "written"):
+        """Creates a small file, which must not exist, and appears whole."""
+        path = self._path / name
+        with file_errors(self.path(name), "written"), temporary_file(path, content, "") as whole:
             try:
-                with (self._path / name).open("xb") as stream:
-                    stream.write(content)
-            except FileExistsError:
-                raise
-            except OSError:  # of a full disk, which leaves an empty file
-                self.remove(name)
-                raise
+                system.hard_link(whole, path)
+            except OSError as error:
+                if isinstance(error, FileExistsError) or os.path.lexists(path):
+                    raise
+                whole.rename(path)  # the file system has no hard links
 
     def rewrite(self, name: str, content: bytes) -> None:
         """Replaces the content of a small file, which must exist."""

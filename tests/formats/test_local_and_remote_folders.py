@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -124,6 +125,28 @@ def test_a_small_file_for_which_the_disk_has_no_room_is_not_left_empty(tmp_path:
             with pytest.raises(FileError, match="cannot be written: File"):
                 folder.create_file(name, b"content")
     assert folder.names(".lease") == ["a.lease"]
+
+
+def test_a_small_file_is_created_once_where_the_file_system_has_no_hard_links(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    folder = folder_at(tmp_path)
+    folder.create_file("a.lease", b"one")
+    with pytest.raises(FileError, match=r"a\.lease: cannot be written: "):
+        folder.create_file("a.lease", b"other")
+    assert content(folder, "a.lease") == b"one"
+    assert [*tmp_path.iterdir()] == [tmp_path / "a.lease"]
+
+
+def test_a_folder_in_which_no_file_can_be_created_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, _: path != tmp_path / "parts")
+    folder_at(tmp_path).create()
+    with pytest.raises(FileError, match=r"/parts: the folder is not writable$"):
+        (folder_at(tmp_path) / "parts").create()
 
 
 def test_errors_that_pass_are_tried_again(unsteady: Folder) -> None:

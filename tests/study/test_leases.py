@@ -248,6 +248,27 @@ def test_leases_of_known_points_that_a_killed_process_has_left_are_removed(
     assert [path.name[-14:] for path in tmp_path.rglob("*.lease")] == ["bbbbbbbb.lease"]
 
 
+CUT_OFF = """
+import resource, signal, sys
+from mjrun.study.leases import Leases
+from mjrun.study.part_files import PartFiles
+
+signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+Leases(PartFiles(sys.argv[1], ["square"], sys.argv[2], 2).ranges).claim(0, 1, 2)
+"""
+
+
+def test_a_process_that_is_killed_while_it_writes_a_lease_leaves_none(tmp_path: Path, clock: Clock) -> None:
+    PartFiles(tmp_path, ["square"], STUDY, 2).create()
+    process = subprocess.run([sys.executable, "-c", CUT_OFF, str(tmp_path), STUDY], env=ENVIRONMENT, check=False)
+    assert process.returncode == -signal.SIGXFSZ
+    other = Process(tmp_path, 2, 2)
+    assert other.begin()
+    assert other.end() == [0, 1]
+    assert {path.suffix for path in tmp_path.rglob("*") if path.is_file()} == {".parquet"}
+
+
 STUCK = """
 import sys, time
 from mjrun.study import executors, leases, study

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 from dataclasses import replace
@@ -103,6 +104,17 @@ def test_a_run_that_cannot_begin_leaves_the_folder_as_it_was(simulation: Simulat
     with pytest.raises(UsageError, match="too many to count exactly"):
         study(endless, tmp_path / "study", vary={"qvel/ball/vx": "0,1,2"}).run()
     assert {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()} == before
+
+
+def test_a_folder_in_which_no_results_can_be_written_is_left_as_it_was(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study(simulation, tmp_path, vary={"qvel/ball/vx": "0,1"}).run()
+    before = (tmp_path / "study.json").read_bytes()
+    monkeypatch.setattr(os, "access", lambda path, _: path != tmp_path / "parts")
+    with pytest.raises(FileError, match=r"/parts: the folder is not writable$"):
+        study(simulation, tmp_path, vary={"qvel/ball/vx": "0,1,2"}).run()
+    assert (tmp_path / "study.json").read_bytes() == before
 
 
 def test_a_study_on_warp_says_why_its_first_points_take_so_long(
