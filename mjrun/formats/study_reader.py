@@ -24,6 +24,7 @@ RESULTS, TRACE = "results.parquet", "trace.parquet"  # files of a study, and of 
 EPISODES = "episodes.csv"  # file of an evaluation
 SENSITIVITY = "sensitivity.parquet"  # file of a study
 FIRST, STATUS = "point", "status"  # columns around the parameters and the metrics
+POINTS = "points"  # folder of the folders of points
 NAME = "point.json"  # the manifest of a point
 Numbers = Mapping[str, np.ndarray]  # columns (n,), by name
 NO_UNITS: Mapping[str, str] = {}
@@ -104,7 +105,7 @@ class StudyResults:
     @property
     def traces(self) -> Mapping[int, Path]:
         """The stored traces, by the number of their point."""
-        folders = sorted(Path(self.folder).glob("points/*"))
+        folders = point_folders(self.folder)
         traces = {int(folder.name): folder / TRACE for folder in folders if folder.name.isdecimal()}
         return {point: path for point, path in traces.items() if path.is_file() and point < len(self)}
 
@@ -219,6 +220,11 @@ def _is_text(kind: "pyarrow.DataType") -> bool:
     from pyarrow import types
 
     return types.is_string((types.is_dictionary(kind) and kind.value_type) or kind)
+
+
+def point_folders(folder: str | Path) -> list[Path]:
+    """Returns the folders of single points in the folder of a study."""
+    return sorted(Path(folder).glob(f"{POINTS}/*"))
 
 
 def read_point(folder: Path) -> Mapping[str, object]:

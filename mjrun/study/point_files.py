@@ -22,7 +22,8 @@ from mjrun.experiment.results_table import ColumnVocabulary
 from mjrun.formats.codecs import encoding
 from mjrun.formats.local_and_remote_folders import LocalFolder
 from mjrun.formats.output_writer import written_file
-from mjrun.formats.study_reader import NAME, read_point, values_in_words
+from mjrun.formats.study_reader import NAME, POINTS, point_folders, read_point, values_in_words
+from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.options.option import values_of
 from mjrun.options.sweep import KeptFileOptions
 from mjrun.options.video import PointOrEpisodeVideoOptions
@@ -40,7 +41,6 @@ from mjrun.study.results import with_flags
 from mjrun.study.spec import PointResult
 from mjrun.worker import Worker, WorkerEndedError
 
-FOLDER = "points"
 NAMES = {"trace": "trace.parquet", "recording": "recording.npz", "video": "video.mp4"}
 _RANKED = re.compile(r"\s*([1-9]\d*)\s*:(.+)", re.DOTALL)
 
@@ -87,6 +87,12 @@ class PointFileMaker:
 
             first = self._outputs(0, PointResult(0, "ok", (), 0))
             preview(replace(first, simulation=prepared.first).requests(self.kinds), PythonApiReporter())
+
+    def remove_left_behind(self) -> None:
+        """Removes what ended processes have left in the folders of points."""
+        folder = self._prepared.folder
+        for each in point_folders(folder.path()) if isinstance(folder, LocalFolder) else ():
+            remove_left_behind(each)
 
     def keep(
         self, columns: Mapping[str, np.ndarray], results: ResultColumns, jobs: int | str, reporter: Reporter
@@ -163,7 +169,7 @@ class PointFileMaker:
             "steps": result.steps,
             "metrics": {name: value if np.isfinite(value) else None for name, value in metrics.items()},
         }
-        folder = Path(prepared.folder.path(FOLDER)) / f"{index:06}"
+        folder = Path(prepared.folder.path(POINTS)) / f"{index:06}"
         key, every = prepared.keys[index], prepared.spec.every
         return PointFileRequest(folder, simulation, key, self.kinds, self._options, every, facts)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean, counted
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
-from mjrun.formats.study_reader import HINT
+from mjrun.formats.study_reader import HINT, point_folders
 from mjrun.formats.temporary_output import left_behind, remove
 from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
@@ -273,14 +273,14 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     for name in () if dry_run else [name for some in names.values() for name in some]:
         files.folder.remove(name)
     if isinstance(place, LocalFolder):
-        parts = [Path(folder.path()) for folder in files.ranges.folders()]
-        counts += _remove_temporary(Path(place.path()), parts, dry_run=dry_run)
+        inner = [*(Path(folder.path()) for folder in files.ranges.folders()), *point_folders(place.path())]
+        counts += _remove_temporary(Path(place.path()), inner, dry_run=dry_run)
         if not dry_run:
             files.ranges.remove_empty()
     return UnusedFiles(place.path(), not dry_run, counts, missing if others else 0)
 
 
-def _remove_temporary(folder: Path, parts: Sequence[Path], *, dry_run: bool) -> list[UnusedFileGroup]:
+def _remove_temporary(folder: Path, inner: Sequence[Path], *, dry_run: bool) -> list[UnusedFileGroup]:
     """Removes temporary files, and the logs of Slurm jobs.
 
     Raises:
@@ -288,7 +288,7 @@ def _remove_temporary(folder: Path, parts: Sequence[Path], *, dry_run: bool) -> 
     """
     runs = [path for path in (folder / SLURM).glob("*") if RUN.fullmatch(path.name) and path.is_dir()]
     with ExitStack() as stack:
-        found = [path for place in (folder, *parts) for path in stack.enter_context(left_behind(place))]
+        found = [path for place in (folder, *inner) for path in stack.enter_context(left_behind(place))]
         kinds = {"temporary file": found, "log folder": runs}
         counts = [UnusedFileGroup(noun, len(paths), sum(map(_size, paths))) for noun, paths in kinds.items() if paths]
         for path in () if dry_run else [path for paths in kinds.values() for path in paths]:

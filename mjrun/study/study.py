@@ -123,6 +123,7 @@ class Study(StudyOptions, ExecutionOptions):
             check_engine(self.engine, prepared.folder)
             self.compare_with_last_run(prepared, reporter, SCHEMA)
             prepared.files.create()
+            keeper.remove_left_behind()
             prepared.warn(reporter)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}

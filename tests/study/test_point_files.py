@@ -11,12 +11,14 @@ import pytest
 
 from mjrun.errors import BadValueError, FailedPointsError, UnknownNameError, UnmadeFilesError, UsageError
 from mjrun.formats.study_reader import read_point, read_study
+from mjrun.formats.temporary_output import TemporaryOutput
 from mjrun.formats.video_reader import read_video
 from mjrun.options.sweep import KEPT, KeptFileOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_files
 from mjrun.study.point_files import PointFileRequest, PointSelection, keep_options, make_isolated, up_to
+from mjrun.study.status import remove_unused
 from mjrun.study.study import Study
 
 
@@ -110,6 +112,21 @@ def test_traces_hold_the_columns_that_the_metrics_read(study: dict[str, object],
     assert names[-2:] == ["xpos/ball/x", "subtree_com/ball/z"]
     assert set(names[1:-2]) == {f"qpos/ball/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
     assert read_study(tmp_path / "study").metric_columns == ["qpos/ball/z", "xpos/ball/x", "subtree_com/ball/z"]
+
+
+def test_what_ended_processes_have_left_beside_files_of_points_is_removed(
+    study: dict[str, object], tmp_path: Path
+) -> None:
+    Study(**study, keep=("trace",)).run()  # type: ignore[arg-type]
+    folder = tmp_path / "study" / "points" / "000002"
+    files = {*folder.iterdir()}
+    TemporaryOutput(folder / "point.json").release()
+    living = TemporaryOutput(folder / "trace.parquet")
+    Study(**study).run()  # type: ignore[arg-type]
+    assert {*folder.iterdir()} == {*files, living.path}
+    living.release()
+    assert [kind.noun for kind in remove_unused(tmp_path / "study").kinds] == ["temporary file"]
+    assert {*folder.iterdir()} == files
 
 
 @pytest.mark.usefixtures("half_a_core")
