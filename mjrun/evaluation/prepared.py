@@ -77,7 +77,7 @@ class PreparedEvaluation:
     def __init__(self, options: EvaluationOptions, task: ModelSource, rewritten: Rewritten | None) -> None:
         require_all(EXTRAS)
         self.task = task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
-        snapshot = InputSnapshot.empty().with_files(task.files)
+        snapshot = InputSnapshot.empty().with_files((), task.files)
         with snapshot.original_names_in_errors():
             self.points = points_of(options, task.stored_at(snapshot.place))
             self.groups = self._grouped(options, task, rewritten, snapshot)
@@ -120,7 +120,9 @@ class PreparedEvaluation:
         tasks = [task_at(task, each, rewritten) for each in values]
         policies = _policies(options, self.points)
         chosen = [[policy_at(policy, each) for each in values] for _, policy in policies]
-        snapshot = snapshot.with_files(_files(tasks, [own for policy in chosen for own in policy]))
+        snapshot = snapshot.with_files(
+            _files_of_policies([own for policy in chosen for own in policy]), _files_of_tasks(tasks)
+        )
         metrics, groups = plain_metrics(options.metric), list[PolicyEpisodes]()
         for place, (name, policy) in enumerate(policies):
             for point, own in enumerate(chosen[place]):
@@ -151,13 +153,15 @@ class PreparedEvaluation:
         return PassCriteria(options, columns, self.player.endings, can_succeed=self.player.can_succeed)
 
 
-def _files(tasks: Sequence[ModelSource], policies: Sequence[PolicyChoice]) -> Iterator[Path]:
-    """Yields the files that tasks and policies are read from."""
+def _files_of_tasks(tasks: Sequence[ModelSource]) -> Iterator[Path]:
     models = dict.fromkeys(task.model if isinstance(task, Task) else task for task in tasks)
     for model in models:
         yield from model.files
     for task in tasks:
         yield from task.tables if isinstance(task, Task) else ()
+
+
+def _files_of_policies(policies: Sequence[PolicyChoice]) -> Iterator[Path]:
     for policy in dict.fromkeys((each.policy, each.normalize) for each in policies if isinstance(each.policy, str)):
         yield from policy_files(*policy)
 

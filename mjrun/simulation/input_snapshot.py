@@ -9,12 +9,13 @@ from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import field, replace
 from functools import lru_cache
+from itertools import chain, repeat
 from pathlib import Path
 from typing import BinaryIO, Self
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, MjrunError, file_errors
+from mjrun.errors import FileError, MjrunError, ModelNotFoundError
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder, temporary_file_errors
 from mjrun.model.model_files import redirected
@@ -60,24 +61,33 @@ class InputSnapshot:
         weakref.finalize(owner, stack.close)
         return cls(root, {}, os.getcwd(), frozenset(), owner)  # noqa: PTH109
 
-    def with_files(self, files: Iterable[Path]) -> Self:
+    def with_files(self, files: Iterable[Path], of_models: Iterable[Path] = ()) -> Self:
         """Returns a snapshot that also contains these files.
 
         Missing files are left out: reading their copies fails. So are those that a confined process must not read.
 
+        Args:
+          of_models: files of models, too.
+
         Raises:
-          FileError: a file cannot be read or copied.
+          ModelNotFoundError: a file of a model cannot be read.
+          FileError: another file cannot be read, or a file cannot be copied.
         """
         digests, folders = dict(self.digests), set(self.folders)
-        for path in files:
+        for path, is_of_model in chain(zip(files, repeat(False)), zip(of_models, repeat(True))):
             absolute = _absolute(path, self.cwd)
             if absolute in digests or self._holds(absolute) or absolute.startswith(STREAMS) or not is_file(path):
                 continue
             if not is_readable(path):  # and reading it fails with the reason
                 continue
             folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
-            with file_errors(path):
+            try:
                 file = Path(path).open("rb")  # noqa: SIM115 – errors of copying are others
+            except OSError as error:
+                reason = error.strerror or str(error)
+                if is_of_model:
+                    raise ModelNotFoundError(path, reason) from None
+                raise FileError(path, f"cannot be read: {reason}") from None
             with file:
                 digests[absolute] = self._write(absolute, file, folder)
             folders.add(folder)

@@ -180,11 +180,12 @@ class Simulation(SimulationOptions):
         """Returns the same simulation with copies of the present input files.
 
         Raises:
-          FileError: a file cannot be read or copied.
+          ModelNotFoundError: a file of the model cannot be read.
+          FileError: another file cannot be read, or a file cannot be copied.
         """
         if self.snapshot:
             return self
-        snapshot = InputSnapshot.empty().with_files(path for _, path in self.inputs)
+        snapshot = InputSnapshot.empty().with_files((path for _, path in self.tables), self.source.files)
         model = source_of(self.model) if self.model == STDIN else self.model  # whose text is pickled with it
         return replace(self, model=model, snapshot=snapshot)
 

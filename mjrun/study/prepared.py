@@ -96,7 +96,9 @@ class PreparedStudy(PreparedPoints):
             self._variants = VariantLoader()
             self._variants.add(base.source, self._source, self.model)
             self.points = checked_design(options, spec, self._source, self.model) if points is None else points
-            snapshot = base.snapshot.with_files(varied_files(spec.base, self.points))
+            varied = [*varied_files(spec.base, self.points)]
+            others = [path for _, files in varied for path in files]
+            snapshot = base.snapshot.with_files(others, [path for files, _ in varied for path in files])
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
             written = with_end(options.metric, base) if self.spec.metrics else ()
@@ -264,13 +266,16 @@ def checked_design(
     return points
 
 
-def varied_files(base: Simulation, points: Design) -> Iterator[Path]:
-    """Yields the files that values of points name. A value that names no valid model fails at its points."""
+def varied_files(base: Simulation, points: Design) -> Iterator[tuple[Sequence[Path], Sequence[Path]]]:
+    """Yields the files that values of points name: those of the model, and others. An invalid value fails at its
+    points.
+    """
     for index, name in enumerate(points.names):
         if name in FILES or Override(name, "").file_attribute:
             for text in points.distinct(index):
                 with suppress(MjrunError):
-                    yield from (path for _, path in simulation_at(base, (name,), (text,)).inputs)
+                    varied = simulation_at(base, (name,), (text,))
+                    yield varied.source.files, [path for _, path in varied.tables]
 
 
 def own_values(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import chain
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, SimulationError, UsageError, flag, option
@@ -60,7 +61,11 @@ class VariedPlot(VariationOptions, Plot):
     @property
     def inputs(self) -> Sequence[tuple[str, str]]:
         """The files that only some points read."""
-        return [("file of a point", str(path)) for path in varied_files(self.simulation, self._design)]
+        return [
+            ("file of a point", str(path))
+            for files in varied_files(self.simulation, self._design)
+            for path in chain(*files)
+        ]
 
     @property
     def code(self) -> Sequence[object]:

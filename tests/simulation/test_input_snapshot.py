@@ -1,5 +1,6 @@
 """Copies of files give the same model as the files when they were copied, despite later edits."""
 
+import errno
 import hashlib
 import os
 import pickle
@@ -12,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import FileError, UsageError
+from mjrun.errors import FileError, ModelNotFoundError, UsageError
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
@@ -176,6 +177,24 @@ def test_a_file_outside_of_a_confinement_is_not_copied_and_keeps_its_path(
     assert {*snapshot.digests} == {str(inside)}
     assert snapshot.place(outside) == outside
     assert snapshot.place(inside) != inside
+
+
+def test_an_unreadable_file_is_an_error_of_the_model_or_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = [tmp_path / name for name in ("ball.xml", "table.csv")]
+    for file in files:
+        file.write_text(BODY.format("ball", 1))
+
+    def refuse(path: Path, *_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    simulation = Simulation(str(files[0]), ctrl_from=str(files[1]))
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(ModelNotFoundError, match=r"/ball\.xml: Permission denied$"):
+        InputSnapshot.empty().with_files((), simulation.source.files)
+    with pytest.raises(FileError, match=r"/table\.csv: cannot be read: Permission denied$"):
+        simulation.with_snapshot()
 
 
 def test_what_is_not_copied_is_not_read_from_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
